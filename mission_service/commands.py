@@ -1,0 +1,52 @@
+"""What the core wants done or known: its outputs. Journalled after the event that caused them."""
+
+from typing import Literal
+
+import msgspec
+
+from autopilot_bridge.items import MissionItem
+
+Direction = Literal["clockwise", "anticlockwise"]
+
+
+class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
+    """Something to do for one vehicle."""
+
+    vehicle: str
+
+
+class UploadMission(Command, frozen=True, tag=True):
+    """Replace the vehicle's mission; ``why`` is for people."""
+
+    mission_id: int
+    why: str
+    items: tuple[MissionItem, ...]
+
+
+class StartMission(Command, frozen=True, tag=True):
+    """Arm where needed and fly the mission."""
+
+
+class Hold(Command, frozen=True, tag=True):
+    """Loiter where you are: the mission on board cannot be trusted."""
+
+
+class Decided(Command, frozen=True, tag=True):
+    """One decision of the perimeter planner (Islam & Hu, listing 3)."""
+
+    direction: Direction
+    reversed: bool
+    reversals: int
+    importance_back: float
+    importance_front: float
+    front_cells: int
+
+
+class Announce(Command, frozen=True, tag=True):
+    """A line for the operator."""
+
+    text: str
+    level: Literal["info", "warning"] = "info"
+
+
+AnyCommand = UploadMission | StartMission | Hold | Decided | Announce

@@ -1,0 +1,234 @@
+"""The scenario: one TOML file into frozen models that refuse what they do not know."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from mission_service.errors import ScenarioError
+
+SHIPPED = Path(__file__).parent / "scenarios"
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=180)]
+Bearing = Annotated[float, Field(ge=0, le=360)]
+Percent = Annotated[float, Field(ge=0, le=400)]
+Share = Annotated[float, Field(ge=0, lt=1)]
+
+
+class Section(BaseModel):
+    """A table of the file: read-only, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LandscapeSection(Section):
+    """Where the fire burns: the grid that ships with matplotlib, or two GeoTIFFs."""
+
+    source: Literal["jacksboro", "geotiff"] = "jacksboro"
+    rows: Annotated[int, Field(ge=20, le=4000)] = 200
+    cols: Annotated[int, Field(ge=20, le=4000)] = 200
+    cell_size_m: Positive = 30.0
+    fuel: Path | None = None
+    elevation: Path | None = None
+
+    @model_validator(mode="after")
+    def _files_named(self) -> "LandscapeSection":
+        if self.source == "geotiff" and (self.fuel is None or self.elevation is None):
+            raise ValueError('source = "geotiff" needs both fuel and elevation (paths of GeoTIFFs)')
+        return self
+
+
+class WeatherEntry(Section):
+    """Weather from ``at_s`` on. Wind 6.1 m (20 ft) above the vegetation; moisture in percent."""
+
+    at_s: NotNegative
+    wind_speed_m_s: NotNegative
+    wind_from_deg: Bearing
+    dead_1h_pct: Percent = 6.0
+    dead_10h_pct: Percent = 8.0
+    dead_100h_pct: Percent = 10.0
+    live_herb_pct: Percent = 70.0
+    live_woody_pct: Percent = 100.0
+
+
+class Ignition(Section):
+    """A point that starts to burn ``at_s`` seconds of mission time."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    at_s: NotNegative = 0.0
+
+
+class PlannerSection(Section):
+    """The Islam & Hu planner; see mission_service/planners/perimeter.py for the rules."""
+
+    rule: Literal["damped", "literal", "circling"] = "damped"
+    alpha: NotNegative = 1.0
+    first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
+    ignition_known: bool = True
+    reported_lat_deg: Latitude | None = None
+    reported_lon_deg: Longitude | None = None
+    baseline_s: Positive = 300.0
+    smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
+    reversal_margin: NotNegative = 0.1
+    dwell_s: NotNegative = 120.0
+
+    @model_validator(mode="after")
+    def _fire_reported(self) -> "PlannerSection":
+        reported = (self.reported_lat_deg is not None, self.reported_lon_deg is not None)
+        if not self.ignition_known and not all(reported):
+            raise ValueError(
+                "ignition_known = false needs reported_lat_deg and reported_lon_deg, "
+                "a point inside the fire"
+            )
+        return self
+
+
+class MissionSection(Section):
+    """How decisions become missions."""
+
+    horizon_m: Positive = 2500.0
+    lead_m: Positive = 150.0
+    path_tolerance_m: Positive = 45.0
+    least_upload_interval_s: NotNegative = 4.0
+
+
+class LinkSection(Section):
+    """The simulated link of ``sim``: each way, per datagram."""
+
+    loss: Share = 0.0
+    delay_ms: NotNegative = 20.0
+    jitter_ms: NotNegative = 0.0
+    duplication: Share = 0.0
+
+
+class VehicleSection(Section):
+    """One vehicle: what it is, what it can do, where its camera looks, how it is reached."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
+    stack: Literal["px4", "ardupilot"] = "px4"
+    kind: Literal["plane", "copter"] = "plane"
+    link: str = "udpin:127.0.0.1:14550"
+    system_id: Annotated[int, Field(ge=1, le=250)] = 1
+    home_lat_deg: Latitude
+    home_lon_deg: Longitude
+    airspeed_m_s: Positive = 18.0
+    altitude_agl_m: Positive = 150.0
+    turn_radius_m: Positive = 60.0
+    least_leg_m: Positive = 90.0
+    loiter_radius_m: Positive = 90.0
+    camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
+    camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
+    autostart: bool = False
+
+
+class Scenario(Section):
+    """A whole scenario. Mission time 0 is when the clock of the fire starts."""
+
+    name: str
+    seed: Annotated[int, Field(ge=0)] = 0
+    start_s: NotNegative = 0.0
+    duration_s: Positive
+    deploy_at_s: NotNegative = 0.0
+    clock: Literal["autopilot", "wall"] = "autopilot"
+    landscape: LandscapeSection = LandscapeSection()
+    weather: Annotated[tuple[WeatherEntry, ...], Field(min_length=1)]
+    ignition: Annotated[tuple[Ignition, ...], Field(min_length=1)]
+    vehicles: Annotated[tuple[VehicleSection, ...], Field(min_length=1)]
+    planner: PlannerSection = PlannerSection()
+    mission: MissionSection = MissionSection()
+    link: LinkSection = LinkSection()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Scenario":
+        names = [vehicle.name for vehicle in self.vehicles]
+        if len(set(names)) != len(names):
+            raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
+        times = [entry.at_s for entry in self.weather]
+        if times != sorted(set(times)) or times[0] != 0:
+            raise ValueError("weather entries must start at at_s = 0 and be later one by one")
+        if self.duration_s <= self.start_s:
+            raise ValueError("duration_s must be later than start_s")
+        return self
+
+
+def scenario_path(name: str) -> Path:
+    """The file of a scenario: a path, or the name of one that ships with the package."""
+    path = Path(name)
+    shipped = SHIPPED / f"{name}.toml"
+    if path.exists() or not shipped.exists():
+        return path
+    return shipped
+
+
+def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
+    """Read a scenario file (or a shipped one by name), apply ``key=value`` overrides, check it.
+
+    Raises ScenarioError in one line: file, key, value, reason.
+    """
+    path = scenario_path(name)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        shipped = ", ".join(sorted(entry.stem for entry in SHIPPED.glob("*.toml")))
+        raise ScenarioError(f"{path}: no such file (shipped scenarios: {shipped})") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    for override in overrides:
+        _apply(data, override)
+    return parse_scenario(data, path)
+
+
+def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
+    """Check a scenario given as a dictionary; relative raster paths count from the file."""
+    try:
+        scenario = Scenario.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: {_in_words(error)}") from None
+    land = scenario.landscape
+    found = {
+        key: (path.parent / value).resolve()
+        for key, value in (("fuel", land.fuel), ("elevation", land.elevation))
+        if value is not None
+    }
+    for key, raster in found.items():
+        if not raster.exists():
+            raise ScenarioError(f"{path}: landscape.{key}: no such file: {raster}")
+    return scenario.model_copy(update={"landscape": land.model_copy(update=found)})
+
+
+def _in_words(error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"]) or "scenario"
+    value = first.get("input")
+    shown = "" if isinstance(value, dict | BaseModel) else f" (got {value!r})"
+    others = len(error.errors()) - 1
+    more = f"; and {others} more" if others else ""
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown key{shown}{more}"
+    return f"{key}: {first['msg'].removeprefix('Value error, ')}{shown}{more}"
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    """Set ``a.b.0.c=value`` (a TOML value) in the dictionary of a scenario."""
+    key, equals, text = override.partition("=")
+    if not equals:
+        raise ScenarioError(f"--set {override}: write it as key=value, e.g. planner.alpha=1.5")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *parents, last = key.split(".")
+    place: Any = data
+    try:
+        for part in parents:
+            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
+        place[int(last) if isinstance(place, list) else last] = value
+    except (ValueError, IndexError, TypeError, AttributeError):
+        raise ScenarioError(f"--set {override}: there is no such key in the scenario") from None

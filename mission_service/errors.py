@@ -1,0 +1,13 @@
+"""What the service tells its user when something is wrong: one line, what, where, what to do."""
+
+
+class MissionServiceError(Exception):
+    """Base of the errors a user can act on; the command line prints it and exits with 1."""
+
+
+class ScenarioError(MissionServiceError):
+    """A scenario file cannot be used; the message names file, key and value."""
+
+
+class JournalError(MissionServiceError):
+    """A journal cannot be written or read; the message names the file and line."""

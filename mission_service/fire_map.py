@@ -1,0 +1,177 @@
+"""The on-board fire map of Islam & Hu (table 1): what one vehicle's camera has seen of the fire.
+
+The map is kept around a centre (the ignition cell, or the fire's centre) in 360 whole-degree
+bearings, clockwise from north. For each bearing it holds the outer cell (the front as last seen),
+the inner cell (the front as seen before) and when. It is a picture of the fire, not the fire:
+nothing here ever reads the burning model.
+
+Distances are in cells, times in seconds of mission time.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+BEARINGS = 360
+UNKNOWN, UNBURNED, BURNED = 0, 1, 2
+CODES = np.zeros(128, dtype=np.uint8)
+CODES[ord("u")] = UNBURNED
+CODES[ord("b")] = BURNED
+
+# Front cells farther apart than this are not taken as neighbours on the front.
+LARGEST_GAP_CELLS = 3.0
+
+_RADIANS = np.deg2rad(np.arange(BEARINGS))
+NORTH = np.cos(_RADIANS)
+EAST = np.sin(_RADIANS)
+
+Floats = NDArray[np.float64]
+
+
+def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
+    """The strings of an observation as an array (y, x) of UNKNOWN, UNBURNED, BURNED."""
+    text = np.frombuffer("".join(cells).encode("ascii"), dtype=np.uint8)
+    return CODES[text].reshape(len(cells), -1)
+
+
+def polar(
+    rows: Floats, cols: Floats, centre_row: float, centre_col: float
+) -> tuple[NDArray[np.int64], Floats]:
+    """Whole-degree bearing and distance in cells of cells seen from the centre."""
+    north = centre_row - rows
+    east = cols - centre_col
+    bearing = np.rint(np.rad2deg(np.arctan2(east, north))).astype(np.int64) % BEARINGS
+    return bearing, np.hypot(north, east)
+
+
+def front_in_window(window: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Burned cells that have an unburned cell beside them (4 neighbours) in the same window."""
+    unburned = np.zeros((window.shape[0] + 2, window.shape[1] + 2), dtype=bool)
+    unburned[1:-1, 1:-1] = window == UNBURNED
+    beside = unburned[:-2, 1:-1] | unburned[2:, 1:-1] | unburned[1:-1, :-2] | unburned[1:-1, 2:]
+    return (window == BURNED) & beside
+
+
+class FireMap:
+    """Outer and inner cells per bearing, fed by observations.
+
+    ``baseline_s`` is the least time between the two visits from which a spread rate is computed.
+    With 0 the paper is followed to the letter: whenever a new cell is seen on a bearing, the
+    outer cell becomes the inner one, however short ago it was seen.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        centre_row: float,
+        centre_col: float,
+        ignited_at_s: float,
+        baseline_s: float,
+    ) -> None:
+        self.centre_row = centre_row
+        self.centre_col = centre_col
+        self.baseline_s = baseline_s
+        rows, cols = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
+        self._bearing, self._distance = polar(
+            rows.astype(float), cols.astype(float), centre_row, centre_col
+        )
+        self.outer = np.full(BEARINGS, np.nan)
+        self.outer_at_s = np.full(BEARINGS, np.nan)
+        # Listing 2, iii: at first the ignition point is the inner cell.
+        self.inner = np.zeros(BEARINGS)
+        self.inner_at_s = np.full(BEARINGS, float(ignited_at_s))
+        self._next_inner = self.inner.copy()
+        self._next_inner_at_s = self.inner_at_s.copy()
+        # The farthest cell ever seen burned: the front is never nearer than this.
+        self.burned = np.zeros(BEARINGS)
+
+    @property
+    def complete(self) -> bool:
+        """True once the front has been seen on every bearing."""
+        return not bool(np.isnan(self.outer).any())
+
+    def observe(
+        self, row: int, col: int, window: NDArray[np.uint8], at_s: float
+    ) -> NDArray[np.bool_]:
+        """Take in one camera window; returns which bearings' fronts are in view (360 booleans)."""
+        here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
+        bearing, distance = self._bearing[here], self._distance[here]
+        burned = window == BURNED
+        np.maximum.at(self.burned, bearing[burned], distance[burned])
+        front = front_in_window(window)
+        seen = np.full(BEARINGS, -np.inf)
+        np.maximum.at(seen, bearing[front], distance[front])
+        # A front nearer than something burned is the edge of an unburned island: not the perimeter.
+        in_view = (seen > -np.inf) & (seen >= self.burned - 1e-9)
+        seen, in_view = _fill_gaps(seen, in_view)
+        self._visit(seen, in_view, at_s)
+        return in_view
+
+    def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
+        if self.baseline_s <= 0.0:
+            first = in_view & np.isnan(self.outer)
+            moved = in_view & ~first & (np.abs(seen - self.outer) >= 0.5)
+            self.inner[moved] = self.outer[moved]
+            self.inner_at_s[moved] = self.outer_at_s[moved]
+        else:
+            due = in_view & (at_s - self._next_inner_at_s >= self.baseline_s)
+            self.inner[due] = self._next_inner[due]
+            self.inner_at_s[due] = self._next_inner_at_s[due]
+            self._next_inner[due] = seen[due]
+            self._next_inner_at_s[due] = at_s
+        self.outer[in_view] = seen[in_view]
+        self.outer_at_s[in_view] = at_s
+
+    def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
+        """Eq. 1 for every bearing, not negative; optionally the mean over ± ``smoothing_deg``."""
+        elapsed = self.outer_at_s - self.inner_at_s
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rate = (self.outer - self.inner) / elapsed
+        rate = np.where(np.isfinite(rate) & (elapsed > 0), np.maximum(rate, 0.0), 0.0)
+        return circular_mean(rate, smoothing_deg)
+
+    def filled_outer(self) -> tuple[Floats, Floats]:
+        """Outer distance and time for every bearing, unseen bearings interpolated."""
+        return fill_circular(self.outer), fill_circular(self.outer_at_s)
+
+
+def circular_mean(values: Floats, half_width: int) -> Floats:
+    """Moving mean over ± half_width neighbours on the circle."""
+    if half_width <= 0:
+        return values
+    padded = np.concatenate([values[-half_width:], values, values[:half_width]])
+    sums = np.concatenate([[0.0], np.cumsum(padded)])
+    width = 2 * half_width + 1
+    means: Floats = (sums[width:] - sums[:-width]) / width
+    return means
+
+
+def fill_circular(values: Floats) -> Floats:
+    """Replace NaN by linear interpolation around the circle (all NaN stays NaN)."""
+    known = np.flatnonzero(~np.isnan(values))
+    if known.size in (0, values.size):
+        return values
+    return np.interp(np.arange(values.size), known, values[known], period=values.size)
+
+
+def _fill_gaps(
+    seen: Floats, in_view: NDArray[np.bool_]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Bearings between two neighbouring front cells are seen too: the front joins the two."""
+    known = np.flatnonzero(in_view)
+    if known.size < 2:
+        return seen, in_view
+    following = np.roll(known, -1)
+    width = (following - known) % BEARINGS
+    gaps = np.flatnonzero((width > 1) & (width < BEARINGS // 2))
+    for gap in gaps:
+        start, end, steps = known[gap], following[gap], width[gap]
+        chord = np.hypot(
+            seen[start] * NORTH[start] - seen[end] * NORTH[end],
+            seen[start] * EAST[start] - seen[end] * EAST[end],
+        )
+        if chord <= LARGEST_GAP_CELLS:
+            between = (start + np.arange(1, steps)) % BEARINGS
+            share = np.arange(1, steps) / steps
+            seen[between] = seen[start] * (1 - share) + seen[end] * share
+            in_view[between] = True
+    return seen, in_view

@@ -1,0 +1,134 @@
+"""Between the core's vocabulary and one vehicle's MAVLink client. No input or output of its own."""
+
+from collections.abc import Iterator
+
+from autopilot_bridge import client as bridge
+from autopilot_bridge.client import VehicleClient
+from mission_service.commands import AnyCommand, Hold, StartMission, UploadMission
+from mission_service.events import (
+    AnyEvent,
+    CommandFinished,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleRebooted,
+)
+
+
+class MissionClock:
+    """Mission time, told by the autopilots' own clocks or by the wall clock.
+
+    With the autopilots' clocks a simulation that runs faster than real time keeps fire and flight
+    together; the first autopilot heard begins at ``start_us`` and each later one, or one that was
+    restarted, joins at the time reached so far. With the wall clock, mission time is the time
+    since the service began.
+    """
+
+    def __init__(self, start_us: int, wall: bool) -> None:
+        self.now_us = start_us
+        self.wall = wall
+        self._start_us = start_us
+        self._began_us: int | None = None
+
+    def wall_passed(self, wall_us: int) -> None:
+        """Tell the time of the machine; counts only for a wall clock."""
+        if not self.wall:
+            return
+        if self._began_us is None:
+            self._began_us = wall_us
+        self.now_us = max(self.now_us, self._start_us + wall_us - self._began_us)
+
+    def autopilot_passed(self, mission_us: int) -> None:
+        """An autopilot's clock has reached this mission time."""
+        self.now_us = max(self.now_us, mission_us)
+
+
+class Gateway:
+    """Translates one client's events and carries out the core's commands for its vehicle."""
+
+    def __init__(self, name: str, client: VehicleClient, clock: MissionClock) -> None:
+        self.name = name
+        self.client = client
+        self._clock = clock
+        self._offset_us: int | None = None
+        self._mission_of_transfer: dict[int, int] = {}
+
+    def events(self, now_us: int) -> Iterator[AnyEvent]:
+        """What happened since the last call, in the core's words, on mission time."""
+        self._clock.wall_passed(now_us)
+        while (event := self.client.next_event()) is not None:
+            translated = self._translate(event)
+            if translated is not None:
+                yield translated
+
+    def execute(self, command: AnyCommand, now_us: int) -> None:
+        """Carry out one command; what it leads to comes back as events."""
+        match command:
+            case UploadMission():
+                transfer_id = self.client.upload(command.items, now_us)
+                self._mission_of_transfer[transfer_id] = command.mission_id
+            case StartMission():
+                self.client.start_mission(now_us)
+            case Hold():
+                self.client.hold(now_us)
+            case _:  # Decided and Announce are for people
+                pass
+
+    def _mission_us(self, boot_us: int) -> int:
+        if self._clock.wall:
+            return self._clock.now_us
+        if self._offset_us is None:
+            self._offset_us = self._clock.now_us - boot_us
+        mission_us = self._offset_us + boot_us
+        self._clock.autopilot_passed(mission_us)
+        return mission_us
+
+    def _translate(self, event: bridge.ClientEvent) -> AnyEvent | None:
+        now_us, name = self._clock.now_us, self.name
+        match event:
+            case bridge.Position():
+                return Telemetry(
+                    self._mission_us(event.boot_us),
+                    name,
+                    event.lat_deg,
+                    event.lon_deg,
+                    event.altitude_amsl_m,
+                    event.altitude_relative_m,
+                    event.velocity_north_m_s,
+                    event.velocity_east_m_s,
+                    event.heading_deg,
+                )
+            case bridge.Connected():
+                stack = event.stack
+                return VehicleConnected(
+                    now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload
+                )
+            case bridge.LinkLost():
+                return LinkLost(now_us, name, round(event.silent_us / 1e6, 3))
+            case bridge.LinkRestored():
+                return LinkRestored(now_us, name)
+            case bridge.Rebooted():
+                self._offset_us = None
+                return VehicleRebooted(now_us, name)
+            case bridge.MissionProgress():
+                return MissionProgress(now_us, name, event.current_seq)
+            case bridge.ModeChanged():
+                return ModeChanged(now_us, name, event.custom_mode, event.armed)
+            case bridge.TransferFinished():
+                mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
+                if mission_id is None:
+                    return None
+                result = event.result
+                return UploadFinished(now_us, name, mission_id, result.outcome, result.reason)
+            case bridge.CommandFinished():
+                return _command_finished(now_us, name, event)
+            case _:
+                return None
+
+
+def _command_finished(now_us: int, name: str, event: bridge.CommandFinished) -> CommandFinished:
+    return CommandFinished(now_us, name, event.name, event.accepted, event.reason)

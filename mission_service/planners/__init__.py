@@ -1,0 +1,1 @@
+"""Planners: pure decisions from what vehicles have seen."""

@@ -1,0 +1,244 @@
+"""The Islam & Hu planner: fly the front, turn back where the fire behind is more important.
+
+Listing 1: circle once to fill the on-board map, then at every new cell reconstruct the fire's
+shape, compare the importance of the two halves of the perimeter, and turn or go on.
+
+Three rules are to be had. ``literal`` is the paper to the letter. It chatters once the spread is
+very uneven (every turn makes the other window the heavier one, and spread rates come from two
+looks seconds apart). ``damped``, the default, adds three things and nothing else:
+
+- spread rates come from looks at least ``baseline_s`` apart and are averaged over neighbouring
+  bearings, so that one cell more or less does not look like a sprint;
+- the back window must outweigh the front one by ``reversal_margin``;
+- after a turn the vehicle flies on for ``dwell_s`` before it may turn again, the time it needs to
+  turn around and see something new.
+
+``circling`` never turns: the baseline of section VI.E.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.events import Observed
+from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, circular_mean, window_codes
+from mission_service.planners.front_shape import close_gap, ring_of_cells, steps_between
+from mission_service.planners.importance import windows
+
+Floats = NDArray[np.float64]
+Rule = Literal["damped", "literal", "circling"]
+Phase = Literal["approach", "initial circle", "monitor"]
+
+PATH_SMOOTHING_DEG = 2
+ROUND_AGAIN_DEG = 360.0
+
+
+@dataclass(frozen=True, slots=True)
+class PerimeterSettings:
+    """Everything the rule can be told; lengths in cells, speeds in cells per second."""
+
+    rule: Rule
+    alpha: float
+    clockwise_first: bool
+    ignition_known: bool
+    baseline_s: float
+    smoothing_deg: int
+    reversal_margin: float
+    dwell_s: float
+    speed_cells_s: float
+    horizon_cells: float
+    lead_cells: float
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The outcome of listing 3 at one cell."""
+
+    clockwise: bool
+    reversed: bool
+    importance_back: float
+    importance_front: float
+    front_cells: int
+
+
+class PerimeterPlanner:
+    """State of the rule for one vehicle. Positions are float (row, col) of the landscape grid."""
+
+    def __init__(
+        self,
+        settings: PerimeterSettings,
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        ignited_at_s: float,
+    ) -> None:
+        self.settings = settings
+        self._shape = shape
+        self._ignited_at_s = ignited_at_s
+        self.phase: Phase = "approach"
+        self.clockwise = settings.clockwise_first
+        self.reversals = 0
+        self.map = self._new_map(centre)
+        self._observations: list[tuple[int, int, NDArray[np.uint8], float]] = []
+        self._in_view = np.zeros(BEARINGS, dtype=bool)
+        self._cell: tuple[int, int] | None = None
+        self._bearing_deg: float | None = None
+        self._swept_deg = 0.0
+        self._turned_at_s = -np.inf
+
+    def _new_map(self, centre: tuple[float, float]) -> FireMap:
+        baseline_s = 0.0 if self.settings.rule == "literal" else self.settings.baseline_s
+        return FireMap(self._shape, *centre, self._ignited_at_s, baseline_s)
+
+    def observe(self, observed: Observed) -> None:
+        """Take in what the camera saw."""
+        window = window_codes(observed.cells)
+        at_s = observed.at_us / 1e6
+        self._in_view = self.map.observe(observed.row, observed.col, window, at_s)
+        if self.phase == "approach" and self._in_view.any():
+            self.phase = "initial circle"
+        if self.phase == "initial circle" and not self.settings.ignition_known:
+            self._observations.append((observed.row, observed.col, window, at_s))
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
+        self._follow_bearing(row, col)
+        if self.phase == "initial circle" and self._swept_deg >= ROUND_AGAIN_DEG:
+            self._finish_initial_circle(row, col)
+        cell = (round(row), round(col))
+        if cell == self._cell or self.phase != "monitor":
+            self._cell = cell
+            return None
+        self._cell = cell
+        return self._decide(row, col, at_s)
+
+    def _follow_bearing(self, row: float, col: float) -> None:
+        """Count the degrees flown around the centre in the flying direction (initial circle)."""
+        bearing = self._bearing_of(row, col)
+        if self.phase == "initial circle" and self._bearing_deg is not None:
+            turned = (bearing - self._bearing_deg + 180.0) % 360.0 - 180.0
+            self._swept_deg += turned if self.clockwise else -turned
+        self._bearing_deg = bearing
+
+    def _bearing_of(self, row: float, col: float) -> float:
+        return float(
+            np.rad2deg(np.arctan2(col - self.map.centre_col, self.map.centre_row - row)) % 360.0
+        )
+
+    def _finish_initial_circle(self, row: float, col: float) -> None:
+        """Listing 2 is done; where the ignition is unknown, the fire's centre takes its place."""
+        self.phase = "monitor"
+        if self.settings.ignition_known:
+            return
+        outer, _ = self.map.filled_outer()
+        centre = _centroid(outer, self.map.centre_row, self.map.centre_col)
+        self.map = self._new_map(centre)
+        for window in self._observations:
+            self._in_view = self.map.observe(*window)
+        self._observations.clear()
+        self._bearing_deg = self._bearing_of(row, col)
+
+    def shape(self, row: float, col: float) -> Floats:
+        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        outer, _ = self.map.filled_outer()
+        return close_gap(outer, self._foremost(round(self._bearing_of(row, col))), self.clockwise)
+
+    def _foremost(self, bearing: int) -> int:
+        """The last bearing in view ahead of the vehicle, without a break from its own."""
+        step = 1 if self.clockwise else -1
+        ahead = self._in_view[(bearing + step * np.arange(BEARINGS // 2)) % BEARINGS]
+        seen = np.flatnonzero(ahead)
+        if not seen.size:
+            return bearing % BEARINGS
+        gaps = np.flatnonzero(np.diff(seen) > 3)
+        last = int(seen[gaps[0]] if gaps.size else seen[-1])
+        return (bearing + step * last) % BEARINGS
+
+    def _decide(self, row: float, col: float, at_s: float) -> Decision:
+        settings = self.settings
+        _, visited_at_s = self.map.filled_outer()
+        north, east, bearing = ring_of_cells(
+            self.shape(row, col), round(self._bearing_of(row, col)) % BEARINGS, self.clockwise
+        )
+        smoothing = 0 if settings.rule == "literal" else settings.smoothing_deg
+        back, front = windows(
+            self.map.spread_rate_cells_s(smoothing)[bearing],
+            at_s - visited_at_s[bearing],
+            steps_between(north, east),
+            settings.speed_cells_s,
+            settings.alpha,
+        )
+        turn = self._turns_back(back, front, at_s)
+        if turn:
+            self.clockwise = not self.clockwise
+            self.reversals += 1
+            self._turned_at_s = at_s
+        return Decision(self.clockwise, turn, back, front, int(north.size))
+
+    def _turns_back(self, back: float, front: float, at_s: float) -> bool:
+        settings = self.settings
+        if settings.rule == "circling":
+            return False
+        if settings.rule == "literal":
+            return back > front
+        rested = at_s - self._turned_at_s >= settings.dwell_s
+        return rested and back > front * (1.0 + settings.reversal_margin)
+
+    def path(self, row: float, col: float) -> Floats:
+        """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+
+        In view it is the front itself, beyond it the reconstructed one, during the initial circle
+        the line on which the visible front ends. Never inside what was seen burned: a vehicle
+        that finds itself over burned ground is led outwards until it sees the front again.
+        """
+        start = self._bearing_of(row, col)
+        step = 1 if self.clockwise else -1
+        if self.phase == "monitor":
+            front = self.shape(row, col)
+        else:
+            front = self._continued_front(round(start), step)
+        front = np.maximum(front, self.map.burned + 0.5)
+        front = circular_mean(front, PATH_SMOOTHING_DEG)
+        order = (round(start) + step * np.arange(BEARINGS * 5 // 6)) % BEARINGS
+        north, east = front[order] * NORTH[order], front[order] * EAST[order]
+        own_north, own_east = self.map.centre_row - row, col - self.map.centre_col
+        far = np.hypot(north - own_north, east - own_east) >= self.settings.lead_cells
+        first = int(np.argmax(far)) if far.any() else 0
+        north, east = north[first:], east[first:]
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
+        keep = along <= self.settings.horizon_cells
+        return np.column_stack(
+            [self.map.centre_row - north[keep], self.map.centre_col + east[keep]]
+        )
+
+    def _continued_front(self, bearing: int, step: int) -> Floats:
+        """Known front where seen; ahead of it a straight line in the direction it ends in."""
+        outer, _ = self.map.filled_outer()
+        foremost = self._foremost(bearing)
+        behind = (foremost - step * np.arange(BEARINGS // 3)) % BEARINGS
+        points = np.column_stack([outer[behind] * NORTH[behind], outer[behind] * EAST[behind]])
+        back = int(np.argmax(np.hypot(*(points - points[0]).T) >= 4.0))
+        if back == 0:
+            return np.where(np.isnan(self.map.outer), outer[foremost], outer)
+        heading = (points[0] - points[back]) / np.hypot(*(points[0] - points[back]))
+        front = outer.copy()
+        unseen = (foremost + step * np.arange(1, 120)) % BEARINGS
+        across = NORTH[unseen] * heading[1] - EAST[unseen] * heading[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            line = (points[0, 0] * heading[1] - points[0, 1] * heading[0]) / across
+        ends = np.flatnonzero(~np.isfinite(line) | (line <= 0) | (line > 3 * outer[foremost] + 20))
+        reach = int(ends[0]) if ends.size else line.size
+        front[unseen] = line[reach - 1] if reach else outer[foremost]
+        front[unseen[:reach]] = line[:reach]
+        return front
+
+
+def _centroid(outer: Floats, centre_row: float, centre_col: float) -> tuple[float, float]:
+    """Centre of area of the star-shaped polygon with these distances, as (row, col)."""
+    north, east = outer * NORTH, outer * EAST
+    cross = north * np.roll(east, -1) - np.roll(north, -1) * east
+    area = cross.sum() / 2.0
+    mean_north = ((north + np.roll(north, -1)) * cross).sum() / (6.0 * area)
+    mean_east = ((east + np.roll(east, -1)) * cross).sum() / (6.0 * area)
+    return centre_row - float(mean_north), centre_col + float(mean_east)

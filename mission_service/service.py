@@ -1,0 +1,63 @@
+"""One turn of the loop, the same for simulation and live flight.
+
+Journal the event, let the core handle it, journal the commands, carry them out; and let the
+camera look at the fire whenever a position arrives.
+"""
+
+from collections.abc import Iterable
+
+from mission_service.config import Scenario
+from mission_service.core import Core
+from mission_service.events import AnyEvent, Telemetry
+from mission_service.gateway import Gateway
+from mission_service.journal import Journal
+from mission_service.record import Record
+from mission_service.world import FireWorld, camera_of
+
+
+class Service:
+    """Joins core, journal, simulated fire and the vehicles' gateways."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        core: Core,
+        world: FireWorld,
+        journal: Journal,
+        record: Record,
+        gateways: dict[str, Gateway],
+    ) -> None:
+        self.core = core
+        self.world = world
+        self.record = record
+        self._journal = journal
+        self._gateways = gateways
+        self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
+        self._camera_every_us = {
+            section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
+        }
+        self._camera_due_us = dict.fromkeys(self._cameras, 0)
+
+    def take(self, events: Iterable[AnyEvent], now_us: int) -> None:
+        """Handle what a gateway reports; ``now_us`` is the link's clock."""
+        for event in events:
+            if isinstance(event, Telemetry):
+                self._look(event, now_us)
+            self._handle(event, now_us)
+
+    def _look(self, here: Telemetry, now_us: int) -> None:
+        name = here.vehicle
+        if here.at_us < self._camera_due_us[name]:
+            return
+        self._camera_due_us[name] = here.at_us + self._camera_every_us[name]
+        observed = self.world.observe(here, self._cameras[name])
+        if observed is not None:
+            self._handle(observed, now_us)
+
+    def _handle(self, event: AnyEvent, now_us: int) -> None:
+        self._journal.event(event)
+        commands = self.core.handle(event)
+        self._journal.commands(commands)
+        self.record.add(event, commands)
+        for command in commands:
+            self._gateways[command.vehicle].execute(command, now_us)

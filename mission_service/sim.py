@@ -1,0 +1,137 @@
+"""A scenario in virtual time: mock autopilots, real MAVLink frames, no clock but an event heap."""
+
+import heapq
+from collections.abc import Callable
+from pathlib import Path
+
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.stacks import stack_named
+from firemodel.landscape import Landscape
+from mission_service.config import LinkSection, Scenario, VehicleSection
+from mission_service.core import Core
+from mission_service.gateway import Gateway, MissionClock
+from mission_service.journal import Journal, header_of
+from mission_service.record import Record
+from mission_service.service import Service
+from mission_service.world import FireWorld, fire_of, landscape_of
+
+PROGRESS_EVERY_US = 60_000_000
+
+
+def memory_link(section: LinkSection, seed: int) -> MemoryLink:
+    """One direction of the simulated link."""
+    return MemoryLink(
+        loss=section.loss,
+        delay_us=round(section.delay_ms * 1e3),
+        jitter_us=round(section.jitter_ms * 1e3),
+        duplication=section.duplication,
+        seed=seed,
+    )
+
+
+def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
+    """The mock autopilot of a vehicle, standing at its home."""
+    x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    return MockAutopilot(
+        stack_named(section.stack, section.kind),
+        system_id=section.system_id,
+        home_lat_deg=section.home_lat_deg,
+        home_lon_deg=section.home_lon_deg,
+        home_altitude_amsl_m=float(landscape.elevation_at(x_m, y_m)),
+        airspeed_m_s=section.airspeed_m_s,
+    )
+
+
+class Rig:
+    """One vehicle of the simulation: client and mock, joined by two memory links."""
+
+    def __init__(
+        self, section: VehicleSection, scenario: Scenario, landscape: Landscape, clock: MissionClock
+    ) -> None:
+        seed = scenario.seed * 1000 + section.system_id * 2
+        self.mock = mock_of(section, landscape)
+        self.client = VehicleClient(target_system=section.system_id)
+        self.gateway = Gateway(section.name, self.client, clock)
+        self._up = memory_link(scenario.link, seed)
+        self._down = memory_link(scenario.link, seed + 1)
+
+    def next_timer(self) -> int | None:
+        """When this rig next has something to do."""
+        timers = (
+            self.mock.next_timer(),
+            self.client.next_timer(),
+            self._up.next_timer(),
+            self._down.next_timer(),
+        )
+        return min((timer for timer in timers if timer is not None), default=None)
+
+    def advance(self, now_us: int, service: Service) -> None:
+        """Let everything happen that is due."""
+        for datagram in self._up.receive(now_us):
+            self.mock.receive_data(datagram, now_us)
+        self.mock.handle_timer(now_us)
+        for datagram in self.mock.data_to_send():
+            self._down.send(datagram, now_us)
+        for datagram in self._down.receive(now_us):
+            self.client.receive_data(datagram, now_us)
+        self.client.handle_timer(now_us)
+        service.take(self.gateway.events(now_us), now_us)
+        for datagram in self.client.data_to_send():
+            self._up.send(datagram, now_us)
+
+
+def simulate(
+    scenario: Scenario,
+    journal_path: Path,
+    created: str,
+    progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
+) -> tuple[Record, FireWorld]:
+    """Fly a scenario to its end in virtual time, leaving a journal.
+
+    ``created`` (wall-clock time in words) only goes into the journal's header. ``progress`` is
+    called about once a minute of mission time.
+    """
+    landscape = landscape_of(scenario)
+    world = FireWorld(fire_of(scenario, landscape), landscape)
+    clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
+    rigs = [Rig(section, scenario, landscape, clock) for section in scenario.vehicles]
+    record = Record(tuple(section.name for section in scenario.vehicles))
+    journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)
+    try:
+        service = Service(
+            scenario,
+            Core(scenario, landscape),
+            world,
+            journal,
+            record,
+            {rig.gateway.name: rig.gateway for rig in rigs},
+        )
+        _run(rigs, service, scenario, clock, progress)
+    finally:
+        journal.close()
+    world.advance(clock.now_us)
+    return record, world
+
+
+def _run(
+    rigs: list[Rig],
+    service: Service,
+    scenario: Scenario,
+    clock: MissionClock,
+    progress: Callable[[Record, FireWorld], None],
+) -> None:
+    end_us = round(scenario.duration_s * 1e6)
+    report_us = clock.now_us
+    heap = [(0, index) for index in range(len(rigs))]
+    heapq.heapify(heap)
+    while heap and clock.now_us < end_us:
+        now_us, index = heapq.heappop(heap)
+        rigs[index].advance(now_us, service)
+        timer = rigs[index].next_timer()
+        if timer is not None:
+            heapq.heappush(heap, (max(timer, now_us), index))
+        if clock.now_us >= report_us:
+            report_us += PROGRESS_EVERY_US
+            progress(service.record, service.world)

@@ -1,0 +1,102 @@
+"""Decision to mission: a path over the ground becomes items that a vehicle can fly.
+
+Every mission ends in a loiter without end, so that a vehicle that hears nothing more stays where
+it is safe. Altitudes are above mean sea level, high enough that each leg, flown as a straight line
+between its ends, clears the terrain under it by the wished height.
+"""
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
+from firemodel.landscape import Landscape
+from mission_service.config import VehicleSection
+
+Floats = NDArray[np.float64]
+
+
+def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_m: float) -> Floats:
+    """A path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
+
+    Simplified to ``tolerance_m``; a point nearer to the last one than ``least_leg_m``, or than a
+    fly-by turn at that corner needs (turn radius times the tangent of half the turn), is left out.
+    The last point always stays.
+    """
+    if len(path_m) < 3:
+        return path_m
+    line = shapely.simplify(shapely.LineString(path_m), tolerance_m)
+    points = shapely.get_coordinates(line)
+    kept = [points[0]]
+    for index in range(1, len(points) - 1):
+        leg = points[index] - kept[-1]
+        after = points[index + 1] - points[index]
+        turn = abs(
+            (math.atan2(after[1], after[0]) - math.atan2(leg[1], leg[0]) + math.pi) % math.tau
+            - math.pi
+        )
+        needed_m = turn_radius_m * math.tan(min(turn, 2.6) / 2.0)
+        if np.hypot(*leg) >= max(least_leg_m, needed_m):
+            kept.append(points[index])
+    if len(kept) > 1 and np.hypot(*(points[-1] - kept[-1])) < least_leg_m:
+        kept.pop()
+    return np.array([*kept, points[-1]])
+
+
+def leg_altitudes_m(
+    points_m: Floats, landscape: Landscape, altitude_agl_m: float, around_last_m: float
+) -> list[float]:
+    """Altitude above sea level for each point so that all legs clear the terrain under them.
+
+    The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
+    """
+    spacing_m = landscape.cell_size_m / 2.0
+    highest = []
+    for start, end in zip(points_m[:-1], points_m[1:], strict=True):
+        count = max(2, math.ceil(np.hypot(*(end - start)) / spacing_m) + 1)
+        along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        highest.append(float(np.max(landscape.elevation_at(along[:, 0], along[:, 1]))))
+    turns = np.linspace(0.0, math.tau, 32, endpoint=False)
+    circles = [
+        float(
+            np.max(
+                landscape.elevation_at(
+                    points_m[-1, 0] + share * around_last_m * np.cos(turns),
+                    points_m[-1, 1] + share * around_last_m * np.sin(turns),
+                )
+            )
+        )
+        for share in (0.0, 0.5, 1.0)
+    ]
+    highest.append(max(circles))
+    legs = [highest[0], *highest]
+    return [
+        round(max(before, after) + altitude_agl_m, 1)
+        for before, after in zip(legs[:-1], legs[1:], strict=True)
+    ]
+
+
+def mission_along(
+    path_m: Floats,
+    clockwise: bool,
+    vehicle: VehicleSection,
+    landscape: Landscape,
+    from_ground: bool,
+) -> tuple[MissionItem, ...]:
+    """The items that fly a path (x, y in metres) and then loiter at its end."""
+    points = flyable(path_m, vehicle.turn_radius_m, vehicle.least_leg_m, landscape.cell_size_m / 2)
+    altitudes = leg_altitudes_m(
+        points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m
+    )
+    lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
+    items = [
+        waypoint(float(lat[index]), float(lon[index]), altitudes[index])
+        for index in range(len(points) - 1)
+    ]
+    radius_m = vehicle.loiter_radius_m if clockwise else -vehicle.loiter_radius_m
+    items.append(loiter_unlimited(float(lat[-1]), float(lon[-1]), altitudes[-1], radius_m))
+    if from_ground:
+        items.insert(0, takeoff(vehicle.home_lat_deg, vehicle.home_lon_deg, altitudes[0]))
+    return tuple(items)

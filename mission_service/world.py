@@ -1,0 +1,97 @@
+"""The simulated truth: the landscape, the fire that burns on it, and a camera that looks at it.
+
+Nothing but observations leaves this module towards the planners.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from firemodel.cellular import CellularFire
+from firemodel.default_landscape import jacksboro
+from firemodel.landscape import Landscape, read_landscape
+from firemodel.weather import Weather, WeatherStream
+from mission_service.config import Ignition, Scenario, VehicleSection
+from mission_service.errors import ScenarioError
+from mission_service.events import Observed, Telemetry
+
+
+def landscape_of(scenario: Scenario) -> Landscape:
+    """The landscape a scenario names."""
+    section = scenario.landscape
+    if section.fuel is not None and section.elevation is not None:
+        return read_landscape(section.fuel, section.elevation)
+    return jacksboro(section.rows, section.cols, section.cell_size_m)
+
+
+def cell_of_ignition(ignition: Ignition, landscape: Landscape) -> tuple[int, int]:
+    """The cell that a scenario's ignition point lies in."""
+    x_m, y_m = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
+    if not landscape.contains(x_m, y_m):
+        raise ScenarioError(
+            f"ignition at lat {ignition.lat_deg}, lon {ignition.lon_deg} lies outside the landscape"
+        )
+    row, col = landscape.row_col_of(x_m, y_m)
+    return round(float(row)), round(float(col))
+
+
+def fire_of(scenario: Scenario, landscape: Landscape) -> CellularFire:
+    """The fire a scenario describes, not yet lit."""
+    weather = WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
+    ignitions = [
+        (*cell_of_ignition(ignition, landscape), ignition.at_s) for ignition in scenario.ignition
+    ]
+    return CellularFire(landscape, weather, ignitions)
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera looking straight down: its footprint is a disc on the ground."""
+
+    fov_deg: float
+
+    def radius_m(self, height_m: float) -> float:
+        """Radius of the footprint from ``height_m`` above ground."""
+        return max(height_m, 0.0) * math.tan(math.radians(self.fov_deg) / 2.0)
+
+
+class FireWorld:
+    """The burning truth and what cameras see of it."""
+
+    def __init__(self, fire: CellularFire, landscape: Landscape) -> None:
+        self.fire = fire
+        self.landscape = landscape
+
+    def advance(self, at_us: int) -> None:
+        """Let the fire burn up to this mission time (never backwards)."""
+        at_s = at_us / 1e6
+        if at_s > self.fire.time_s:
+            self.fire.advance(at_s)
+
+    def observe(self, telemetry: Telemetry, camera: Camera) -> Observed | None:
+        """What the camera of a vehicle sees from where it is, or nothing outside the landscape."""
+        self.advance(telemetry.at_us)
+        land = self.landscape
+        x_m, y_m = land.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
+        height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
+        radius = camera.radius_m(height_m) / land.cell_size_m
+        row, col = (float(value) for value in land.row_col_of(x_m, y_m))
+        top, bottom = max(math.ceil(row - radius), 0), min(math.floor(row + radius), land.shape[0] - 1)
+        left, right = max(math.ceil(col - radius), 0), min(math.floor(col + radius), land.shape[1] - 1)
+        if radius <= 0.0 or top > bottom or left > right:
+            return None
+        arrived = self.fire.arrival_time_s[top : bottom + 1, left : right + 1]
+        codes = np.where(arrived <= telemetry.at_us / 1e6, ord("b"), ord("u")).astype(np.uint8)
+        rows = np.arange(top, bottom + 1)[:, None] - row
+        cols = np.arange(left, right + 1)[None, :] - col
+        codes[rows * rows + cols * cols > radius * radius] = ord(".")
+        text = codes.tobytes().decode("ascii")
+        width = codes.shape[1]
+        lines = tuple(text[start : start + width] for start in range(0, len(text), width))
+        return Observed(telemetry.at_us, telemetry.vehicle, top, left, lines)
+
+
+def camera_of(vehicle: VehicleSection) -> Camera:
+    """The camera a vehicle carries."""
+    return Camera(vehicle.camera_fov_deg)
