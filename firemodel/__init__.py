@@ -1,0 +1,1 @@
+"""Fire physics: landscapes, fuels, Rothermel's surface model, spread over cells, fire fronts."""

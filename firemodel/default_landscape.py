@@ -1,0 +1,71 @@
+"""The default landscape: real terrain that ships with matplotlib, fuel by a stated rule."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+
+CRS = "EPSG:32616"  # UTM 16 north
+CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.50, -84.12
+
+
+def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> Landscape:
+    """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.50 N, 84.12 W.
+
+    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel follows from
+    it: slopes of at least 12 % that face north to east (aspect 315 to 90 deg, the moist side) are
+    hardwood litter (FM 9); other such slopes are brush (FM 5); flatter ground is timber grass
+    (FM 2) below the median elevation of the grid and dormant brush (FM 6) above it.
+    """
+    west_m, north_m = _corner(rows, cols, cell_size_m)
+    flat = Landscape(
+        CRS,
+        west_m,
+        north_m,
+        cell_size_m,
+        np.ones((rows, cols), dtype=np.int16),
+        _elevation(rows, cols, cell_size_m, west_m, north_m),
+    )
+    return Landscape(CRS, west_m, north_m, cell_size_m, _fuel(flat), flat.elevation_m)
+
+
+def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
+    """North-west corner on whole cells, so that the centre is in the middle."""
+    from firemodel.landscape import transformers
+
+    x_m, y_m = transformers(CRS)[1].transform(CENTRE_LON_DEG, CENTRE_LAT_DEG)
+    west = round(x_m / cell_size_m - cols / 2) * cell_size_m
+    north = round(y_m / cell_size_m + rows / 2) * cell_size_m
+    return float(west), float(north)
+
+
+def _elevation(
+    rows: int, cols: int, cell_size_m: float, west_m: float, north_m: float
+) -> NDArray[np.float32]:
+    from matplotlib.cbook import get_sample_data
+    from scipy.ndimage import map_coordinates
+
+    from firemodel.landscape import transformers
+
+    grid = get_sample_data("jacksboro_fault_dem.npz")
+    degrees = float(grid["dx"])
+    # The file names the grid's southern edge ymax and its northern one ymin.
+    north_deg, west_deg = float(grid["ymin"]), float(grid["xmin"])
+    x_m, y_m = np.meshgrid(
+        west_m + (np.arange(cols) + 0.5) * cell_size_m,
+        north_m - (np.arange(rows) + 0.5) * cell_size_m,
+    )
+    lon, lat = transformers(CRS)[0].transform(x_m, y_m)
+    places = np.stack([(north_deg - lat) / degrees - 0.5, (lon - west_deg) / degrees - 0.5])
+    heights = map_coordinates(
+        grid["elevation"].astype(np.float64), places, order=1, mode="nearest"
+    )
+    return np.round(heights, 1).astype(np.float32)
+
+
+def _fuel(flat: Landscape) -> NDArray[np.int16]:
+    steep = flat.slope_tan >= 0.12
+    moist = (flat.aspect_deg >= 315.0) | (flat.aspect_deg <= 90.0)
+    low = flat.elevation_m < np.median(flat.elevation_m)
+    flat_ground = np.where(low, 2, 6)
+    return np.where(steep, np.where(moist, 9, 5), flat_ground).astype(np.int16)

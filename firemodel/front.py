@@ -1,0 +1,71 @@
+"""From burned cells to the fire's front: an ordered loop of cells, or polygons."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+
+# Neighbours clockwise from west, as (row, col) steps.
+_AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
+
+
+def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The largest burned region that hangs together by sides or corners (y, x)."""
+    from scipy import ndimage
+
+    labels, count = ndimage.label(burned, structure=np.ones((3, 3)))
+    if count == 0:
+        return np.zeros_like(burned)
+    sizes = np.bincount(labels.ravel())[1:]
+    return np.asarray(labels == int(np.argmax(sizes)) + 1)
+
+
+def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Outer boundary cells of the largest burned region, (n, 2) as (row, col).
+
+    An ordered closed loop, anticlockwise on a north-up map; consecutive cells are neighbours (8),
+    and a tail one cell wide is passed on both ways. Moore tracing, ended when the first step is
+    about to be taken again (Jacob's criterion).
+    """
+    region = np.pad(largest_region(burned), 1)
+    if not region.any():
+        return np.empty((0, 2), dtype=np.int32)
+    row, col = (int(value) for value in np.argwhere(region)[0])
+    start, loop, came_from = (row, col), [(row, col)], 0
+    first_step: tuple[int, int] | None = None
+    while True:
+        for turn in range(1, 9):
+            side = (came_from + turn) % 8
+            step = _AROUND[side]
+            if region[row + step[0], col + step[1]]:
+                break
+        else:
+            break  # a single cell
+        if (row, col) == start:
+            if first_step == step:
+                break
+            first_step = first_step or step
+        row, col = row + step[0], col + step[1]
+        loop.append((row, col))
+        # Go on from the empty cell looked at just before, seen from the new cell.
+        before = _AROUND[(side - 1) % 8]
+        back = (before[0] - step[0], before[1] - step[1])
+        came_from = _AROUND.index(back)
+    if len(loop) > 1:
+        loop.pop()  # the start again
+    return np.array(loop[::-1], dtype=np.int32) - 1
+
+
+def polygons(burned: NDArray[np.bool_], landscape: Landscape) -> list[Any]:
+    """Burned regions as shapely polygons in the landscape's CRS, holes kept."""
+    from rasterio.features import shapes
+    from rasterio.transform import from_origin
+    from shapely.geometry import shape
+
+    transform = from_origin(
+        landscape.west_m, landscape.north_m, landscape.cell_size_m, landscape.cell_size_m
+    )
+    found = shapes(burned.astype(np.uint8), mask=burned, connectivity=4, transform=transform)
+    return [shape(geometry) for geometry, _ in found]

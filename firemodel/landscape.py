@@ -1,0 +1,197 @@
+"""Georeferenced rasters (y, x), row 0 in the north: fuel and elevation, slope and aspect."""
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+
+from firemodel.errors import FireModelError
+from firemodel.fuels import check_codes
+
+Floats = NDArray[np.float64]
+
+
+@lru_cache(maxsize=8)
+def transformers(crs: str) -> tuple[Transformer, Transformer]:
+    return (
+        Transformer.from_crs(crs, "EPSG:4326", always_xy=True),
+        Transformer.from_crs("EPSG:4326", crs, always_xy=True),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Landscape:
+    """A grid of square cells in a projected CRS in metres.
+
+    ``west_m``, ``north_m`` are the outer corner of cell (0, 0). Positions in the grid are float
+    (row, col) with whole numbers at the centres of cells.
+    """
+
+    crs: str
+    west_m: float
+    north_m: float
+    cell_size_m: float
+    fuel_model: NDArray[np.int16]
+    elevation_m: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if self.fuel_model.shape != self.elevation_m.shape:
+            raise FireModelError(
+                f"landscape: fuel is {self.fuel_model.shape} cells, "
+                f"elevation {self.elevation_m.shape}"
+            )
+        check_codes(self.fuel_model, "landscape")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        rows, cols = self.fuel_model.shape
+        return rows, cols
+
+    @cached_property
+    def _gradient(self) -> tuple[Floats, Floats]:
+        """Rise per metre towards (north, east), by Horn's 1981 weights."""
+        z = np.pad(self.elevation_m.astype(np.float64), 1, mode="edge")
+        east = (z[:-2, 2:] + 2 * z[1:-1, 2:] + z[2:, 2:]) - (
+            z[:-2, :-2] + 2 * z[1:-1, :-2] + z[2:, :-2]
+        )
+        north = (z[:-2, :-2] + 2 * z[:-2, 1:-1] + z[:-2, 2:]) - (
+            z[2:, :-2] + 2 * z[2:, 1:-1] + z[2:, 2:]
+        )
+        return north / (8 * self.cell_size_m), east / (8 * self.cell_size_m)
+
+    @cached_property
+    def slope_tan(self) -> Floats:
+        """Slope as rise over run."""
+        return np.hypot(*self._gradient)
+
+    @cached_property
+    def aspect_deg(self) -> Floats:
+        """Direction in which the ground falls, clockwise from north."""
+        north, east = self._gradient
+        return np.rad2deg(np.arctan2(-east, -north)) % 360.0
+
+    def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
+        """Projected x, y in metres of grid positions."""
+        return (
+            self.west_m + (col + 0.5) * self.cell_size_m,
+            self.north_m - (row + 0.5) * self.cell_size_m,
+        )
+
+    def row_col_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
+        """Grid position (float row, col) of projected coordinates."""
+        return (
+            (self.north_m - y_m) / self.cell_size_m - 0.5,
+            (x_m - self.west_m) / self.cell_size_m - 0.5,
+        )
+
+    def lat_lon_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
+        """WGS84 latitude and longitude in degrees."""
+        lon, lat = transformers(self.crs)[0].transform(x_m, y_m)
+        return lat, lon
+
+    def xy_of_lat_lon(self, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
+        """Projected x, y in metres of WGS84 coordinates."""
+        x_m, y_m = transformers(self.crs)[1].transform(lon_deg, lat_deg)
+        return x_m, y_m
+
+    def contains(self, x_m: float, y_m: float) -> bool:
+        """Whether a point lies on the grid."""
+        row, col = self.row_col_of(x_m, y_m)
+        return bool(
+            -0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5
+        )
+
+    def elevation_at(self, x_m: Any, y_m: Any) -> Any:
+        """Elevation between cell centres (bilinear); outside the grid that of its edge."""
+        row, col = self.row_col_of(x_m, y_m)
+        row = np.clip(row, 0.0, self.shape[0] - 1.0)
+        col = np.clip(col, 0.0, self.shape[1] - 1.0)
+        top = np.minimum(row.astype(np.int64), self.shape[0] - 2)
+        left = np.minimum(col.astype(np.int64), self.shape[1] - 2)
+        down, right = row - top, col - left
+        z = self.elevation_m
+        north = z[top, left] * (1 - right) + z[top, left + 1] * right
+        south = z[top + 1, left] * (1 - right) + z[top + 1, left + 1] * right
+        return north * (1 - down) + south * down
+
+    def digest(self) -> str:
+        """SHA-256 of everything that makes this landscape."""
+        sha = hashlib.sha256(
+            f"{self.crs} {self.west_m!r} {self.north_m!r} {self.cell_size_m!r} {self.shape}".encode()
+        )
+        sha.update(self.fuel_model.astype("<i2").tobytes())
+        sha.update(self.elevation_m.astype("<f4").tobytes())
+        return sha.hexdigest()
+
+
+def read_landscape(fuel_path: Path, elevation_path: Path) -> Landscape:
+    """Read two single-band GeoTIFFs that lie on the same north-up grid of square cells.
+
+    Raises FireModelError naming the file and what is wrong with it.
+    """
+    fuel, fuel_grid = _read_band(fuel_path)
+    elevation, elevation_grid = _read_band(elevation_path)
+    for key, value in fuel_grid.items():
+        if elevation_grid[key] != value:
+            raise FireModelError(
+                f"{elevation_path}: {key} is {elevation_grid[key]}, but {value} in {fuel_path}; "
+                "bring both rasters onto one grid"
+            )
+    if not np.issubdtype(fuel.dtype, np.integer):
+        raise FireModelError(
+            f"{fuel_path}: fuel codes must be integers, the file holds {fuel.dtype}"
+        )
+    check_codes(fuel, str(fuel_path))
+    transform = fuel_grid["transform"]
+    return Landscape(
+        fuel_grid["crs"],
+        float(transform.c),
+        float(transform.f),
+        float(transform.a),
+        fuel.astype(np.int16),
+        elevation.astype(np.float32),
+    )
+
+
+def _read_band(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
+    import rasterio
+    from rasterio.errors import RasterioError, RasterioIOError
+
+    try:
+        with rasterio.open(path) as source:
+            if source.count != 1:
+                raise FireModelError(f"{path}: has {source.count} bands; give a file with one")
+            band = source.read(1)
+            crs, transform, nodata = source.crs, source.transform, source.nodata
+    except RasterioIOError as error:
+        raise FireModelError(f"{path}: cannot be read as a raster: {error}") from None
+    except RasterioError as error:
+        raise FireModelError(f"{path}: damaged raster: {error}") from None
+    if crs is None:
+        raise FireModelError(f"{path}: has no CRS; assign the projection it was made in")
+    name = crs.to_string()
+    projected = CRS.from_user_input(name)
+    if not projected.is_projected or projected.axis_info[0].unit_name != "metre":
+        raise FireModelError(
+            f"{path}: CRS {name} is not a projection in metres; reproject it, to UTM for example"
+        )
+    if transform.b or transform.d or transform.a <= 0 or transform.e >= 0:
+        raise FireModelError(f"{path}: is not north-up; warp it onto an unrotated grid")
+    if abs(transform.a + transform.e) > 1e-6 * transform.a:
+        raise FireModelError(
+            f"{path}: cells are {transform.a} x {-transform.e} m; they must be square"
+        )
+    missing = ~np.isfinite(band) if nodata is None else (band == nodata) | ~np.isfinite(band)
+    if missing.any():
+        row, col = np.argwhere(missing)[0]
+        raise FireModelError(
+            f"{path}: no data (value {band[row, col]}) at row {row}, column {col} "
+            f"({np.count_nonzero(missing)} cells); fill or crop them"
+        )
+    return band, {"crs": name, "size": band.shape, "transform": transform}

@@ -1,0 +1,313 @@
+"""The command line. Heavy imports wait until a command needs them."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service import __version__
+
+OVERRIDE = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
+)
+JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+LINK = click.option(
+    "--link",
+    default="udpin:127.0.0.1:14550",
+    show_default=True,
+    help="udpin:HOST:PORT (listen) or udpout:HOST:PORT.",
+)
+TIMEOUT = click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(min=0.1),
+    default=30.0,
+    show_default=True,
+    help="Give up after this many seconds.",
+)
+
+
+class Guarded(click.Group):
+    """A group whose commands end known errors in one line and exit code 1."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from autopilot_bridge.errors import BridgeError
+        from firemodel.errors import FireModelError
+        from mission_service.errors import MissionServiceError
+
+        try:
+            return super().invoke(ctx)
+        except (MissionServiceError, FireModelError, BridgeError) as error:
+            raise click.ClickException(str(error)) from None
+        except* (MissionServiceError, FireModelError, BridgeError) as group:
+            raise click.ClickException(str(_first(group))) from None
+
+
+def _first(error: BaseException) -> BaseException:
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
+
+
+@click.group(cls=Guarded, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="mission-service")
+def main() -> None:
+    """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
+
+
+@main.command()
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@click.option("--speedup", type=click.FloatRange(1, 100), default=30.0, show_default=True)
+@OVERRIDE
+@JSON
+def demo(out: Path, speedup: float, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Mock autopilots and the daemon over UDP on loopback, faster than real time."""
+    from mission_service.config import load_scenario
+    from mission_service.demo import run_demo
+
+    scenario = load_scenario("demo", overrides)
+    _finish(run_demo(scenario, _folder(out), speedup, _now(), _reporter(as_json)), out, as_json)
+
+
+@main.command()
+@click.argument("scenario")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OVERRIDE
+@JSON
+def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Fly SCENARIO (a file, or a shipped one by name) in virtual time."""
+    from mission_service.config import load_scenario
+    from mission_service.outputs import write_outputs
+    from mission_service.sim import simulate
+
+    loaded = load_scenario(scenario, overrides)
+    folder = _folder(out)
+    with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
+        record, world = simulate(loaded, folder / "journal.jsonl", _now(), progress)
+    _finish(write_outputs(folder, loaded, record, world.fire), out, as_json)
+
+
+@main.command()
+@click.argument("config")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@OVERRIDE
+@JSON
+def run(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C."""
+    import asyncio
+
+    from mission_service.config import load_scenario
+    from mission_service.daemon import serve
+    from mission_service.outputs import write_outputs
+
+    scenario = load_scenario(config, overrides)
+    folder = _folder(out)
+    record, world = asyncio.run(
+        serve(scenario, folder / "journal.jsonl", _now(), _reporter(as_json))
+    )
+    _finish(write_outputs(folder, scenario, record, world.fire), out, as_json)
+
+
+@main.command()
+@click.argument("scenario", required=False)
+@click.option("--vehicle", help="Which vehicle of the scenario (default: the first).")
+@click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
+@click.option("--kind", type=click.Choice(["plane", "copter"]), default="plane")
+@click.option("--system-id", type=click.IntRange(1, 250), default=1)
+@click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
+@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
+@click.option("--link", default="udpout:127.0.0.1:14550", show_default=True)
+def mock(
+    scenario: str | None,
+    vehicle: str | None,
+    stack: str,
+    kind: str,
+    system_id: int,
+    home: str,
+    speedup: float,
+    link: str,
+) -> None:
+    """A mock autopilot as a process of its own, until Ctrl-C.
+
+    With SCENARIO it is the vehicle of that name standing at its home.
+    """
+    import asyncio
+    import contextlib
+
+    from autopilot_bridge.mock.process import serve
+    from mission_service.daemon import clock_us
+    from mission_service.demo import mock_by_hand, mock_from_scenario
+
+    autopilot = (
+        mock_from_scenario(scenario, vehicle)
+        if scenario
+        else mock_by_hand(stack, kind, system_id, home)
+    )
+    click.echo(f"mock {autopilot.stack.name} {autopilot.stack.vehicle} on {link}, x{speedup:g}")
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(serve(autopilot, link, speedup, clock_us))
+
+
+@main.command()
+@click.argument("scenario")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="The .plan file to write.",
+)
+@click.option("--vehicle", help="Which vehicle of the scenario (default: the first).")
+@OVERRIDE
+def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str, ...]) -> None:
+    """Write the first mission of SCENARIO as a QGroundControl .plan file."""
+    from mission_service.demo import write_plan
+
+    count = write_plan(scenario, vehicle, output, overrides)
+    click.echo(f"{output}: {count} items")
+
+
+@main.group()
+def mission() -> None:
+    """Move missions to and from one autopilot."""
+
+
+@mission.command("upload")
+@click.argument("plan_file", type=click.Path(dir_okay=False, path_type=Path))
+@LINK
+@TIMEOUT
+@JSON
+def mission_upload(plan_file: Path, link: str, timeout_s: float, as_json: bool) -> None:
+    """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight."""
+    from autopilot_bridge.planfile import read_plan
+    from mission_service.transfers import upload
+
+    items = read_plan(plan_file)
+    _echo(upload(items, link, timeout_s), as_json)
+
+
+@mission.command("download")
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True)
+@LINK
+@TIMEOUT
+@JSON
+def mission_download(output: Path, link: str, timeout_s: float, as_json: bool) -> None:
+    """Write the autopilot's mission to a .plan file."""
+    from mission_service.transfers import download
+
+    _echo(download(output, link, timeout_s), as_json)
+
+
+@mission.command("clear")
+@LINK
+@TIMEOUT
+@JSON
+def mission_clear(link: str, timeout_s: float, as_json: bool) -> None:
+    """Remove the autopilot's mission."""
+    from mission_service.transfers import clear
+
+    _echo(clear(link, timeout_s), as_json)
+
+
+@main.command()
+@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--verify", is_flag=True, help="Compare every command with the journal's.")
+@JSON
+def replay(journal: Path, verify: bool, as_json: bool) -> None:
+    """Feed a journal's events through a fresh core; exit code 1 at the first difference."""
+    from dataclasses import asdict
+
+    from mission_service.replay import verify as run_verify
+
+    if not verify:
+        raise click.UsageError("say what to do with the journal: --verify")
+    result = run_verify(journal)
+    if as_json:
+        click.echo(json.dumps(asdict(result)))
+    else:
+        click.echo(
+            f"{journal}: {result.events} events, {result.commands} commands "
+            f"({result.decisions} decisions) reproduced"
+        )
+        if result.cut_at_line is not None:
+            click.echo(f"the journal is cut off in line {result.cut_at_line}; verified up to there")
+    if result.difference is not None:
+        raise click.ClickException(f"{journal}: first difference in {result.difference}")
+
+
+@main.group()
+def config() -> None:
+    """Scenario files."""
+
+
+@config.command("check")
+@click.argument("file")
+@OVERRIDE
+@JSON
+def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Check FILE and everything it names."""
+    from mission_service.config import load_scenario
+    from mission_service.world import check
+
+    _echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
+
+
+def _now() -> str:
+    from datetime import UTC, datetime
+
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _folder(out: Path) -> Path:
+    from mission_service.errors import MissionServiceError
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MissionServiceError(f"{out}: cannot be made: {error.strerror}") from None
+    return out
+
+
+def _reporter(as_json: bool) -> Callable[[Any, Any], None]:
+    from mission_service.report import LiveReport
+
+    return LiveReport(quiet=as_json)
+
+
+def _progress_bar(name: str, duration_s: float, quiet: bool) -> Any:
+    from mission_service.report import SimProgress
+
+    return SimProgress(name, duration_s, quiet)
+
+
+def _echo(result: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(result))
+    else:
+        click.echo("\n".join(f"{key}: {value}" for key, value in result.items()))
+
+
+def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    for vehicle in summary["vehicles"]:
+        click.echo(
+            f"{vehicle['name']}: {vehicle['decisions']} decisions, "
+            f"{vehicle['reversals']} reversals, uploads {vehicle['uploads']}"
+        )
+    click.echo(
+        f"{summary['burned_area_ha']:.0f} ha burned after {summary['mission_time_s'] / 3600:.2f} h; "
+        f"journal, GeoJSON, map and summary in {out}/"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""The live service: vehicles over UDP, one TaskGroup. The only place with a real clock."""
+
+import asyncio
+import contextlib
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.connection import Connection
+from mission_service.config import Scenario
+from mission_service.core import Core
+from mission_service.gateway import Gateway, MissionClock
+from mission_service.journal import Journal, header_of
+from mission_service.record import Record
+from mission_service.service import Service
+from mission_service.world import FireWorld, fire_of, landscape_of
+
+STATUS_EVERY_S = 0.2
+
+
+def clock_us() -> int:
+    """Microseconds of the machine's monotonic clock."""
+    return time.monotonic_ns() // 1000
+
+
+async def serve(
+    scenario: Scenario,
+    journal_path: Path,
+    created: str,
+    progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
+    hurry: Callable[[], None] = lambda: None,
+) -> tuple[Record, FireWorld]:
+    """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
+
+    The vehicles keep the mission on board, which ends in a loiter. ``progress`` is called five
+    times a second; ``hurry`` may raise to end the run (a child process that died, say).
+    """
+    landscape = landscape_of(scenario)
+    world = FireWorld(fire_of(scenario, landscape), landscape)
+    clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
+    world.advance(clock.now_us)
+    record = Record(tuple(section.name for section in scenario.vehicles))
+    gateways = {
+        section.name: Gateway(
+            section.name, VehicleClient(target_system=section.system_id), clock
+        )
+        for section in scenario.vehicles
+    }
+    async with contextlib.AsyncExitStack() as stack:
+        # Links first: a port in use must not cost an earlier run its journal.
+        connections = []
+        for section in scenario.vehicles:
+            gateway = gateways[section.name]
+            connection = Connection(section.link, gateway.client, clock_us)
+            connections.append(await stack.enter_async_context(connection))
+        journal = Journal(
+            journal_path, header_of(scenario, landscape.digest(), created), durable=True
+        )
+        stack.callback(journal.close)
+        core = Core(scenario, landscape)
+        service = Service(scenario, core, world, journal, record, gateways)
+        stop = asyncio.Event()
+        _stop_on_signals(stop)
+        async with asyncio.TaskGroup() as group:
+            flights = [
+                group.create_task(_fly(connection, gateway, service))
+                for connection, gateway in zip(connections, gateways.values(), strict=True)
+            ]
+            while not stop.is_set() and clock.now_us < scenario.duration_s * 1e6:
+                hurry()
+                clock.wall_passed(clock_us())
+                world.advance(clock.now_us)
+                progress(record, world)
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
+            for flight in flights:
+                flight.cancel()
+    world.advance(clock.now_us)
+    return record, world
+
+
+async def _fly(connection: Connection, gateway: Gateway, service: Service) -> None:
+    """Hand on what one vehicle's link brings until cancelled."""
+    while True:
+        await connection.wait()
+        now_us = clock_us()
+        service.take(gateway.events(now_us), now_us)
+        connection.flush()
+
+
+def _stop_on_signals(stop: asyncio.Event) -> None:
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)

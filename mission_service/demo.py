@@ -1,0 +1,109 @@
+"""The demo: mock autopilots in processes of their own, the daemon here, UDP between them."""
+
+import asyncio
+import contextlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.planfile import write_plan as write_plan_file
+from autopilot_bridge.stacks import stack_named
+from mission_service.config import Scenario, VehicleSection, load_scenario, scenario_path
+from mission_service.core import approach_mission
+from mission_service.daemon import serve
+from mission_service.errors import MissionServiceError, ScenarioError
+from mission_service.outputs import write_outputs
+from mission_service.record import Record
+from mission_service.sim import mock_of
+from mission_service.world import FireWorld, landscape_of
+
+Progress = Callable[[Record, FireWorld], None]
+
+
+def run_demo(
+    scenario: Scenario, out: Path, speedup: float, created: str, progress: Progress
+) -> dict[str, Any]:
+    """Fly the scenario with mock autopilots over UDP; returns the summary."""
+    with contextlib.ExitStack() as stack:
+        mocks = [
+            stack.enter_context(_mock_process(section, speedup)) for section in scenario.vehicles
+        ]
+
+        def mocks_alive() -> None:
+            for section, mock in zip(scenario.vehicles, mocks, strict=True):
+                if mock.poll() is not None:
+                    raise MissionServiceError(
+                        f"the mock autopilot of {section.name} ended with code {mock.returncode}"
+                    )
+
+        record, world = asyncio.run(
+            serve(scenario, out / "journal.jsonl", created, progress, mocks_alive)
+        )
+    return write_outputs(out, scenario, record, world.fire)
+
+
+@contextlib.contextmanager
+def _mock_process(section: VehicleSection, speedup: float) -> Iterator["subprocess.Popen[bytes]"]:
+    """One mock autopilot that calls the port the daemon listens on."""
+    address = section.link.partition(":")[2]
+    command = [
+        *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path("demo"))),
+        *("--vehicle", section.name, "--speedup", str(speedup), "--link", f"udpout:{address}"),
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait(timeout=5)
+
+
+def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
+    """A vehicle of a scenario by name; the first one without a name."""
+    if name is None:
+        return scenario.vehicles[0]
+    for section in scenario.vehicles:
+        if section.name == name:
+            return section
+    known = ", ".join(section.name for section in scenario.vehicles)
+    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
+
+
+def mock_from_scenario(name: str, vehicle: str | None) -> MockAutopilot:
+    """The mock of a scenario's vehicle."""
+    scenario = load_scenario(name)
+    return mock_of(vehicle_of(scenario, vehicle), landscape_of(scenario))
+
+
+def mock_by_hand(stack: str, kind: str, system_id: int, home: str) -> MockAutopilot:
+    """A mock from command-line values; ``home`` is LAT,LON,ALTITUDE_AMSL_M."""
+    try:
+        lat_deg, lon_deg, altitude_m = (float(part) for part in home.split(","))
+    except ValueError:
+        raise MissionServiceError(f"--home {home}: write it as LAT,LON,ALTITUDE_AMSL_M") from None
+    return MockAutopilot(
+        stack_named(stack, kind),
+        system_id=system_id,
+        home_lat_deg=lat_deg,
+        home_lon_deg=lon_deg,
+        home_altitude_amsl_m=altitude_m,
+    )
+
+
+def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
+    """Write a vehicle's first mission as a .plan file; returns the number of items."""
+    scenario = load_scenario(name, overrides)
+    landscape = landscape_of(scenario)
+    section = vehicle_of(scenario, vehicle)
+    items = approach_mission(scenario, section, landscape)
+    x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    home = (section.home_lat_deg, section.home_lon_deg, float(landscape.elevation_at(x_m, y_m)))
+    write_plan_file(output, items, home=home, stack=stack_named(section.stack, section.kind))
+    return len(items)
