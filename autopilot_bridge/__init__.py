@@ -1,0 +1,1 @@
+"""MAVLink missions to and from autopilots. Knows nothing of fires or planners."""

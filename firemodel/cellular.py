@@ -19,9 +19,8 @@ from firemodel.rothermel import (
     fastest_spread,
     fuel_bed,
     length_to_breadth,
-    wind_adjustment_factor,
 )
-from firemodel.weather import Weather, WeatherStream
+from firemodel.weather import Weather, WeatherStream, wind_adjustment_factor
 
 Floats = NDArray[np.float64]
 
@@ -72,9 +71,13 @@ class CellularFire:
         self.time_s = 0.0
         self.arrival_time_s = np.full((rows, cols), np.inf)
         burnable = ~np.isin(landscape.fuel_model, list(NON_BURNABLE))
-        for row, col, _ in ignitions:
+        for row, col, time_s in ignitions:
             if not (0 <= row < rows and 0 <= col < cols):
                 raise FireModelError(f"ignition at row {row}, column {col}: outside the landscape")
+            if not 0.0 <= time_s < np.inf:
+                raise FireModelError(
+                    f"ignition at row {row}, column {col}: time {time_s} s must be 0 or later"
+                )
             if not burnable[row, col]:
                 raise FireModelError(
                     f"ignition at row {row}, column {col}: fuel code "
@@ -95,6 +98,7 @@ class CellularFire:
             self._size = _push(self._times, self._keys, self._size, float(time_s), key)
         self._weather_index = 0
         self._fields = self._fields_of(0)
+        self.advance(0.0)
 
     def _fields_of(self, index: int) -> Floats:
         fields = spread_fields(self.landscape, self.weather.entries[index])

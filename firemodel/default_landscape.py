@@ -1,16 +1,18 @@
 """The default landscape: real terrain that ships with matplotlib, fuel by a stated rule."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
 
 CRS = "EPSG:32616"  # UTM 16 north
-CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.50, -84.12
+CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.33, -84.22
 
 
 def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> Landscape:
-    """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.50 N, 84.12 W.
+    """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.33 N, 84.22 W.
 
     The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel follows from
     it: slopes of at least 12 % that face north to east (aspect 315 to 90 deg, the moist side) are
@@ -47,19 +49,18 @@ def _elevation(
 
     from firemodel.landscape import transformers
 
-    grid = get_sample_data("jacksboro_fault_dem.npz")
+    grid: Any = get_sample_data("jacksboro_fault_dem.npz")
     degrees = float(grid["dx"])
-    # The file names the grid's southern edge ymax and its northern one ymin.
-    north_deg, west_deg = float(grid["ymin"]), float(grid["xmin"])
+    # Row 0 lies at the file's ymax. Its ymin is wrong: it was counted upwards from ymax instead of
+    # down. So placed, the highest cell (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
+    north_deg, west_deg = float(grid["ymax"]), float(grid["xmin"])
     x_m, y_m = np.meshgrid(
         west_m + (np.arange(cols) + 0.5) * cell_size_m,
         north_m - (np.arange(rows) + 0.5) * cell_size_m,
     )
     lon, lat = transformers(CRS)[0].transform(x_m, y_m)
     places = np.stack([(north_deg - lat) / degrees - 0.5, (lon - west_deg) / degrees - 0.5])
-    heights = map_coordinates(
-        grid["elevation"].astype(np.float64), places, order=1, mode="nearest"
-    )
+    heights = map_coordinates(grid["elevation"].astype(np.float64), places, order=1, mode="nearest")
     return np.round(heights, 1).astype(np.float32)
 
 

@@ -7,16 +7,17 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 
-LB_FT2_PER_TON_ACRE = 2000.0 / 43560.0
+SAV_10H, SAV_100H, SAV_LIVE = 109.0, 30.0, 1500.0  # 1/ft, the same in every model
 NON_BURNABLE = {91: "urban", 92: "snow or ice", 93: "agriculture", 98: "water", 99: "bare ground"}
 
 
 @dataclass(frozen=True, slots=True)
 class FuelModel:
-    """Loads in tons per acre, surface-area-to-volume ratios in 1/ft, depth in feet.
+    """Loads in lb/ft², surface-area-to-volume ratios (SAV) in 1/ft, depth in ft.
 
     The dead classes are 1 h, 10 h and 100 h; the live ones herbaceous and woody. The 10-h and
-    100-h ratios are 109 and 30 1/ft throughout; heat content is 8000 Btu/lb.
+    100-h ratios are 109 and 30 1/ft throughout; heat content is 8000 Btu/lb. Extinction moisture
+    of the dead fuel is a fraction of the oven-dry weight.
     """
 
     name: str
@@ -26,37 +27,35 @@ class FuelModel:
     load_herb: float
     load_woody: float
     sav_1h: float
-    sav_herb: float
-    sav_woody: float
     depth_ft: float
     extinction_moisture: float
 
     @property
     def loads_lb_ft2(self) -> tuple[float, float, float, float, float]:
         """Oven-dry loads of the five classes in lb/ft²."""
-        tons = (self.load_1h, self.load_10h, self.load_100h, self.load_herb, self.load_woody)
-        return tuple(load * LB_FT2_PER_TON_ACRE for load in tons)  # type: ignore[return-value]
+        return self.load_1h, self.load_10h, self.load_100h, self.load_herb, self.load_woody
 
     @property
     def savs_1_ft(self) -> tuple[float, float, float, float, float]:
-        """Surface-area-to-volume ratios of the five classes."""
-        return (self.sav_1h, 109.0, 30.0, self.sav_herb, self.sav_woody)
+        """Surface-area-to-volume ratios of the five classes in 1/ft."""
+        return self.sav_1h, SAV_10H, SAV_100H, SAV_LIVE, SAV_LIVE
 
 
+# Albini 1976, table 7 (loads in lb/ft², three decimals; Anderson 1982 gives them as tons/acre).
 FUEL_MODELS = {
-    1: FuelModel("short grass", 0.74, 0, 0, 0, 0, 3500, 1500, 1500, 1.0, 0.12),
-    2: FuelModel("timber grass and understory", 2.0, 1.0, 0.5, 0.5, 0, 3000, 1500, 1500, 1.0, 0.15),
-    3: FuelModel("tall grass", 3.01, 0, 0, 0, 0, 1500, 1500, 1500, 2.5, 0.25),
-    4: FuelModel("chaparral", 5.01, 4.01, 2.0, 0, 5.01, 2000, 1500, 1500, 6.0, 0.20),
-    5: FuelModel("brush", 1.0, 0.5, 0, 0, 2.0, 2000, 1500, 1500, 2.0, 0.20),
-    6: FuelModel("dormant brush", 1.5, 2.5, 2.0, 0, 0, 1750, 1500, 1500, 2.5, 0.25),
-    7: FuelModel("southern rough", 1.13, 1.87, 1.5, 0, 0.37, 1750, 1500, 1500, 2.5, 0.40),
-    8: FuelModel("short needle litter", 1.5, 1.0, 2.5, 0, 0, 2000, 1500, 1500, 0.2, 0.30),
-    9: FuelModel("hardwood litter", 2.92, 0.41, 0.15, 0, 0, 2500, 1500, 1500, 0.2, 0.25),
-    10: FuelModel("timber understory", 3.01, 2.0, 5.01, 0, 2.0, 2000, 1500, 1500, 1.0, 0.25),
-    11: FuelModel("light slash", 1.5, 4.51, 5.51, 0, 0, 1500, 1500, 1500, 1.0, 0.15),
-    12: FuelModel("medium slash", 4.01, 14.03, 16.53, 0, 0, 1500, 1500, 1500, 2.3, 0.20),
-    13: FuelModel("heavy slash", 7.01, 23.04, 28.05, 0, 0, 1500, 1500, 1500, 3.0, 0.25),
+    1: FuelModel("short grass", 0.034, 0, 0, 0, 0, 3500, 1.0, 0.12),
+    2: FuelModel("timber grass and understory", 0.092, 0.046, 0.023, 0.023, 0, 3000, 1.0, 0.15),
+    3: FuelModel("tall grass", 0.138, 0, 0, 0, 0, 1500, 2.5, 0.25),
+    4: FuelModel("chaparral", 0.230, 0.184, 0.092, 0, 0.230, 2000, 6.0, 0.20),
+    5: FuelModel("brush", 0.046, 0.023, 0, 0, 0.092, 2000, 2.0, 0.20),
+    6: FuelModel("dormant brush", 0.069, 0.115, 0.092, 0, 0, 1750, 2.5, 0.25),
+    7: FuelModel("southern rough", 0.052, 0.086, 0.069, 0, 0.017, 1750, 2.5, 0.40),
+    8: FuelModel("short needle litter", 0.069, 0.046, 0.115, 0, 0, 2000, 0.2, 0.30),
+    9: FuelModel("hardwood litter", 0.134, 0.019, 0.007, 0, 0, 2500, 0.2, 0.25),
+    10: FuelModel("timber understory", 0.138, 0.092, 0.230, 0, 0.092, 2000, 1.0, 0.25),
+    11: FuelModel("light slash", 0.069, 0.207, 0.253, 0, 0, 1500, 1.0, 0.15),
+    12: FuelModel("medium slash", 0.184, 0.644, 0.759, 0, 0, 1500, 2.3, 0.20),
+    13: FuelModel("heavy slash", 0.322, 1.058, 1.288, 0, 0, 1500, 3.0, 0.25),
 }
 
 

@@ -103,9 +103,7 @@ class Landscape:
     def contains(self, x_m: float, y_m: float) -> bool:
         """Whether a point lies on the grid."""
         row, col = self.row_col_of(x_m, y_m)
-        return bool(
-            -0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5
-        )
+        return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
 
     def elevation_at(self, x_m: Any, y_m: Any) -> Any:
         """Elevation between cell centres (bilinear); outside the grid that of its edge."""
@@ -123,7 +121,15 @@ class Landscape:
     def digest(self) -> str:
         """SHA-256 of everything that makes this landscape."""
         sha = hashlib.sha256(
-            f"{self.crs} {self.west_m!r} {self.north_m!r} {self.cell_size_m!r} {self.shape}".encode()
+            repr(
+                (
+                    self.crs,
+                    float(self.west_m),
+                    float(self.north_m),
+                    float(self.cell_size_m),
+                    self.shape,
+                )
+            ).encode()
         )
         sha.update(self.fuel_model.astype("<i2").tobytes())
         sha.update(self.elevation_m.astype("<f4").tobytes())

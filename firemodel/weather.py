@@ -1,6 +1,8 @@
 """Weather in steps: each entry holds from its time until the next one's."""
 
 import bisect
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 from firemodel.errors import FireModelError
@@ -37,23 +39,25 @@ class Weather:
 
 
 class WeatherStream:
-    """Entries in order of time; the first holds from the beginning."""
+    """Entries in order of time, the first at 0 s or earlier."""
 
-    def __init__(self, entries: tuple[Weather, ...]) -> None:
+    def __init__(self, entries: Sequence[Weather]) -> None:
+        """Raises FireModelError naming the entry and the value that cannot be."""
         if not entries:
-            raise FireModelError("weather: no entries")
+            raise FireModelError("weather: no entries; give at least one, at 0 s")
         for number, entry in enumerate(entries):
-            for field in fields(entry):
-                value = getattr(entry, field.name)
-                if field.name != "at_s" and not value >= 0.0:
-                    raise FireModelError(
-                        f"weather entry {number}: {field.name} = {value} must not be negative"
-                    )
+            _check(number, entry)
             if number and not entry.at_s > entries[number - 1].at_s:
                 raise FireModelError(
-                    f"weather entry {number}: at_s = {entry.at_s} is not later than the one before"
+                    f"weather entry {number}: at_s = {entry.at_s} is not later than the one "
+                    f"before ({entries[number - 1].at_s}); sort the entries by time"
                 )
-        self.entries = entries
+        if entries[0].at_s > 0.0:
+            raise FireModelError(
+                f"weather entry 0: at_s = {entries[0].at_s}, so the weather before it is unknown; "
+                "the first entry must be at 0 s or earlier"
+            )
+        self.entries = tuple(entries)
         self._times = [entry.at_s for entry in entries]
 
     def index_at(self, time_s: float) -> int:
@@ -67,3 +71,27 @@ class WeatherStream:
     def change_times(self) -> tuple[float, ...]:
         """When the weather changes."""
         return tuple(self._times[1:])
+
+
+def _check(number: int, entry: Weather) -> None:
+    for field in fields(entry):
+        value = getattr(entry, field.name)
+        if not math.isfinite(value):
+            raise FireModelError(f"weather entry {number}: {field.name} = {value} is not a number")
+        if field.name != "at_s" and value < 0.0:
+            raise FireModelError(
+                f"weather entry {number}: {field.name} = {value} must not be negative"
+            )
+    if entry.wind_from_deg > 360.0:
+        raise FireModelError(
+            f"weather entry {number}: wind_from_deg = {entry.wind_from_deg} must be 0 to 360, "
+            "clockwise from north"
+        )
+
+
+def wind_adjustment_factor(depth_ft: float) -> float:
+    """Midflame wind over wind 20 ft above the vegetation, no unit, for fuel not under trees.
+
+    Andrews 2012 (RMRS-GTR-266), after Albini & Baughman 1979; fuel depth in ft.
+    """
+    return 1.83 / math.log((20.0 + 0.36 * depth_ft) / (0.13 * depth_ft))

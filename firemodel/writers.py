@@ -45,7 +45,7 @@ def perimeters_geojson(
     from shapely.geometry.polygon import orient
     from shapely.ops import transform
 
-    def to_lon_lat(x_m: Any, y_m: Any) -> tuple[Any, Any]:
+    def to_lon_lat(x_m: Any, y_m: Any, _z_m: Any = None) -> tuple[Any, Any]:
         lat, lon = landscape.lat_lon_of(x_m, y_m)
         return np.round(lon, 7), np.round(lat, 7)
 

@@ -42,12 +42,16 @@ class Guarded(click.Group):
         from firemodel.errors import FireModelError
         from mission_service.errors import MissionServiceError
 
+        known = (MissionServiceError, FireModelError, BridgeError)
         try:
             return super().invoke(ctx)
-        except (MissionServiceError, FireModelError, BridgeError) as error:
+        except known as error:
             raise click.ClickException(str(error)) from None
-        except* (MissionServiceError, FireModelError, BridgeError) as group:
-            raise click.ClickException(str(_first(group))) from None
+        except BaseExceptionGroup as group:
+            ours, others = group.split(known)
+            if ours is None or others is not None:
+                raise
+            raise click.ClickException(str(_first(ours))) from None
 
 
 def _first(error: BaseException) -> BaseException:
@@ -304,7 +308,7 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
             f"{vehicle['reversals']} reversals, uploads {vehicle['uploads']}"
         )
     click.echo(
-        f"{summary['burned_area_ha']:.0f} ha burned after {summary['mission_time_s'] / 3600:.2f} h; "
+        f"{summary['burned_area_ha']:.0f} ha burned at {summary['mission_time_s'] / 3600:.2f} h; "
         f"journal, GeoJSON, map and summary in {out}/"
     )
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.commands import (
-    AnyCommand,
     Announce,
+    AnyCommand,
     Decided,
     Direction,
     Hold,
@@ -289,15 +289,17 @@ def planner_of(
 def _fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
     """Where the crew says the fire is: the ignition point, or a point reported inside the fire."""
     planner = scenario.planner
-    if planner.ignition_known or planner.reported_lat_deg is None or planner.reported_lon_deg is None:
+    if (
+        planner.ignition_known
+        or planner.reported_lat_deg is None
+        or planner.reported_lon_deg is None
+    ):
         first = scenario.ignition[0]
         return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)
     return landscape.xy_of_lat_lon(planner.reported_lat_deg, planner.reported_lon_deg)
 
 
-def approach_path(
-    scenario: Scenario, landscape: Landscape, start_m: tuple[float, float]
-) -> Floats:
+def approach_path(scenario: Scenario, landscape: Landscape, start_m: tuple[float, float]) -> Floats:
     """A straight line from where the vehicle is to where the fire is said to be."""
     return np.array([start_m, _fire_position(scenario, landscape)])
 

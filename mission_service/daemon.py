@@ -43,9 +43,7 @@ async def serve(
     world.advance(clock.now_us)
     record = Record(tuple(section.name for section in scenario.vehicles))
     gateways = {
-        section.name: Gateway(
-            section.name, VehicleClient(target_system=section.system_id), clock
-        )
+        section.name: Gateway(section.name, VehicleClient(target_system=section.system_id), clock)
         for section in scenario.vehicles
     }
     async with contextlib.AsyncExitStack() as stack:

@@ -48,7 +48,7 @@ def front_in_window(window: NDArray[np.uint8]) -> NDArray[np.bool_]:
     unburned = np.zeros((window.shape[0] + 2, window.shape[1] + 2), dtype=bool)
     unburned[1:-1, 1:-1] = window == UNBURNED
     beside = unburned[:-2, 1:-1] | unburned[2:, 1:-1] | unburned[1:-1, :-2] | unburned[1:-1, 2:]
-    return (window == BURNED) & beside
+    return np.asarray((window == BURNED) & beside)
 
 
 class FireMap:
@@ -153,9 +153,7 @@ def fill_circular(values: Floats) -> Floats:
     return np.interp(np.arange(values.size), known, values[known], period=values.size)
 
 
-def _fill_gaps(
-    seen: Floats, in_view: NDArray[np.bool_]
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _fill_gaps(seen: Floats, in_view: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
     """Bearings between two neighbouring front cells are seen too: the front joins the two."""
     known = np.flatnonzero(in_view)
     if known.size < 2:

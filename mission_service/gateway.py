@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from autopilot_bridge import client as bridge
+from autopilot_bridge import client_events as bridge
 from autopilot_bridge.client import VehicleClient
 from mission_service.commands import AnyCommand, Hold, StartMission, UploadMission
 from mission_service.events import (

@@ -3,7 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass, field
 
-from mission_service.commands import AnyCommand, Announce, Decided, UploadMission
+from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
 from mission_service.events import AnyEvent, Observed, Telemetry, UploadFinished
 
 TRACK_EVERY_US = 1_000_000

@@ -6,6 +6,7 @@ between its ends, clears the terrain under it by the wished height.
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -54,7 +55,7 @@ def leg_altitudes_m(
     """
     spacing_m = landscape.cell_size_m / 2.0
     highest = []
-    for start, end in zip(points_m[:-1], points_m[1:], strict=True):
+    for start, end in pairwise(points_m):
         count = max(2, math.ceil(np.hypot(*(end - start)) / spacing_m) + 1)
         along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
         highest.append(float(np.max(landscape.elevation_at(along[:, 0], along[:, 1]))))
@@ -72,10 +73,7 @@ def leg_altitudes_m(
     ]
     highest.append(max(circles))
     legs = [highest[0], *highest]
-    return [
-        round(max(before, after) + altitude_agl_m, 1)
-        for before, after in zip(legs[:-1], legs[1:], strict=True)
-    ]
+    return [round(max(before, after) + altitude_agl_m, 1) for before, after in pairwise(legs)]
 
 
 def mission_along(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from autopilot_bridge.link import parse_link
 from firemodel.cellular import CellularFire
 from firemodel.default_landscape import jacksboro
 from firemodel.landscape import Landscape, read_landscape
@@ -77,8 +78,14 @@ class FireWorld:
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
         radius = camera.radius_m(height_m) / land.cell_size_m
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
-        top, bottom = max(math.ceil(row - radius), 0), min(math.floor(row + radius), land.shape[0] - 1)
-        left, right = max(math.ceil(col - radius), 0), min(math.floor(col + radius), land.shape[1] - 1)
+        top, bottom = (
+            max(math.ceil(row - radius), 0),
+            min(math.floor(row + radius), land.shape[0] - 1),
+        )
+        left, right = (
+            max(math.ceil(col - radius), 0),
+            min(math.floor(col + radius), land.shape[1] - 1),
+        )
         if radius <= 0.0 or top > bottom or left > right:
             return None
         arrived = self.fire.arrival_time_s[top : bottom + 1, left : right + 1]
@@ -95,3 +102,23 @@ class FireWorld:
 def camera_of(vehicle: VehicleSection) -> Camera:
     """The camera a vehicle carries."""
     return Camera(vehicle.camera_fov_deg)
+
+
+def check(scenario: Scenario) -> dict[str, object]:
+    """Everything a scenario names, loaded; raises what is wrong with it."""
+    landscape = landscape_of(scenario)
+    fire_of(scenario, landscape)
+    for vehicle in scenario.vehicles:
+        parse_link(vehicle.link)
+        x_m, y_m = landscape.xy_of_lat_lon(vehicle.home_lat_deg, vehicle.home_lon_deg)
+        if not landscape.contains(x_m, y_m):
+            raise ScenarioError(
+                f"{scenario.name}: home of {vehicle.name} (lat {vehicle.home_lat_deg}, "
+                f"lon {vehicle.home_lon_deg}) lies outside the landscape"
+            )
+    rows, cols = landscape.shape
+    return {
+        "scenario": scenario.name,
+        "landscape": f"{rows} x {cols} cells of {landscape.cell_size_m:g} m, {landscape.crs}",
+        "vehicles": ", ".join(vehicle.name for vehicle in scenario.vehicles),
+    }

@@ -1,0 +1,166 @@
+"""Download and clearing of missions, sans-IO (MAVLink mission protocol).
+
+listed --MISSION_COUNT--> asking --each item--> asking --last item--> ended (MISSION_ACK sent)
+every question is repeated on timeout
+"""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, rejected
+
+
+class _Asking:
+    """Repeats its last question until answered or out of tries."""
+
+    def __init__(self, address: Address, timing: TransferTiming) -> None:
+        self.result: TransferResult | None = None
+        self._address = address
+        self._timing = timing
+        self._tries = 0
+        self._deadline_us = 0
+        self._question: Message = None
+
+    def _ask(self, question: Message, now_us: int) -> list[Message]:
+        self._question = question
+        self._tries = 0
+        self._deadline_us = now_us + self._timing.timeout_us
+        return [question]
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Ask again or give up."""
+        if self.result is not None or now_us < self._deadline_us:
+            return []
+        self._tries += 1
+        self._deadline_us = now_us + self._timing.timeout_us
+        if self._tries <= self._timing.retries:
+            return [self._question]
+        name = self._question.get_type()
+        self.result = TransferResult("failed", f"the autopilot did not answer {name}")
+        return []
+
+
+class MissionDownload(_Asking):
+    """One download; the result carries the items."""
+
+    kind = "download"
+
+    def __init__(self, address: Address, timing: TransferTiming) -> None:
+        super().__init__(address, timing)
+        self._count: int | None = None
+        self._items: list[MissionItem] = []
+
+    def start(self, now_us: int) -> list[Message]:
+        """Ask how many items there are."""
+        return self._ask(
+            mavlink.MAVLink_mission_request_list_message(
+                *self._address.target, self._address.mission_type
+            ),
+            now_us,
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Take in a count or an item and ask for the next."""
+        kind = message.get_type()
+        if kind not in ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK"):
+            return []
+        if not self._address.concerns(message):
+            return []
+        if kind == "MISSION_ACK":
+            if message.type != mavlink.MAV_MISSION_ACCEPTED:
+                self.result = rejected(message.type, None)
+            return []
+        if kind == "MISSION_COUNT" and self._count is None:
+            self._count = message.count
+        elif kind == "MISSION_ITEM_INT" and message.seq == len(self._items) and self._count:
+            self._items.append(_item_of(message))
+        else:
+            return []
+        return self._next(now_us)
+
+    def _next(self, now_us: int) -> list[Message]:
+        if len(self._items) == self._count:
+            items = tuple(self._items)
+            self.result = TransferResult("accepted", f"{len(items)} items", items=items)
+            return [
+                mavlink.MAVLink_mission_ack_message(
+                    *self._address.target, mavlink.MAV_MISSION_ACCEPTED, self._address.mission_type
+                )
+            ]
+        return self._ask(
+            mavlink.MAVLink_mission_request_int_message(
+                *self._address.target, len(self._items), self._address.mission_type
+            ),
+            now_us,
+        )
+
+
+def _item_of(message: Message) -> MissionItem:
+    return MissionItem(
+        message.command,
+        message.frame,
+        message.x,
+        message.y,
+        message.z,
+        message.param1,
+        message.param2,
+        message.param3,
+        message.param4,
+        message.autocontinue,
+    )
+
+
+class MissionClear(_Asking):
+    """Removes the mission."""
+
+    kind = "clear"
+
+    def start(self, now_us: int) -> list[Message]:
+        """Ask for it."""
+        return self._ask(
+            mavlink.MAVLink_mission_clear_all_message(
+                *self._address.target, self._address.mission_type
+            ),
+            now_us,
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """The acknowledgement ends it."""
+        if message.get_type() == "MISSION_ACK" and self._address.concerns(message):
+            if message.type == mavlink.MAV_MISSION_ACCEPTED:
+                self.result = TransferResult("accepted", "cleared", message.type)
+            else:
+                self.result = rejected(message.type, None)
+        return []
+
+
+class SetCurrent(_Asking):
+    """Makes the vehicle fly an item now; done when MISSION_CURRENT confirms it."""
+
+    kind = "set current"
+
+    def __init__(self, address: Address, seq: int, timing: TransferTiming) -> None:
+        super().__init__(address, timing)
+        self._seq = seq
+
+    def start(self, now_us: int) -> list[Message]:
+        """Ask for it."""
+        return self._ask(
+            mavlink.MAVLink_mission_set_current_message(*self._address.target, self._seq), now_us
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """MISSION_CURRENT with the wanted number ends it."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if (
+            message.get_type() == "MISSION_CURRENT"
+            and source == self._address.target
+            and message.seq == self._seq
+        ):
+            self.result = TransferResult("accepted", f"item {self._seq} is current")
+        return []

@@ -1,0 +1,5 @@
+"""What can be wrong with a link or a plan file, in one line."""
+
+
+class BridgeError(Exception):
+    """Base of the errors of this package; the message says what, where and what to do."""

@@ -1,0 +1,1 @@
+"""A mock autopilot: the vehicle side of the mission protocol, with simple flight underneath."""

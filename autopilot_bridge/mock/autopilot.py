@@ -1,0 +1,241 @@
+"""The mock autopilot, sans-IO: bytes in, datagrams out, one timer.
+
+The time it is given is its simulation clock; ``time_boot_ms`` counts from the first time it sees.
+"""
+
+import math
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Codec, Message
+from autopilot_bridge.items import waypoint
+from autopilot_bridge.mock.flight import Flight, LocalFrame, Mode
+from autopilot_bridge.mock.kinematics import STEP_US, Limits
+from autopilot_bridge.mock.mission_server import MissionServer
+from autopilot_bridge.stacks import Stack
+
+HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
+POSITION_EVERY_STEPS = 2  # 4 Hz
+HOME_EVERY_STEPS = 80
+COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
+# A process that was held up does not try to make up for more than this at once.
+MOST_STEPS_AT_ONCE = 4000
+
+
+class MockAutopilot:
+    """One vehicle standing at its home, disarmed."""
+
+    def __init__(
+        self,
+        stack: Stack,
+        *,
+        system_id: int = 1,
+        home_lat_deg: float,
+        home_lon_deg: float,
+        home_altitude_amsl_m: float,
+        airspeed_m_s: float = 18.0,
+    ) -> None:
+        self.stack = stack
+        frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
+        self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s))
+        home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
+        self.missions = MissionServer(stack, home)
+        self._codec = Codec(system_id, COMPONENT)
+        self._system_id = system_id
+        self._outgoing: list[bytes] = []
+        self._boot_us: int | None = None
+        self._steps = 0
+        self._told_current: tuple[int, int] | None = None
+
+    # Bytes and time -----------------------------------------------------------------------------
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take in a datagram from any ground station."""
+        for message in self._codec.decode(data):
+            target = getattr(message, "target_system", self._system_id)
+            broadcast = target == 0 and self.stack.name == "ardupilot"
+            if target == self._system_id or broadcast:
+                self._receive(message, now_us)
+
+    def data_to_send(self) -> list[bytes]:
+        """Datagrams to send, each handed out once."""
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
+
+    def next_timer(self) -> int:
+        """When the next step or re-request is due."""
+        step_us = 0 if self._boot_us is None else self._boot_us + (self._steps + 1) * STEP_US
+        asks_us = self.missions.next_timer()
+        return step_us if asks_us is None else min(step_us, asks_us)
+
+    def handle_timer(self, now_us: int) -> None:
+        """Fly up to now and say what is due."""
+        if self._boot_us is None:
+            self._boot_us = now_us
+        self._send(*self.missions.handle_timer(now_us))
+        due = (now_us - self._boot_us) // STEP_US - self._steps
+        for _ in range(min(due, MOST_STEPS_AT_ONCE)):
+            self._steps += 1
+            self.flight.step(self._now_s())
+            self._report()
+
+    def _now_s(self) -> float:
+        return self._steps * STEP_US / 1e6
+
+    # Messages -----------------------------------------------------------------------------------
+
+    def _receive(self, message: Message, now_us: int) -> None:
+        kind = message.get_type()
+        if kind in ("COMMAND_LONG", "COMMAND_INT"):
+            self._command(message)
+        elif kind == "MISSION_SET_CURRENT":
+            self._set_current(message.seq)
+        elif kind.startswith("MISSION_"):
+            self._send(*self.missions.receive(message, now_us))
+            self._take_over()
+
+    def _take_over(self) -> None:
+        """What the vehicle flies after its list of items has changed."""
+        flight = self.flight
+        flight.items = tuple(self.missions.items)
+        if not self.missions.changed:
+            return
+        self.missions.changed = False
+        if not self.stack.keeps_target:
+            flight.go_to(0, self._now_s())  # PX4 begins anew; ArduPilot flies its old target on
+        self._tell_current()
+
+    def _set_current(self, seq: int) -> None:
+        first = 1 if self.stack.item_0_is_home else 0
+        if seq >= len(self.flight.items):
+            if self.stack.name == "px4":
+                self._send(mavlink.MAVLink_statustext_message(4, b"WPM: WP CURR CMD: invalid"))
+            return
+        self.flight.go_to(max(seq, first), self._now_s())
+        self._tell_current()
+
+    def _command(self, message: Message) -> None:
+        result = self._obey(message)
+        self._send(
+            mavlink.MAVLink_command_ack_message(
+                message.command,
+                result,
+                0,
+                0,
+                message.get_srcSystem(),
+                message.get_srcComponent(),
+            )
+        )
+
+    def _obey(self, message: Message) -> int:
+        accepted = int(mavlink.MAV_RESULT_ACCEPTED)
+        flight = self.flight
+        match message.command:
+            case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+                if message.param1 < 0.5 and flight.airborne:
+                    return int(mavlink.MAV_RESULT_DENIED)
+                copter_auto = self.stack.keeps_target and self.stack.vehicle == "copter"
+                if copter_auto and flight.mode == "mission" and not flight.armed:
+                    return int(mavlink.MAV_RESULT_FAILED)
+                flight.armed = message.param1 > 0.5
+                return accepted
+            case mavlink.MAV_CMD_DO_SET_MODE:
+                return self._set_mode(message)
+            case mavlink.MAV_CMD_MISSION_START:
+                flight.set_mode("mission", self._now_s())
+                return accepted
+            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL | mavlink.MAV_CMD_REQUEST_MESSAGE:
+                return accepted
+            case _:
+                return int(mavlink.MAV_RESULT_UNSUPPORTED)
+
+    def _set_mode(self, message: Message) -> int:
+        wanted = int(message.param2)
+        if self.stack.name == "px4":
+            wanted = wanted << 16 | int(message.param3) << 24
+        modes: dict[int, Mode] = {
+            self.stack.mission_mode: "mission",
+            self.stack.hold_mode: "hold",
+            self.stack.rtl_mode: "rtl",
+        }
+        if self.stack.keeps_target and wanted == 4:  # ArduCopter's GUIDED
+            modes[4] = "hold"
+        mode = modes.get(wanted)
+        no_mission = len(self.missions.items) <= (1 if self.stack.item_0_is_home else 0)
+        if mode is None or (mode == "mission" and no_mission):
+            return int(mavlink.MAV_RESULT_DENIED)
+        self.flight.set_mode(mode, self._now_s())
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    # Telemetry ----------------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        flight = self.flight
+        for seq in flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
+        flight.reached.clear()
+        if self._steps % HEARTBEAT_EVERY_STEPS == 1:
+            self._heartbeat()
+            self._tell_current()
+        elif self._told_current != (flight.current, len(flight.items)):
+            self._tell_current()
+        if self._steps % POSITION_EVERY_STEPS == 0:
+            self._position()
+        if self._steps % HOME_EVERY_STEPS == 1:
+            self._home()
+
+    def _heartbeat(self) -> None:
+        custom_mode = {
+            "mission": self.stack.mission_mode,
+            "hold": self.stack.hold_mode,
+            "rtl": self.stack.rtl_mode,
+            "idle": 0,
+        }[self.flight.mode]
+        base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if self.flight.armed:
+            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        active = mavlink.MAV_STATE_ACTIVE if self.flight.armed else mavlink.MAV_STATE_STANDBY
+        self._send(
+            mavlink.MAVLink_heartbeat_message(
+                self.stack.mav_type, self.stack.autopilot, base_mode, custom_mode, active, 3
+            )
+        )
+
+    def _tell_current(self) -> None:
+        flight = self.flight
+        self._told_current = (flight.current, len(flight.items))
+        total = len(flight.items) - (1 if self.stack.item_0_is_home else 0)
+        self._send(mavlink.MAVLink_mission_current_message(flight.current, total, 0, 0))
+
+    def _position(self) -> None:
+        motion, frame = self.flight.motion, self.flight.frame
+        lat_deg, lon_deg = frame.global_position(motion)
+        self._send(
+            mavlink.MAVLink_global_position_int_message(
+                self._steps * STEP_US // 1000,
+                round(lat_deg * 1e7),
+                round(lon_deg * 1e7),
+                round(motion.altitude_m * 1e3),
+                round((motion.altitude_m - frame.altitude_m) * 1e3),
+                round(motion.speed_m_s * math.cos(motion.course_rad) * 100),
+                round(motion.speed_m_s * math.sin(motion.course_rad) * 100),
+                round(-motion.climb_m_s * 100),
+                round(math.degrees(motion.course_rad) * 100) % 36000,
+            )
+        )
+
+    def _home(self) -> None:
+        frame = self.flight.frame
+        self._send(
+            mavlink.MAVLink_home_position_message(
+                round(frame.lat_deg * 1e7),
+                round(frame.lon_deg * 1e7),
+                round(frame.altitude_m * 1e3),
+                *(0.0, 0.0, 0.0),
+                (1.0, 0.0, 0.0, 0.0),
+                *(0.0, 0.0, 0.0),
+            )
+        )
+
+    def _send(self, *messages: Message) -> None:
+        self._outgoing.extend(self._codec.encode(message) for message in messages)

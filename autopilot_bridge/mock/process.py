@@ -1,0 +1,18 @@
+"""The mock over UDP: simulation time runs ``speedup`` times as fast as the clock."""
+
+from collections.abc import Callable
+
+from autopilot_bridge.connection import Connection
+from autopilot_bridge.mock.autopilot import MockAutopilot
+
+
+async def serve(mock: MockAutopilot, link: str, speedup: float, clock: Callable[[], int]) -> None:
+    """Fly a mock on a link until cancelled. ``clock`` gives real microseconds."""
+    began_us = clock()
+
+    def simulation_us() -> int:
+        return int((clock() - began_us) * speedup)
+
+    async with Connection(link, mock, simulation_us, rate=speedup) as connection:
+        while True:
+            await connection.wait()

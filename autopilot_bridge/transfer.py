@@ -1,0 +1,109 @@
+"""What mission transfers share: timing, results, matching of messages, comparison of missions."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.items import MissionItem
+
+Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded"]
+
+REASONS = {
+    mavlink.MAV_MISSION_ERROR: "the autopilot reports an error",
+    mavlink.MAV_MISSION_UNSUPPORTED_FRAME: "the frame is not supported",
+    mavlink.MAV_MISSION_UNSUPPORTED: "the command is not supported",
+    mavlink.MAV_MISSION_NO_SPACE: "the mission is too long for the autopilot",
+    mavlink.MAV_MISSION_INVALID: "a parameter is not valid",
+    mavlink.MAV_MISSION_INVALID_PARAM5_X: "the latitude is not valid",
+    mavlink.MAV_MISSION_INVALID_PARAM6_Y: "the longitude is not valid",
+    mavlink.MAV_MISSION_INVALID_PARAM7: "the altitude is not valid",
+    mavlink.MAV_MISSION_INVALID_SEQUENCE: "an item came out of order",
+    mavlink.MAV_MISSION_DENIED: "the autopilot is busy with another ground station",
+    mavlink.MAV_MISSION_OPERATION_CANCELLED: "the autopilot cancelled the transfer",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TransferTiming:
+    """How long to wait for an answer, and how often to ask again."""
+
+    timeout_us: int = 1_500_000
+    retries: int = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """The two ends of a transfer and what is transferred."""
+
+    own: tuple[int, int]
+    target: tuple[int, int]
+    mission_type: int = 0
+
+    def concerns(self, message: Message) -> bool:
+        """Whether a message comes from the target, to this end, about this type of mission."""
+        return (
+            (message.get_srcSystem(), message.get_srcComponent()) == self.target
+            and message.target_system in (self.own[0], 0)
+            and message.target_component in (self.own[1], 0)
+            and message.mission_type == self.mission_type
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TransferResult:
+    """How a transfer ended.
+
+    ``rejected``: the autopilot said no (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
+    it asked for). ``unknown``: all was sent, no answer came. ``failed``: the transfer broke off.
+    """
+
+    outcome: Outcome
+    reason: str
+    code: int | None = None
+    seq: int | None = None
+    items: tuple[MissionItem, ...] | None = None
+
+
+def rejected(code: int, seq: int | None) -> TransferResult:
+    """The result for a MISSION_ACK that says no."""
+    words = REASONS.get(code, "the autopilot refused")
+    where = "" if seq is None else f" at item {seq}"
+    return TransferResult("rejected", f"{words}{where} (MAV_MISSION_RESULT {code})", code, seq)
+
+
+_SAME_FRAME = {5: 0, 6: 3, 11: 10}
+
+
+def same_item(sent: MissionItem, read: MissionItem) -> bool:
+    """Whether an item read back is the one sent, but for what autopilots rewrite.
+
+    Tolerated: the INT twin of a frame, altitudes and parameters in single precision or cut to
+    centimetres, a NaN read back as any number.
+    """
+    frames = (sent.frame, read.frame)
+    if sent.command != read.command or len({_SAME_FRAME.get(frame, frame) for frame in frames}) > 1:
+        return False
+    if (sent.x, sent.y) != (read.x, read.y):
+        return False
+    if abs(sent.z - read.z) > 0.011:
+        return False
+    return all(
+        math.isnan(ours) or abs(ours - theirs) <= 1e-3 * max(1.0, abs(ours))
+        for ours, theirs in (
+            (sent.param2, read.param2),
+            (sent.param3, read.param3),
+        )
+    )
+
+
+def same_mission(
+    sent: tuple[MissionItem, ...], read: tuple[MissionItem, ...], item_0_is_home: bool
+) -> bool:
+    """Whether a mission read back is the one sent; a home at item 0 is the autopilot's own."""
+    first = 1 if item_0_is_home else 0
+    return len(sent) == len(read) and all(
+        same_item(ours, theirs) for ours, theirs in zip(sent[first:], read[first:], strict=True)
+    )

@@ -1,0 +1,100 @@
+"""Upload of a mission, sans-IO (MAVLink mission protocol, "Upload a Mission to the Vehicle").
+
+idle --start--> counted --request--> sending --last item sent--> sending
+counted: MISSION_COUNT is repeated on timeout
+sending: items are sent only when asked for; the autopilot asks again for what got lost
+any --MISSION_ACK--> ended
+"""
+
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message, item_message
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, rejected
+
+
+class MissionUpload:
+    """One upload; ``result`` is set when it has ended."""
+
+    kind = "upload"
+
+    def __init__(
+        self, address: Address, items: tuple[MissionItem, ...], first: int, timing: TransferTiming
+    ) -> None:
+        """``items`` go out as they are; ``first`` is the one to be flown first (current = 1)."""
+        self.items = items
+        self.result: TransferResult | None = None
+        self._address = address
+        self._first = first
+        self._timing = timing
+        self._state: Literal["counted", "sending"] = "counted"
+        self._tries = 0
+        self._asked: int | None = None
+        self._all_sent = False
+        self._deadline_us = 0
+
+    def start(self, now_us: int) -> list[Message]:
+        """Announce the mission."""
+        self._deadline_us = now_us + self._timing.timeout_us
+        return [self._count()]
+
+    def _count(self) -> Message:
+        return mavlink.MAVLink_mission_count_message(
+            *self._address.target, len(self.items), self._address.mission_type
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Answer a message of the autopilot."""
+        kind = message.get_type()
+        if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
+            return []
+        if not self._address.concerns(message):
+            return []
+        if kind == "MISSION_ACK":
+            self._acknowledged(message.type)
+            return []
+        return self._requested(message.seq, now_us)
+
+    def _requested(self, seq: int, now_us: int) -> list[Message]:
+        if not 0 <= seq < len(self.items):
+            return []
+        self._state = "sending"
+        self._tries = 0
+        self._asked = seq
+        self._all_sent |= seq == len(self.items) - 1
+        self._deadline_us = now_us + self._timing.timeout_us
+        current = 1 if seq == self._first else 0
+        item = self.items[seq]
+        return [item_message(self._address.target, seq, item, current, self._address.mission_type)]
+
+    def _acknowledged(self, code: int) -> None:
+        if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
+            return  # ArduPilot says so of a duplicate and carries on
+        if code != mavlink.MAV_MISSION_ACCEPTED:
+            self.result = rejected(code, self._asked)
+        elif self._all_sent or not self.items:
+            self.result = TransferResult("accepted", "accepted", code, items=self.items)
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Ask again, wait on, or give up."""
+        if self.result is not None or now_us < self._deadline_us:
+            return []
+        self._tries += 1
+        self._deadline_us = now_us + self._timing.timeout_us
+        if self._tries <= self._timing.retries:
+            return [self._count()] if self._state == "counted" else []
+        if self._all_sent:
+            self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
+        elif self._state == "counted":
+            self.result = TransferResult("failed", "the autopilot did not answer MISSION_COUNT")
+        else:
+            self.result = TransferResult(
+                "failed", f"the autopilot fell silent after item {self._asked}", seq=self._asked
+            )
+        return []
