@@ -8,16 +8,18 @@ from numpy.typing import NDArray
 from firemodel.landscape import Landscape
 
 CRS = "EPSG:32616"  # UTM 16 north
-CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.33, -84.22
+CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.35, -84.16
+GRASS, BRUSH, HARDWOOD_LITTER = 2, 5, 9  # Anderson's fuel models
+STEEP = 0.10  # rise over run
 
 
 def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> Landscape:
-    """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.33 N, 84.22 W.
+    """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.35 N, 84.16 W.
 
-    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel follows from
-    it: slopes of at least 12 % that face north to east (aspect 315 to 90 deg, the moist side) are
-    hardwood litter (FM 9); other such slopes are brush (FM 5); flatter ground is timber grass
-    (FM 2) below the median elevation of the grid and dormant brush (FM 6) above it.
+    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel is made up by
+    this rule: ground with a slope under 10 % is timber grass (FM 2); steeper slopes that fall
+    towards the south-east, south-west or north-west and between (aspect 135 to 315 degrees, the
+    dry side) are brush (FM 5); the other slopes are hardwood litter (FM 9).
     """
     west_m, north_m = _corner(rows, cols, cell_size_m)
     flat = Landscape(
@@ -65,8 +67,7 @@ def _elevation(
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:
-    steep = flat.slope_tan >= 0.12
-    moist = (flat.aspect_deg >= 315.0) | (flat.aspect_deg <= 90.0)
-    low = flat.elevation_m < np.median(flat.elevation_m)
-    flat_ground = np.where(low, 2, 6)
-    return np.where(steep, np.where(moist, 9, 5), flat_ground).astype(np.int16)
+    """Fuel by the rule of ``jacksboro``, from a landscape whose own fuel does not matter."""
+    sunny = (flat.aspect_deg >= 135.0) & (flat.aspect_deg <= 315.0)
+    on_slopes = np.where(sunny, BRUSH, HARDWOOD_LITTER)
+    return np.where(flat.slope_tan >= STEEP, on_slopes, GRASS).astype(np.int16)
