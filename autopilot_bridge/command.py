@@ -11,7 +11,7 @@ RESULTS = {
     mavlink.MAV_RESULT_DENIED: "denied",
     mavlink.MAV_RESULT_UNSUPPORTED: "not supported",
     mavlink.MAV_RESULT_FAILED: "failed",
-    mavlink.MAV_RESULT_CANCELLED: "cancelled",
+    6: "cancelled",  # not in this dialect
 }
 
 

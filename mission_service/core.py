@@ -128,11 +128,13 @@ class Core:
                 vehicle.current_seq = event.current_seq
                 return []
             case ModeChanged():
+                vehicle.airborne &= event.armed
                 return []
 
     def _moved(self, vehicle: Vehicle, here: Telemetry) -> list[AnyCommand]:
         at_s = here.at_us / 1e6
-        vehicle.airborne = here.altitude_relative_m >= AIRBORNE_M
+        # Home may lie on a hill: once up, a vehicle flies until it disarms.
+        vehicle.airborne |= here.altitude_relative_m >= AIRBORNE_M
         if not vehicle.online or at_s < self.scenario.deploy_at_s:
             return []
         if not vehicle.deployed:
