@@ -33,7 +33,10 @@ SLOWEST_M_S = 1e-9
 
 
 def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Floats, Floats]:
-    """Fastest spread rate (m/s), its direction (rad from north) and eccentricity of each cell."""
+    """Of each cell (y, x): fastest spread (m/s), its direction (rad from north), eccentricity.
+
+    Cells that do not burn have rate 0. The wind is not reduced by trees above the fuel.
+    """
     rate, heading, thinness = (np.zeros(landscape.shape) for _ in range(3))
     wind_toward_deg = (weather.wind_from_deg + 180.0) % 360.0
     upslope_deg = (landscape.aspect_deg + 180.0) % 360.0
@@ -56,7 +59,11 @@ def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Float
 
 
 class CellularFire:
-    """One burning fire. Time is in seconds and only goes forward."""
+    """One burning fire. Time is in seconds and only goes forward.
+
+    ``arrival_time_s`` is float64 (y, x): when each cell caught fire, infinity where it has not yet.
+    It is the fire's own array, not a copy: do not write to it.
+    """
 
     def __init__(
         self,
@@ -110,9 +117,10 @@ class CellularFire:
 
     def advance(self, to_time_s: float) -> None:
         """Let it burn until ``to_time_s``; costs in proportion to what newly burns."""
-        if to_time_s < self.time_s:
+        if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
-                f"the fire is at {self.time_s} s and cannot go back to {to_time_s} s"
+                f"the fire is at {self.time_s} s and cannot go to {to_time_s} s; "
+                "it only goes forward"
             )
         entries = self.weather.entries
         while self._weather_index + 1 < len(entries):
@@ -199,7 +207,10 @@ def _drop_first(times, keys, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _rate_towards(cell, direction, fields, slope):  # type: ignore[no-untyped-def]
-    """Horizontal spread rate from a cell in one of eight directions (m/s)."""
+    """Horizontal spread rate from a cell in one of eight directions (m/s).
+
+    ``rothermel.rate_towards``, here in the loop, along the slope and then projected.
+    """
     bearing = direction * np.pi / 4.0
     e = fields[2, cell]
     along = fields[0, cell] * (1.0 - e) / (1.0 - e * np.cos(bearing - fields[1, cell]))

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 
 CRS = "EPSG:32616"  # UTM 16 north
@@ -20,6 +21,8 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
     this rule: ground with a slope under 10 % is timber grass (FM 2); steeper slopes that fall
     towards the south-east, south-west or north-west and between (aspect 135 to 315 degrees, the
     dry side) are brush (FM 5); the other slopes are hardwood litter (FM 9).
+
+    Raises FireModelError for a grid that reaches beyond the terrain.
     """
     west_m, north_m = _corner(rows, cols, cell_size_m)
     flat = Landscape(
@@ -62,6 +65,13 @@ def _elevation(
     )
     lon, lat = transformers(CRS)[0].transform(x_m, y_m)
     places = np.stack([(north_deg - lat) / degrees - 0.5, (lon - west_deg) / degrees - 0.5])
+    if (places < -0.5).any() or (
+        places > np.reshape(grid["elevation"].shape, (2, 1, 1)) - 0.5
+    ).any():
+        raise FireModelError(
+            f"jacksboro: {rows} x {cols} cells of {cell_size_m} m reach beyond the terrain that "
+            "ships with matplotlib; ask for fewer or smaller cells (10 km from the centre at most)"
+        )
     heights = map_coordinates(grid["elevation"].astype(np.float64), places, order=1, mode="nearest")
     return np.round(heights, 1).astype(np.float32)
 

@@ -61,11 +61,9 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
 def polygons(burned: NDArray[np.bool_], landscape: Landscape) -> list[Any]:
     """Burned regions as shapely polygons in the landscape's CRS, holes kept."""
     from rasterio.features import shapes
-    from rasterio.transform import from_origin
     from shapely.geometry import shape
 
-    transform = from_origin(
-        landscape.west_m, landscape.north_m, landscape.cell_size_m, landscape.cell_size_m
+    found = shapes(
+        burned.astype(np.uint8), mask=burned, connectivity=4, transform=landscape.transform()
     )
-    found = shapes(burned.astype(np.uint8), mask=burned, connectivity=4, transform=transform)
     return [shape(geometry) for geometry, _ in found]

@@ -1,6 +1,8 @@
 """Georeferenced rasters (y, x), row 0 in the north: fuel and elevation, slope and aspect."""
 
 import hashlib
+import math
+import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError
 
 from firemodel.errors import FireModelError
 from firemodel.fuels import check_codes
@@ -18,18 +21,34 @@ Floats = NDArray[np.float64]
 
 @lru_cache(maxsize=8)
 def transformers(crs: str) -> tuple[Transformer, Transformer]:
+    """From a CRS to WGS84 (longitude, latitude) and back."""
     return (
         Transformer.from_crs(crs, "EPSG:4326", always_xy=True),
         Transformer.from_crs("EPSG:4326", crs, always_xy=True),
     )
 
 
+@lru_cache(maxsize=8)
+def check_crs(crs: str, where: str) -> None:
+    """Raise FireModelError unless ``crs`` names a projection in metres."""
+    try:
+        found = CRS.from_user_input(crs)
+    except CRSError as error:
+        raise FireModelError(f"{where}: CRS {crs!r} is not known: {error}") from None
+    if not found.is_projected or found.axis_info[0].unit_name != "metre":
+        raise FireModelError(
+            f"{where}: CRS {crs} is not a projection in metres; reproject it, to UTM for example"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Landscape:
     """A grid of square cells in a projected CRS in metres.
 
-    ``west_m``, ``north_m`` are the outer corner of cell (0, 0). Positions in the grid are float
-    (row, col) with whole numbers at the centres of cells.
+    ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
+    with row 0 in the north: fuel codes (see ``fuels``) and metres above sea level. Positions in the
+    grid are float (row, col) with whole numbers at the centres of cells, so ``round`` gives the
+    cell. Positions and coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -40,12 +59,22 @@ class Landscape:
     elevation_m: NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        if self.fuel_model.shape != self.elevation_m.shape:
+        """Raises FireModelError naming what cannot be."""
+        fuel, elevation = self.fuel_model, self.elevation_m
+        if fuel.ndim != 2 or fuel.size == 0 or fuel.shape != elevation.shape:
             raise FireModelError(
-                f"landscape: fuel is {self.fuel_model.shape} cells, "
-                f"elevation {self.elevation_m.shape}"
+                f"landscape: fuel is {fuel.shape} cells, elevation {elevation.shape}; "
+                "both must be (rows, columns) of the same size"
             )
-        check_codes(self.fuel_model, "landscape")
+        if not 0.0 < self.cell_size_m < math.inf:
+            raise FireModelError(f"landscape: cell_size_m = {self.cell_size_m} must be positive")
+        check_crs(self.crs, "landscape")
+        check_codes(fuel, "landscape")
+        if not np.isfinite(elevation).all():
+            row, col = np.argwhere(~np.isfinite(elevation))[0]
+            raise FireModelError(
+                f"landscape: elevation is {elevation[row, col]} at row {row}, column {col}"
+            )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -118,6 +147,12 @@ class Landscape:
         south = z[top + 1, left] * (1 - right) + z[top + 1, left + 1] * right
         return north * (1 - down) + south * down
 
+    def transform(self) -> Any:
+        """The affine.Affine from (column, row) of cell corners to x, y, as rasterio takes it."""
+        from rasterio import Affine
+
+        return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)
+
     def digest(self) -> str:
         """SHA-256 of everything that makes this landscape."""
         sha = hashlib.sha256(
@@ -143,61 +178,93 @@ def read_landscape(fuel_path: Path, elevation_path: Path) -> Landscape:
     """
     fuel, fuel_grid = _read_band(fuel_path)
     elevation, elevation_grid = _read_band(elevation_path)
-    for key, value in fuel_grid.items():
-        if elevation_grid[key] != value:
-            raise FireModelError(
-                f"{elevation_path}: {key} is {elevation_grid[key]}, but {value} in {fuel_path}; "
-                "bring both rasters onto one grid"
-            )
     if not np.issubdtype(fuel.dtype, np.integer):
         raise FireModelError(
-            f"{fuel_path}: fuel codes must be integers, the file holds {fuel.dtype}"
+            f"{fuel_path}: fuel codes must be integers, the file holds {fuel.dtype}; "
+            "write it as int16"
         )
     check_codes(fuel, str(fuel_path))
-    transform = fuel_grid["transform"]
+    differs = fuel_grid.difference(elevation_grid)
+    if differs:
+        raise FireModelError(
+            f"{elevation_path}: {differs} of {fuel_path}; bring both rasters onto one grid"
+        )
     return Landscape(
-        fuel_grid["crs"],
-        float(transform.c),
-        float(transform.f),
-        float(transform.a),
+        fuel_grid.crs,
+        fuel_grid.west_m,
+        fuel_grid.north_m,
+        fuel_grid.cell_size_m,
         fuel.astype(np.int16),
         elevation.astype(np.float32),
     )
 
 
-def _read_band(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
-    import rasterio
-    from rasterio.errors import RasterioError, RasterioIOError
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Where the cells of a raster lie."""
 
+    crs: str
+    shape: tuple[int, ...]
+    west_m: float
+    north_m: float
+    cell_size_m: float
+
+    def difference(self, other: "_Grid") -> str:
+        """What is different about another grid; empty if nothing is (to 1/1000 of a cell)."""
+        if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
+            return f"CRS {other.crs} is not the {self.crs}"
+        if self.shape != other.shape:
+            return f"{other.shape} cells are not the {self.shape}"
+        tolerance_m = 1e-3 * self.cell_size_m
+        if abs(self.cell_size_m - other.cell_size_m) * max(self.shape) > tolerance_m:
+            return f"cell size {other.cell_size_m} m is not the {self.cell_size_m} m"
+        offset_m = max(abs(self.west_m - other.west_m), abs(self.north_m - other.north_m))
+        if offset_m > tolerance_m:
+            return (
+                f"corner ({other.west_m}, {other.north_m}) is not the "
+                f"({self.west_m}, {self.north_m})"
+            )
+        return ""
+
+
+def _read_band(path: Path) -> tuple[NDArray[Any], _Grid]:
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    if not path.is_file():
+        raise FireModelError(f"{path}: no such file")
     try:
-        with rasterio.open(path) as source:
-            if source.count != 1:
-                raise FireModelError(f"{path}: has {source.count} bands; give a file with one")
-            band = source.read(1)
-            crs, transform, nodata = source.crs, source.transform, source.nodata
-    except RasterioIOError as error:
-        raise FireModelError(f"{path}: cannot be read as a raster: {error}") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # refused below
+            with rasterio.open(path) as source:
+                if source.count != 1:
+                    raise FireModelError(f"{path}: has {source.count} bands; give a file with one")
+                band = source.read(1)
+                crs, transform, nodata = source.crs, source.transform, source.nodata
     except RasterioError as error:
-        raise FireModelError(f"{path}: damaged raster: {error}") from None
+        raise FireModelError(f"{path}: cannot be read as a raster ({error})") from None
     if crs is None:
         raise FireModelError(f"{path}: has no CRS; assign the projection it was made in")
     name = crs.to_string()
-    projected = CRS.from_user_input(name)
-    if not projected.is_projected or projected.axis_info[0].unit_name != "metre":
-        raise FireModelError(
-            f"{path}: CRS {name} is not a projection in metres; reproject it, to UTM for example"
-        )
+    check_crs(name, str(path))
     if transform.b or transform.d or transform.a <= 0 or transform.e >= 0:
         raise FireModelError(f"{path}: is not north-up; warp it onto an unrotated grid")
     if abs(transform.a + transform.e) > 1e-6 * transform.a:
         raise FireModelError(
-            f"{path}: cells are {transform.a} x {-transform.e} m; they must be square"
+            f"{path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
         )
-    missing = ~np.isfinite(band) if nodata is None else (band == nodata) | ~np.isfinite(band)
+    _refuse_missing(path, band, nodata)
+    return band, _Grid(name, band.shape, transform.c, transform.f, transform.a)
+
+
+def _refuse_missing(path: Path, band: NDArray[Any], nodata: float | None) -> None:
+    """Raise FireModelError for the first cell without a value."""
+    missing = ~np.isfinite(band)
+    if nodata is not None:
+        missing |= band == nodata
     if missing.any():
         row, col = np.argwhere(missing)[0]
         raise FireModelError(
             f"{path}: no data (value {band[row, col]}) at row {row}, column {col} "
-            f"({np.count_nonzero(missing)} cells); fill or crop them"
+            f"({np.count_nonzero(missing)} such cells); fill or crop them"
         )
-    return band, {"crs": name, "size": band.shape, "transform": transform}

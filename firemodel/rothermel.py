@@ -67,8 +67,10 @@ def mineral_damping() -> float:
 
 def moisture_damping(moisture: float, extinction: float) -> float:
     """η_M of dead or live fuel, no unit; moistures are fractions (Rothermel 1972, eq. 29)."""
-    ratio = min(moisture / extinction, 1.0)
-    return max(0.0, 1.0 - 2.59 * ratio + 5.11 * ratio**2 - 3.52 * ratio**3)
+    if moisture >= extinction:
+        return 0.0
+    ratio = moisture / extinction
+    return 1.0 - 2.59 * ratio + 5.11 * ratio**2 - 3.52 * ratio**3
 
 
 def optimum_packing_ratio(sav_1_ft: float) -> float:

@@ -1,6 +1,7 @@
 """Results as files that other programs read."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,9 @@ M2_PER_ACRE = 4046.8564224
 def write_geotiff(
     path: Path, values: NDArray[Any], landscape: Landscape, nodata: float | None = None
 ) -> None:
-    """One band on the landscape's grid."""
+    """Write an array (y, x) of the landscape's shape as one band on its grid."""
     import rasterio
-    from rasterio.transform import from_origin
 
-    cell_m = landscape.cell_size_m
     with rasterio.open(
         path,
         "w",
@@ -30,7 +29,7 @@ def write_geotiff(
         count=1,
         dtype=values.dtype,
         crs=landscape.crs,
-        transform=from_origin(landscape.west_m, landscape.north_m, cell_m, cell_m),
+        transform=landscape.transform(),
         nodata=nodata,
         compress="deflate",
     ) as file:
@@ -38,22 +37,22 @@ def write_geotiff(
 
 
 def perimeters_geojson(
-    arrival_time_s: NDArray[np.float64], landscape: Landscape, times_s: list[float]
+    arrival_time_s: NDArray[np.float64], landscape: Landscape, times_s: Sequence[float]
 ) -> dict[str, Any]:
     """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise)."""
+    from shapely import transform
     from shapely.geometry import MultiPolygon, mapping
     from shapely.geometry.polygon import orient
-    from shapely.ops import transform
 
-    def to_lon_lat(x_m: Any, y_m: Any, _z_m: Any = None) -> tuple[Any, Any]:
-        lat, lon = landscape.lat_lon_of(x_m, y_m)
-        return np.round(lon, 7), np.round(lat, 7)
+    def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(*xy_m.T)
+        return np.round(np.stack([lon, lat], axis=1), 7)
 
     features = []
     for time_s in times_s:
         regions = polygons(arrival_time_s <= time_s, landscape)
         area_m2 = sum(region.area for region in regions)
-        shape = MultiPolygon([orient(transform(to_lon_lat, region)) for region in regions])
+        shape = MultiPolygon([orient(transform(region, to_lon_lat)) for region in regions])
         features.append(
             {
                 "type": "Feature",
@@ -72,7 +71,7 @@ def write_perimeters(
     path: Path,
     arrival_time_s: NDArray[np.float64],
     landscape: Landscape,
-    times_s: list[float],
+    times_s: Sequence[float],
 ) -> None:
     """Write ``perimeters_geojson`` to a file."""
     found = perimeters_geojson(arrival_time_s, landscape, times_s)

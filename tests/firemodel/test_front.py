@@ -1,0 +1,83 @@
+"""The perimeter as a loop of cells, and the polygons."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from firemodel.front import largest_region, perimeter, polygons
+from tests.firemodel.grids import CELL_M, landscape
+
+Mask = NDArray[np.bool_]
+
+
+def drawn(picture: str) -> Mask:
+    """A mask from a drawing: # burned, anything else not."""
+    return np.array([[sign == "#" for sign in line] for line in picture.split()])
+
+
+def signed_area(loop: NDArray[np.int32]) -> float:
+    """Twice the area, positive anticlockwise on a north-up map (x = column, y = -row)."""
+    x, y = loop[:, 1], -loop[:, 0]
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def outer_boundary(burned: Mask) -> set[tuple[int, int]]:
+    """Cells of the largest region with a side on ground that is connected to the outside."""
+    region = np.pad(largest_region(burned), 1)
+    outside = ndimage.label(~region)[0] == 1  # the padding's corner is labelled first
+    touches = region & ndimage.binary_dilation(outside)
+    return {(int(row) - 1, int(col) - 1) for row, col in np.argwhere(touches)}
+
+
+def test_a_square_is_walked_anticlockwise() -> None:
+    loop = perimeter(np.ones((3, 3), dtype=bool))
+    assert loop.dtype == np.int32
+    assert len(loop) == 8
+    assert signed_area(loop) == 8.0
+
+
+def test_a_tail_is_walked_both_ways() -> None:
+    loop = perimeter(drawn("##... ##### ##..."))
+    cells = [tuple(cell) for cell in loop.tolist()]
+    assert cells.count((1, 3)) == 2
+    assert cells.count((1, 4)) == 1
+
+
+@pytest.mark.parametrize(("picture", "length"), [("#", 1), ("##", 2), ("###", 4), ("#. .#", 2)])
+def test_the_smallest_fires(picture: str, length: int) -> None:
+    assert len(perimeter(drawn(picture))) == length
+
+
+def test_nothing_burned_has_no_perimeter() -> None:
+    assert perimeter(np.zeros((3, 4), dtype=bool)).shape == (0, 2)
+
+
+def test_holes_and_smaller_fires_are_left_out() -> None:
+    burned = drawn("#####.. #...#.. #...#.# #####..")
+    assert {tuple(cell) for cell in perimeter(burned).tolist()} == outer_boundary(burned)
+    assert len(perimeter(burned)) == 14
+
+
+@given(arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))))
+def test_every_perimeter_is_a_closed_loop_of_exactly_the_outer_boundary(burned: Mask) -> None:
+    loop = perimeter(burned)
+    if not burned.any():
+        assert len(loop) == 0
+        return
+    assert {tuple(cell) for cell in loop.tolist()} == outer_boundary(burned)
+    if len(loop) > 1:
+        steps = np.abs(loop - np.roll(loop, -1, axis=0)).max(axis=1)
+        assert (steps == 1).all()
+    assert signed_area(loop) >= 0.0
+
+
+def test_polygons_keep_holes_and_lie_where_the_cells_lie() -> None:
+    burned = drawn("###.. #.#.. ###.# .....")
+    found = sorted(polygons(burned, landscape(shape=(4, 5))), key=lambda region: region.area)
+    assert [region.area for region in found] == [CELL_M**2, 8 * CELL_M**2]
+    assert found[0].bounds == (500_120.0, 3_999_910.0, 500_150.0, 3_999_940.0)
+    assert len(found[1].interiors) == 1

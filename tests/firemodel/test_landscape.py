@@ -1,0 +1,238 @@
+"""Where cells lie, how the ground slopes, and which files are refused with which words."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.landscape import Landscape, read_landscape
+from firemodel.writers import write_geotiff
+from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M, landscape
+
+GRID = rasterio.Affine(CELL_M, 0.0, WEST_M, 0.0, -CELL_M, NORTH_M)
+
+
+def test_cell_centres_and_grid_positions() -> None:
+    land = landscape(shape=(4, 6))
+    assert land.shape == (4, 6)
+    assert land.xy_of(0, 0) == (500_015.0, 3_999_985.0)
+    assert land.xy_of(3, 5) == (500_165.0, 3_999_895.0)
+    assert land.row_col_of(500_165.0, 3_999_895.0) == (3.0, 5.0)
+    rows, cols = np.indices(land.shape)
+    again = land.row_col_of(*land.xy_of(rows, cols))
+    np.testing.assert_allclose(again, (rows, cols), atol=1e-9)
+
+
+def test_what_lies_on_the_grid() -> None:
+    land = landscape(shape=(4, 6))
+    assert land.contains(WEST_M + 0.1, NORTH_M - 0.1)
+    assert land.contains(WEST_M + 179.9, NORTH_M - 119.9)
+    assert not land.contains(WEST_M - 0.1, NORTH_M - 0.1)
+    assert not land.contains(WEST_M + 0.1, NORTH_M - 120.1)
+
+
+def test_latitude_and_longitude() -> None:
+    """500 km east is the central meridian of the zone, 87 W for zone 16."""
+    land = landscape()
+    lat_deg, lon_deg = land.lat_lon_of(WEST_M, NORTH_M)
+    assert lon_deg == pytest.approx(-87.0, abs=1e-9)
+    assert lat_deg == pytest.approx(36.1440, abs=1e-3)
+    assert land.xy_of_lat_lon(lat_deg, lon_deg) == pytest.approx((WEST_M, NORTH_M), abs=1e-3)
+    lats, lons = land.lat_lon_of(np.array([WEST_M, WEST_M + 90.0]), np.array([NORTH_M, NORTH_M]))
+    assert lats[0] == lat_deg
+    assert lons[1] > lons[0]
+
+
+@pytest.mark.parametrize(
+    ("rise_east", "rise_north", "aspect_deg"),
+    [(0.3, 0.0, 270.0), (-0.3, 0.0, 90.0), (0.0, 0.3, 180.0), (0.0, -0.3, 0.0), (0.3, 0.3, 225.0)],
+)
+def test_slope_and_aspect_of_a_plane(
+    rise_east: float, rise_north: float, aspect_deg: float
+) -> None:
+    rows, cols = np.indices((7, 8))
+    land = landscape(1, (rise_east * cols - rise_north * rows) * CELL_M)
+    inside = np.s_[1:-1, 1:-1]
+    np.testing.assert_allclose(land.slope_tan[inside], np.hypot(rise_east, rise_north), rtol=1e-5)
+    turned = (land.aspect_deg[inside] - aspect_deg + 180.0) % 360.0 - 180.0
+    np.testing.assert_allclose(turned, 0.0, atol=1e-3)
+
+
+def test_elevation_between_cells_and_beyond_the_edge() -> None:
+    land = landscape(1, np.array([[0.0, 10.0], [20.0, 30.0]]))
+    x_m, y_m = land.xy_of(0.5, 0.5)
+    assert land.elevation_at(x_m, y_m) == pytest.approx(15.0)
+    assert land.elevation_at(*land.xy_of(1, 0)) == pytest.approx(20.0)
+    assert land.elevation_at(WEST_M - 1e4, NORTH_M + 1e4) == 0.0
+    assert land.elevation_at(WEST_M + 1e4, NORTH_M - 1e4) == 30.0
+    several = land.elevation_at(*land.xy_of(np.array([0, 1]), np.array([0.5, 0.5])))
+    np.testing.assert_allclose(several, [5.0, 25.0])
+
+
+def test_the_digest_changes_with_everything_that_matters() -> None:
+    base = landscape(1)
+    fuel, heights = base.fuel_model, base.elevation_m
+    other_fuel, other_heights = fuel.copy(), heights.copy()
+    other_fuel[3, 3], other_heights[3, 3] = 2, 0.1
+    variants = [
+        base,
+        Landscape("EPSG:32617", WEST_M, NORTH_M, CELL_M, fuel, heights),
+        Landscape(CRS, WEST_M + 1, NORTH_M, CELL_M, fuel, heights),
+        Landscape(CRS, WEST_M, NORTH_M + 1, CELL_M, fuel, heights),
+        Landscape(CRS, WEST_M, NORTH_M, 20.0, fuel, heights),
+        Landscape(CRS, WEST_M, NORTH_M, CELL_M, other_fuel, heights),
+        Landscape(CRS, WEST_M, NORTH_M, CELL_M, fuel, other_heights),
+    ]
+    assert len({variant.digest() for variant in variants}) == len(variants)
+    assert base.digest() == landscape(1).digest()
+
+
+def test_impossible_landscapes_are_refused() -> None:
+    codes, heights = np.ones((3, 3), dtype=np.int16), np.zeros((3, 3), dtype=np.float32)
+    wrong = codes.copy()
+    wrong[1, 2] = 14
+    cases: list[tuple[tuple[Any, ...], str]] = [
+        ((CRS, 0.0, 0.0, 30.0, codes, heights[:2]), r"fuel is \(3, 3\) cells, elevation \(2, 3\)"),
+        ((CRS, 0.0, 0.0, 0.0, codes, heights), "cell_size_m = 0.0 must be positive"),
+        (("EPSG:4326", 0.0, 0.0, 30.0, codes, heights), "EPSG:4326 is not a projection in metres"),
+        (("EPSG:2264", 0.0, 0.0, 30.0, codes, heights), "EPSG:2264 is not a projection in metres"),
+        (("nowhere", 0.0, 0.0, 30.0, codes, heights), "CRS 'nowhere' is not known"),
+        ((CRS, 0.0, 0.0, 30.0, wrong, heights), "unknown fuel code 14 at row 1, column 2"),
+        ((CRS, 0.0, 0.0, 30.0, codes, heights + np.inf), "elevation is inf at row 0, column 0"),
+    ]
+    for arguments, message in cases:
+        with pytest.raises(FireModelError, match=message):
+            Landscape(*arguments)
+
+
+def write(path: Path, band: NDArray[Any], **changes: Any) -> Path:
+    """A GeoTIFF on the usual grid; ``changes`` override rasterio's profile."""
+    profile = {
+        "driver": "GTiff",
+        "height": band.shape[-2],
+        "width": band.shape[-1],
+        "count": 1 if band.ndim == 2 else band.shape[0],
+        "dtype": band.dtype,
+        "crs": CRS,
+        "transform": GRID,
+    }
+    with rasterio.open(path, "w", **{**profile, **changes}) as file:
+        file.write(band.reshape(-1, *band.shape[-2:]))
+    return path
+
+
+FUEL = np.array([[1, 2, 99], [4, 5, 98]], dtype=np.int16)
+HEIGHTS = np.array([[10.0, 11.5, 12.0], [13.0, 14.0, 15.0]], dtype=np.float32)
+
+
+def test_geotiffs_come_back_as_written(tmp_path: Path) -> None:
+    land = landscape(FUEL, HEIGHTS)
+    write_geotiff(tmp_path / "fuel.tif", land.fuel_model, land)
+    write_geotiff(tmp_path / "dem.tif", land.elevation_m, land, nodata=-9999.0)
+    again = read_landscape(tmp_path / "fuel.tif", tmp_path / "dem.tif")
+    assert again.digest() == land.digest()
+    assert [str(a.dtype) for a in (again.fuel_model, again.elevation_m)] == ["int16", "float32"]
+
+
+def test_integer_elevation_and_byte_fuel_are_read_too(tmp_path: Path) -> None:
+    fuel = write(tmp_path / "fuel.tif", FUEL.astype(np.uint8), nodata=255)
+    dem = write(tmp_path / "dem.tif", HEIGHTS.astype(np.int16), nodata=-32768)
+    assert read_landscape(fuel, dem).elevation_m[0, 1] == 11.0
+
+
+def no_file(path: Path) -> Path:
+    return path
+
+
+def text_file(path: Path) -> Path:
+    path.write_text("not a raster", encoding="utf-8")
+    return path
+
+
+def truncated(path: Path) -> Path:
+    noise = np.random.default_rng(0).integers(1, 13, (300, 300)).astype(np.int16)
+    write(path, noise)
+    path.write_bytes(path.read_bytes()[:5000])
+    return path
+
+
+def changed(band: NDArray[Any] = FUEL, **changes: Any) -> Callable[[Path], Path]:
+    return lambda path: write(path, band, **changes)
+
+
+def with_value(value: float, dtype: Any) -> NDArray[Any]:
+    band = FUEL.astype(dtype)
+    band[1, 0] = value
+    return band
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (no_file, "bad.tif: no such file"),
+        (text_file, "bad.tif: cannot be read as a raster"),
+        (truncated, "bad.tif: cannot be read as a raster"),
+        (changed(np.stack([FUEL, FUEL])), "bad.tif: has 2 bands; give a file with one"),
+        (changed(crs=None), "bad.tif: has no CRS; assign"),
+        (changed(crs="EPSG:4326"), "bad.tif: CRS EPSG:4326 is not a projection in metres"),
+        (
+            changed(transform=rasterio.Affine(30, 0, WEST_M, 0, 30, NORTH_M)),
+            "bad.tif: is not north-up",
+        ),
+        (
+            changed(transform=rasterio.Affine(30, 5, WEST_M, 0, -30, NORTH_M)),
+            "bad.tif: is not north-up",
+        ),
+        (
+            changed(transform=rasterio.Affine(30, 0, WEST_M, 0, -25, NORTH_M)),
+            "bad.tif: cells are 30.0 x 25.0 m; resample",
+        ),
+        (changed(FUEL.astype(np.float32)), "bad.tif: fuel codes must be integers, .* float32"),
+        (
+            changed(with_value(-9999, np.int16), nodata=-9999),
+            r"bad.tif: no data \(value -9999\) at row 1, column 0 \(1 such cells\)",
+        ),
+        (changed(with_value(14, np.int16)), "bad.tif: unknown fuel code 14 at row 1, column 0"),
+    ],
+)
+def test_unusable_fuel_files_are_refused(
+    tmp_path: Path, make: Callable[[Path], Path], message: str
+) -> None:
+    dem = write(tmp_path / "dem.tif", HEIGHTS)
+    with pytest.raises(FireModelError, match=message) as caught:
+        read_landscape(make(tmp_path / "bad.tif"), dem)
+    assert "\n" not in str(caught.value)
+    assert re.match(re.escape(str(tmp_path)), str(caught.value))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            changed(with_value(np.nan, np.float32)),
+            r"bad.tif: no data \(value nan\) at row 1, column 0",
+        ),
+        (changed(HEIGHTS, crs="EPSG:32617"), "bad.tif: CRS EPSG:32617 is not the EPSG:32616 of"),
+        (changed(HEIGHTS[:, :2]), r"bad.tif: \(2, 2\) cells are not the \(2, 3\) of"),
+        (
+            changed(HEIGHTS, transform=rasterio.Affine(10, 0, WEST_M, 0, -10, NORTH_M)),
+            "bad.tif: cell size 10.0 m is not the 30.0 m of",
+        ),
+        (
+            changed(HEIGHTS, transform=rasterio.Affine(30, 0, WEST_M + 30, 0, -30, NORTH_M)),
+            r"bad.tif: corner \(500030.0, 4000000.0\) is not the \(500000.0, 4000000.0\) of",
+        ),
+    ],
+)
+def test_elevation_that_does_not_fit_is_refused(
+    tmp_path: Path, make: Callable[[Path], Path], message: str
+) -> None:
+    fuel = write(tmp_path / "fuel.tif", FUEL)
+    with pytest.raises(FireModelError, match=message):
+        read_landscape(fuel, make(tmp_path / "bad.tif"))
