@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape
+from firemodel.landscape import Landscape, transformers
 
 CRS = "EPSG:32616"  # UTM 16 north
 CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.35, -84.16
@@ -38,8 +38,6 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
 
 def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
     """North-west corner on whole cells, so that the centre is in the middle."""
-    from firemodel.landscape import transformers
-
     x_m, y_m = transformers(CRS)[1].transform(CENTRE_LON_DEG, CENTRE_LAT_DEG)
     west = round(x_m / cell_size_m - cols / 2) * cell_size_m
     north = round(y_m / cell_size_m + rows / 2) * cell_size_m
@@ -52,27 +50,26 @@ def _elevation(
     from matplotlib.cbook import get_sample_data
     from scipy.ndimage import map_coordinates
 
-    from firemodel.landscape import transformers
-
-    grid: Any = get_sample_data("jacksboro_fault_dem.npz")
-    degrees = float(grid["dx"])
-    # Row 0 lies at the file's ymax. Its ymin is wrong: it was counted upwards from ymax instead of
-    # down. So placed, the highest cell (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
-    north_deg, west_deg = float(grid["ymax"]), float(grid["xmin"])
+    file: Any = get_sample_data("jacksboro_fault_dem.npz")
+    with file as grid:
+        terrain = grid["elevation"].astype(np.float64)
+        # Row 0 is the northern one and lies at the file's ymax. Its ymin is wrong: it was counted
+        # upwards from ymax instead of down. So placed, the highest cell (1076 m) is the top of
+        # Cross Mountain, 36.1983 N 84.2306 W.
+        north_deg, west_deg, degrees = (float(grid[key]) for key in ("ymax", "xmin", "dx"))
     x_m, y_m = np.meshgrid(
         west_m + (np.arange(cols) + 0.5) * cell_size_m,
         north_m - (np.arange(rows) + 0.5) * cell_size_m,
     )
     lon, lat = transformers(CRS)[0].transform(x_m, y_m)
     places = np.stack([(north_deg - lat) / degrees - 0.5, (lon - west_deg) / degrees - 0.5])
-    if (places < -0.5).any() or (
-        places > np.reshape(grid["elevation"].shape, (2, 1, 1)) - 0.5
-    ).any():
+    last = np.reshape(terrain.shape, (2, 1, 1)) - 0.5
+    if ((places < -0.5) | (places > last)).any():
         raise FireModelError(
             f"jacksboro: {rows} x {cols} cells of {cell_size_m} m reach beyond the terrain that "
-            "ships with matplotlib; ask for fewer or smaller cells (10 km from the centre at most)"
+            "ships with matplotlib; ask for fewer or smaller cells (7 km from the centre at most)"
         )
-    heights = map_coordinates(grid["elevation"].astype(np.float64), places, order=1, mode="nearest")
+    heights = map_coordinates(terrain, places, order=1, mode="nearest")
     return np.round(heights, 1).astype(np.float32)
 
 

@@ -42,6 +42,7 @@ class FuelModel:
 
 
 # Albini 1976, table 7 (loads in lb/ft², three decimals; Anderson 1982 gives them as tons/acre).
+# The live fuel of FM 7 has 1500 1/ft as in the Forest Service's `behave`; Anderson prints 1550.
 FUEL_MODELS = {
     1: FuelModel("short grass", 0.034, 0, 0, 0, 0, 3500, 1.0, 0.12),
     2: FuelModel("timber grass and understory", 0.092, 0.046, 0.023, 0.023, 0, 3000, 1.0, 0.15),
