@@ -5,7 +5,7 @@ import contextlib
 import socket
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, cast
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.link import parse_link
@@ -110,8 +110,7 @@ class Connection(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The socket is ready."""
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._transport = transport
+        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Hand a datagram to the peer; answer whoever spoke last."""

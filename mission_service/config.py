@@ -75,6 +75,7 @@ class PlannerSection(Section):
     baseline_s: Positive = 300.0
     smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
     reversal_margin: NotNegative = 0.1
+    least_gain_cells: NotNegative = 0.5
     dwell_s: NotNegative = 120.0
 
     @model_validator(mode="after")

@@ -45,6 +45,8 @@ COMPARED_SHARE = 0.25
 # ... and a mission is extended when less than this share of the horizon is left.
 LEFT_SHARE = 0.4
 RETRY_S = 5.0
+CHECK_EVERY_S = 2.0
+LINE_TOLERANCE_M = 5.0
 
 
 @dataclass
@@ -52,7 +54,7 @@ class Pending:
     """A mission on its way to the vehicle."""
 
     mission_id: int
-    line: shapely.LineString
+    line: shapely.Geometry
 
 
 @dataclass
@@ -68,7 +70,7 @@ class Vehicle:
     holding: bool = False
     airborne: bool = False
     pending: Pending | None = None
-    flown_line: shapely.LineString | None = None
+    flown_line: shapely.Geometry | None = None
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
     current_seq: int = -1
@@ -151,7 +153,8 @@ class Core:
         if decision is not None:
             commands.append(_decided(vehicle, decision))
             vehicle.turned |= decision.reversed
-        if vehicle.pending is None and at_s >= vehicle.not_before_s:
+        if vehicle.pending is None and (vehicle.turned or at_s >= vehicle.not_before_s):
+            vehicle.not_before_s = at_s + CHECK_EVERY_S
             commands += self._follow(vehicle, x_m, y_m, row, col, at_s)
         return commands
 
@@ -217,7 +220,8 @@ class Core:
         )
         mission_id = self._next_mission_id
         self._next_mission_id += 1
-        vehicle.pending = Pending(mission_id, shapely.LineString(path))
+        line = shapely.LineString(path).simplify(LINE_TOLERANCE_M)
+        vehicle.pending = Pending(mission_id, line)
         vehicle.uploaded_at_s = at_s
         return UploadMission(vehicle.section.name, mission_id, why, items)
 
@@ -277,6 +281,7 @@ def planner_of(
         baseline_s=planner.baseline_s,
         smoothing_deg=planner.smoothing_deg,
         reversal_margin=planner.reversal_margin,
+        least_gain_cells=planner.least_gain_cells,
         dwell_s=planner.dwell_s,
         speed_cells_s=section.airspeed_m_s / cell_m,
         horizon_cells=scenario.mission.horizon_m / cell_m,

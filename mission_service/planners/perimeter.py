@@ -5,11 +5,13 @@ shape, compare the importance of the two halves of the perimeter, and turn or go
 
 Three rules are to be had. ``literal`` is the paper to the letter. It chatters once the spread is
 very uneven (every turn makes the other window the heavier one, and spread rates come from two
-looks seconds apart). ``damped``, the default, adds three things and nothing else:
+looks seconds apart). ``damped``, the default, adds this and nothing else:
 
 - spread rates come from looks at least ``baseline_s`` apart and are averaged over neighbouring
   bearings, so that one cell more or less does not look like a sprint;
-- the back window must outweigh the front one by ``reversal_margin``;
+- the back window must outweigh the front one by the share ``reversal_margin``, and by at least
+  ``least_gain_cells`` of unseen spread for each of its cells: less than the map can tell is no
+  reason to turn;
 - after a turn the vehicle flies on for ``dwell_s`` before it may turn again, the time it needs to
   turn around and see something new.
 
@@ -46,6 +48,7 @@ class PerimeterSettings:
     baseline_s: float
     smoothing_deg: int
     reversal_margin: float
+    least_gain_cells: float
     dwell_s: float
     speed_cells_s: float
     horizon_cells: float
@@ -169,21 +172,26 @@ class PerimeterPlanner:
             settings.speed_cells_s,
             settings.alpha,
         )
-        turn = self._turns_back(back, front, at_s)
+        turn = self._turns_back(back, front, north.size // 2, at_s)
         if turn:
             self.clockwise = not self.clockwise
             self.reversals += 1
             self._turned_at_s = at_s
         return Decision(self.clockwise, turn, back, front, int(north.size))
 
-    def _turns_back(self, back: float, front: float, at_s: float) -> bool:
+    def _turns_back(self, back: float, front: float, window_cells: int, at_s: float) -> bool:
         settings = self.settings
         if settings.rule == "circling":
             return False
         if settings.rule == "literal":
             return back > front
         rested = at_s - self._turned_at_s >= settings.dwell_s
-        return rested and back > front * (1.0 + settings.reversal_margin)
+        gain = back - front
+        return (
+            rested
+            and gain > front * settings.reversal_margin
+            and gain > window_cells * settings.least_gain_cells
+        )
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.

@@ -1,0 +1,77 @@
+"""Scenario files: what is wrong is said in one line with file, key and value."""
+
+from pathlib import Path
+
+import pytest
+
+from mission_service.config import SHIPPED, load_scenario
+from mission_service.errors import ScenarioError
+from mission_service.world import check
+
+DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
+
+
+def refusal(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "scenario.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        check(load_scenario(str(path)))
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message or "ignition" in message
+    return message
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_shipped_scenario_is_sound(path: Path) -> None:
+    assert check(load_scenario(path.stem))["vehicles"]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "named"),
+    [
+        ("seed = 1", "sead = 1", ["sead", "unknown key"]),
+        ("alpha = 1.0", "alpha = -1.0", ["planner.alpha", "-1.0"]),
+        ("airspeed_m_s = 12", "airspeed_m_s = -12", ["vehicles.0.airspeed_m_s", "-12"]),
+        ("wind_speed_m_s = 4", "wind_speed_m_s = -4", ["weather.0.wind_speed_m_s", "-4"]),
+        ('rule = "damped"', 'rule = "dampened"', ["planner.rule", "dampened"]),
+        ("duration_s = 21600", 'duration_s = "six hours"', ["duration_s", "six hours"]),
+        ("duration_s = 21600", "", ["duration_s", "Field required"]),
+        ('source = "jacksboro"', 'source = "geotiff"', ["landscape", "fuel and elevation"]),
+        (
+            'source = "jacksboro"',
+            'source = "geotiff"\nfuel = "no.tif"\nelevation = "no.tif"',
+            ["landscape.fuel", "no such file", "no.tif"],
+        ),
+        ("[[ignition]]\nlat_deg = 36", "[[ignition]]\nlat_deg = 46", ["outside the landscape"]),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, before: str, after: str, named: list[str]) -> None:
+    assert before in DEFAULT
+    message = refusal(tmp_path, DEFAULT.replace(before, after, 1))
+    for words in named:
+        assert words in message
+
+
+def test_two_vehicles_of_one_name_are_refused(tmp_path: Path) -> None:
+    vehicle = DEFAULT[DEFAULT.index("[[vehicles]]") :]
+    assert "different names" in refusal(tmp_path, DEFAULT + vehicle)
+
+
+def test_broken_toml_and_missing_files_are_named(tmp_path: Path) -> None:
+    assert "not valid TOML" in refusal(tmp_path, "name = ")
+    with pytest.raises(ScenarioError, match="no such file"):
+        load_scenario("no-such-scenario")
+
+
+def test_an_override_changes_one_key() -> None:
+    scenario = load_scenario("default", ("planner.alpha=5", "vehicles.0.stack=ardupilot"))
+    assert scenario.planner.alpha == 5.0
+    assert scenario.vehicles[0].stack == "ardupilot"
+    assert load_scenario("default").planner.alpha == 1.0
+
+
+@pytest.mark.parametrize("override", ["planner.alpha", "vehicles.7.name=x", "name.first=x"])
+def test_an_override_that_leads_nowhere_is_refused(override: str) -> None:
+    with pytest.raises(ScenarioError, match="--set"):
+        load_scenario("default", (override,))

@@ -1,0 +1,53 @@
+"""The house rules on who may import what."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("firemodel", "autopilot_bridge", "mission_service")
+MAY_IMPORT = {
+    "firemodel": {"firemodel"},
+    "autopilot_bridge": {"autopilot_bridge"},
+    "mission_service": set(PACKAGES),
+}
+IMPURE = {"time", "datetime", "random", "asyncio", "socket", "selectors", "threading"}
+# The thin shell: what touches clocks, sockets and processes.
+SHELL = {
+    "autopilot_bridge/connection.py",
+    "autopilot_bridge/link.py",  # a seeded random.Random, given as a seed
+    "autopilot_bridge/mock/process.py",
+    "mission_service/cli.py",
+    "mission_service/daemon.py",
+    "mission_service/demo.py",
+    "mission_service/transfers.py",
+}
+
+
+def modules() -> list[Path]:
+    return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def imported(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute here"
+            names.add((node.module or "").split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_run_one_way_and_the_core_is_pure(path: Path) -> None:
+    name = str(path.relative_to(ROOT))
+    found = imported(path)
+    assert found & set(PACKAGES) <= MAY_IMPORT[name.split("/")[0]]
+    if name not in SHELL:
+        assert not found & IMPURE, f"{name} imports {sorted(found & IMPURE)}"
+
+
+def test_the_packages_are_found() -> None:
+    assert len(modules()) > 30

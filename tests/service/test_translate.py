@@ -1,0 +1,82 @@
+"""From a path to items that a vehicle can fly and that end in a loiter."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firemodel.landscape import Landscape
+from mission_service.config import VehicleSection
+from mission_service.translate import flyable, leg_altitudes_m, mission_along
+
+NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_TAKEOFF = 16, 17, 22
+
+
+def hills(rows: int = 60, cols: int = 60) -> Landscape:
+    row, col = np.indices((rows, cols))
+    height = 300.0 + 80.0 * np.sin(row / 7.0) * np.cos(col / 9.0)
+    return Landscape(
+        "EPSG:32616",
+        740000.0,
+        4040000.0,
+        30.0,
+        np.ones((rows, cols), dtype=np.int16),
+        height.astype(np.float32),
+    )
+
+
+LAND = hills()
+VEHICLE = VehicleSection(name="hawk", home_lat_deg=36.47, home_lon_deg=-84.31)
+
+
+def a_path() -> np.ndarray:
+    turn = np.linspace(0.0, 3.0, 40)
+    x_m, y_m = LAND.xy_of(30.0 - 20.0 * np.sin(turn), 30.0 + 20.0 * np.cos(turn))
+    return np.column_stack([x_m, y_m])
+
+
+@pytest.mark.parametrize(("clockwise", "radius_m"), [(True, 90.0), (False, -90.0)])
+def test_every_mission_ends_in_a_loiter_without_end(clockwise: bool, radius_m: float) -> None:
+    items = mission_along(a_path(), clockwise, VEHICLE, LAND, from_ground=False)
+    assert [item.command for item in items[:-1]] == [NAV_WAYPOINT] * (len(items) - 1)
+    assert items[-1].command == NAV_LOITER_UNLIM
+    assert items[-1].param3 == radius_m
+    assert not any(math.isnan(value) for item in items for value in (item.z, item.param3))
+
+
+def test_a_vehicle_on_the_ground_takes_off_first() -> None:
+    items = mission_along(a_path(), True, VEHICLE, LAND, from_ground=True)
+    assert items[0].command == NAV_TAKEOFF
+    assert (items[0].x, items[0].y) == (364700000, -843100000)
+
+
+def test_each_leg_clears_the_terrain_under_it() -> None:
+    points = a_path()[::8]
+    altitudes = leg_altitudes_m(points, LAND, 150.0, around_last_m=100.0)
+    share = np.linspace(0.0, 1.0, 200)[:, None]
+    for index in range(len(points) - 1):
+        ground = points[index] + share * (points[index + 1] - points[index])
+        flown_m = altitudes[index] + share[:, 0] * (altitudes[index + 1] - altitudes[index])
+        clearance_m = flown_m - LAND.elevation_at(ground[:, 0], ground[:, 1])
+        assert clearance_m.min() >= 149.0
+
+
+def test_legs_are_no_shorter_than_the_least_leg() -> None:
+    points = flyable(a_path(), 60.0, 90.0, 15.0)
+    assert np.hypot(*np.diff(points, axis=0).T).min() >= 90.0
+    assert points[0] == pytest.approx(a_path()[0])
+    assert points[-1] == pytest.approx(a_path()[-1])
+
+
+coordinates = st.floats(-2000.0, 2000.0)
+
+
+@given(st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=60))
+def test_any_path_stays_a_path_between_its_ends(points: list[tuple[float, float]]) -> None:
+    path = np.array(points)
+    found = flyable(path, 60.0, 90.0, 15.0)
+    assert 2 <= len(found) <= len(path)
+    assert (found[0] == path[0]).all()
+    assert (found[-1] == path[-1]).all()
