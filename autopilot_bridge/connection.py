@@ -45,6 +45,7 @@ class Connection(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
         self._remote: tuple[str, int] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
         address = self._address
@@ -82,9 +83,14 @@ class Connection(asyncio.DatagramProtocol):
             self._transport.close()
 
     async def wait(self) -> None:
-        """Return when something arrived or was due since the last call."""
+        """Return when something arrived or was due since the last call.
+
+        Raises what the peer raised: a defect ends the program instead of passing by in a log.
+        """
         await self._news.wait()
         self._news.clear()
+        if self._failure is not None:
+            raise self._failure
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
@@ -104,9 +110,15 @@ class Connection(asyncio.DatagramProtocol):
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
 
     def _wake(self) -> None:
-        self._peer.handle_timer(self._clock())
+        self._guarded(lambda: self._peer.handle_timer(self._clock()))
+
+    def _guarded(self, handle: Callable[[], None]) -> None:
+        try:
+            handle()
+            self.flush()
+        except Exception as error:
+            self._failure = error
         self._news.set()
-        self.flush()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The socket is ready."""
@@ -116,9 +128,7 @@ class Connection(asyncio.DatagramProtocol):
         """Hand a datagram to the peer; answer whoever spoke last."""
         if self._address.kind == "udpin":
             self._remote = addr
-        self._peer.receive_data(data, self._clock())
-        self._news.set()
-        self.flush()
+        self._guarded(lambda: self._peer.receive_data(data, self._clock()))
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet (ICMP): the peer's own timeouts deal with silence."""

@@ -54,7 +54,7 @@ class Pending:
     """A mission on its way to the vehicle."""
 
     mission_id: int
-    line: shapely.Geometry
+    line: shapely.LineString
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Vehicle:
     holding: bool = False
     airborne: bool = False
     pending: Pending | None = None
-    flown_line: shapely.Geometry | None = None
+    flown_line: shapely.LineString | None = None
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
     current_seq: int = -1
@@ -220,8 +220,8 @@ class Core:
         )
         mission_id = self._next_mission_id
         self._next_mission_id += 1
-        line = shapely.LineString(path).simplify(LINE_TOLERANCE_M)
-        vehicle.pending = Pending(mission_id, line)
+        line = shapely.simplify(shapely.LineString(path), LINE_TOLERANCE_M)
+        vehicle.pending = Pending(mission_id, shapely.LineString(shapely.get_coordinates(line)))
         vehicle.uploaded_at_s = at_s
         return UploadMission(vehicle.section.name, mission_id, why, items)
 

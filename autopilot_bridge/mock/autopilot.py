@@ -40,6 +40,7 @@ class MockAutopilot:
         self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s))
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         self.missions = MissionServer(stack, home)
+        self.flight.items = tuple(self.missions.items)
         self._codec = Codec(system_id, COMPONENT)
         self._system_id = system_id
         self._outgoing: list[bytes] = []
@@ -204,7 +205,7 @@ class MockAutopilot:
     def _tell_current(self) -> None:
         flight = self.flight
         self._told_current = (flight.current, len(flight.items))
-        total = len(flight.items) - (1 if self.stack.item_0_is_home else 0)
+        total = max(len(flight.items) - (1 if self.stack.item_0_is_home else 0), 0)
         self._send(mavlink.MAVLink_mission_current_message(flight.current, total, 0, 0))
 
     def _position(self) -> None:
