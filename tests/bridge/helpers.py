@@ -1,0 +1,97 @@
+"""A client and a mock autopilot joined by two memory links, in virtual time."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.client_events import ClientEvent, TransferFinished
+from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.stacks import Stack
+from autopilot_bridge.transfer import TransferResult
+
+HOME = (36.3, -84.2, 300.0)
+SECOND = 1_000_000
+
+
+def mock_of(stack: Stack, **more: Any) -> MockAutopilot:
+    return MockAutopilot(
+        stack,
+        home_lat_deg=HOME[0],
+        home_lon_deg=HOME[1],
+        home_altitude_amsl_m=HOME[2],
+        **more,
+    )
+
+
+def line_of(count: int, first: int = 0) -> tuple[MissionItem, ...]:
+    """Waypoints to the north-east and a loiter at the end; ``first`` makes missions differ."""
+    points = [
+        waypoint(36.302 + 0.001 * index, -84.2 + 0.001 * (index + first), 400.0 + first)
+        for index in range(count - 1)
+    ]
+    return (*points, loiter_unlimited(36.31, -84.19, 420.0 + first, -90.0))
+
+
+def flight_of() -> tuple[MissionItem, ...]:
+    return (takeoff(*HOME[:2], 360.0), *line_of(4))
+
+
+@dataclass
+class Pair:
+    """Client and mock; ``drop`` decides the fate of each frame (True loses it)."""
+
+    mock: MockAutopilot
+    up: MemoryLink = field(default_factory=MemoryLink)
+    down: MemoryLink = field(default_factory=MemoryLink)
+    client: VehicleClient = field(default_factory=VehicleClient)
+    events: list[ClientEvent] = field(default_factory=list)
+    now_us: int = 0
+    mock_alive: bool = True
+
+    def run(self, until_us: int) -> None:
+        """Let time pass."""
+        while True:
+            timers = [self.client.next_timer(), self.up.next_timer(), self.down.next_timer()]
+            if self.mock_alive:
+                timers.append(self.mock.next_timer())
+            due = max(min(timer for timer in timers if timer is not None), self.now_us)
+            if due > until_us:
+                self.now_us = until_us
+                return
+            self.now_us = due
+            self._exchange()
+
+    def _exchange(self) -> None:
+        now_us = self.now_us
+        for datagram in self.up.receive(now_us):
+            if self.mock_alive:
+                self.mock.receive_data(datagram, now_us)
+        if self.mock_alive:
+            self.mock.handle_timer(now_us)
+            for datagram in self.mock.data_to_send():
+                self.down.send(datagram, now_us)
+        for datagram in self.down.receive(now_us):
+            self.client.receive_data(datagram, now_us)
+        self.client.handle_timer(now_us)
+        while (event := self.client.next_event()) is not None:
+            self.events.append(event)
+        for datagram in self.client.data_to_send():
+            self.up.send(datagram, now_us)
+
+    def run_for(self, seconds: float) -> None:
+        self.run(self.now_us + round(seconds * SECOND))
+
+    def result_of(self, transfer_id: int, within_s: float = 300.0) -> TransferResult:
+        """Run until a transfer has ended; fails the test when it does not end in time."""
+        end_us = self.now_us + round(within_s * SECOND)
+        while self.now_us < end_us:
+            for event in self.events:
+                if isinstance(event, TransferFinished) and event.transfer_id == transfer_id:
+                    return event.result
+            self.run_for(0.05)
+        raise AssertionError(f"transfer {transfer_id} did not end within {within_s} s")
+
+    def of(self, kind: type) -> list[Any]:
+        return [event for event in self.events if isinstance(event, kind)]

@@ -1,0 +1,127 @@
+"""The mock flies missions; the client hears of it."""
+
+import math
+
+import pytest
+
+from autopilot_bridge.client_events import (
+    CommandFinished,
+    Connected,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    Position,
+    Rebooted,
+)
+from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
+from autopilot_bridge.stacks import STACKS, Stack, stack_named
+from tests.bridge.helpers import HOME, Pair, flight_of, line_of, mock_of
+
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+
+
+def flying(stack: Stack) -> Pair:
+    pair = Pair(mock_of(stack))
+    pair.run_for(2.0)
+    pair.result_of(pair.client.upload(flight_of(), pair.now_us))
+    pair.client.start_mission(pair.now_us)
+    pair.run_for(2.0)
+    return pair
+
+
+@each_stack
+def test_a_mission_is_flown_in_order_and_ends_in_its_loiter(stack: Stack) -> None:
+    pair = flying(stack)
+    assert pair.of(Connected)[0].stack == stack
+    assert [event.accepted for event in pair.of(CommandFinished)] == [True]
+    pair.run_for(240.0)
+    assert [event.seq for event in pair.of(ItemReached)] == [0, 1, 2, 3]
+    before = len(pair.of(Position))
+    pair.run_for(60.0)
+    last = pair.of(Position)[before:]
+    assert len(last) == 240
+    off_m = [
+        math.hypot(
+            (here.lat_deg - 36.31) * 111_000.0,
+            (here.lon_deg + 84.19) * 111_320.0 * math.cos(math.radians(36.31)),
+        )
+        for here in last[80:]
+    ]
+    if stack.vehicle == "copter":
+        assert max(off_m) < 2.0
+    else:
+        assert max(abs(distance - 90.0) for distance in off_m) < 4.0
+        turned = (last[-1].heading_deg - last[-5].heading_deg + 180.0) % 360.0 - 180.0
+        assert turned < 0.0  # a negative radius is flown anticlockwise
+    assert all(abs(here.altitude_amsl_m - 420.0) < 1.0 for here in last)
+
+
+@each_stack
+def test_a_mission_changed_in_flight_is_flown_from_its_first_item(stack: Stack) -> None:
+    pair = flying(stack)
+    pair.run_for(60.0)
+    new = line_of(4, first=20)
+    assert pair.result_of(pair.client.upload(new, pair.now_us)).outcome == "accepted"
+    target = pair.mock.flight.target
+    assert target is not None
+    assert (target.item.x, target.item.y) == (new[0].x, new[0].y)
+
+
+def test_ardupilot_flies_its_old_target_until_the_index_is_set() -> None:
+    pair = flying(stack_named("ardupilot", "plane"))
+    pair.run_for(60.0)
+    old = pair.mock.flight.target
+    pair.client.upload(line_of(4, first=20), pair.now_us)
+    pair.run_for(0.0)
+    while pair.mock.missions.items[1:] != list(line_of(4, first=20)):
+        pair.run(pair.client.next_timer() and pair.now_us + 1000)
+        assert pair.mock.flight.target is old or pair.mock.flight.items[-1].z == 440.0
+
+
+def test_hold_stops_a_mission_where_it_is() -> None:
+    pair = flying(stack_named("px4", "plane"))
+    pair.run_for(60.0)
+    pair.client.hold(pair.now_us)
+    pair.run_for(5.0)
+    assert pair.mock.flight.mode == "hold"
+
+
+def test_silence_is_told_within_the_timeout_and_so_is_the_return() -> None:
+    pair = flying(stack_named("px4", "plane"))
+    pair.mock_alive = False
+    pair.run_for(4.0)
+    assert [event.silent_us for event in pair.of(LinkLost)] == [pytest.approx(3e6, abs=1e6)]
+    pair.mock_alive = True
+    pair.run_for(3.0)
+    assert len(pair.of(LinkRestored)) == 1
+
+
+def test_a_restart_of_the_autopilot_is_noticed() -> None:
+    pair = flying(stack_named("ardupilot", "copter"))
+    pair.run_for(20.0)
+    pair.mock = mock_of(stack_named("ardupilot", "copter"))
+    pair.run_for(5.0)
+    assert len(pair.of(Rebooted)) == 1
+
+
+def test_positions_are_true_to_the_ground() -> None:
+    pair = flying(stack_named("px4", "plane"))
+    pair.run_for(30.0)
+    frame, motion = pair.mock.flight.frame, pair.mock.flight.motion
+    here = pair.of(Position)[-1]
+    assert here.lat_deg == pytest.approx(frame.global_position(motion)[0], abs=5e-5)
+    # One degree of latitude at 36.3 N is 110,974 m, one of longitude 89,830 m (WGS84).
+    assert frame.north_m_per_deg == pytest.approx(110_974, abs=15)
+    assert frame.east_m_per_deg == pytest.approx(89_830, abs=15)
+    assert here.altitude_relative_m == pytest.approx(here.altitude_amsl_m - HOME[2], abs=0.01)
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_a_plane_joins_and_holds_a_circle(clockwise: bool) -> None:
+    motion, limits = Motion(500.0, -300.0, 100.0), Limits()
+    turn = limits.airspeed_m_s / 120.0
+    for _ in range(1600):
+        near = abs(math.hypot(motion.north_m, motion.east_m) - 120.0) < 24.0
+        feed = (turn if clockwise else -turn) if near else 0.0
+        step_plane(motion, course_around(motion, (0.0, 0.0), 120.0, clockwise), 100.0, limits, feed)
+    assert math.hypot(motion.north_m, motion.east_m) == pytest.approx(120.0, abs=2.0)

@@ -1,0 +1,119 @@
+"""Links and plan files; one exchange over real UDP."""
+
+import asyncio
+import contextlib
+import math
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.client_events import Connected, TransferFinished
+from autopilot_bridge.connection import Connection
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.link import LinkAddress, MemoryLink, parse_link
+from autopilot_bridge.mock.process import serve
+from autopilot_bridge.planfile import read_plan, write_plan
+from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.transfer import TransferResult
+from tests.bridge.helpers import HOME, flight_of, line_of, mock_of
+
+
+def clock_us() -> int:
+    return time.monotonic_ns() // 1000
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        port: int = sock.getsockname()[1]
+        return port
+
+
+def test_link_strings_are_read() -> None:
+    assert parse_link("udpin:0.0.0.0:14550") == LinkAddress("udpin", "0.0.0.0", 14550)
+
+
+@pytest.mark.parametrize(
+    "text", ["tcp:1.2.3.4:5", "udpin:14550", "udpout:h:x", "udpin:h:70000", ""]
+)
+def test_a_bad_link_string_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(BridgeError, match="link") as caught:
+        parse_link(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_memory_link_treats_the_same_traffic_the_same_way() -> None:
+    def fate(seed: int) -> list[tuple[int, list[bytes]]]:
+        link = MemoryLink(0.3, 50_000, 80_000, 0.2, seed)
+        for index in range(200):
+            link.send(bytes([index]), index * 10_000)
+        return [(now, link.receive(now)) for now in range(0, 3_000_000, 5_000)]
+
+    assert fate(7) == fate(7)
+    assert fate(7) != fate(8)
+
+
+def test_a_plan_file_comes_back_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "mission.plan"
+    write_plan(path, flight_of(), HOME, stack_named("px4", "plane"))
+    assert read_plan(path) == flight_of()
+
+
+def test_a_null_parameter_of_qgroundcontrol_is_nan(tmp_path: Path) -> None:
+    path = tmp_path / "mission.plan"
+    write_plan(path, flight_of(), HOME, None)
+    text = path.read_text(encoding="utf-8").replace("12.0", "null")
+    path.write_text(text, encoding="utf-8")
+    assert math.isnan(read_plan(path)[0].param1)
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"mission": {"items": [{"type": "ComplexItem"}]}}'])
+def test_a_bad_plan_file_is_refused_with_its_name(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "bad.plan"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BridgeError, match=r"bad\.plan"):
+        read_plan(path)
+
+
+async def upload_over_udp(port: int) -> TransferResult:
+    client = VehicleClient()
+    async with Connection(f"udpin:127.0.0.1:{port}", client, clock_us) as connection:
+        while True:
+            await connection.wait()
+            while (event := client.next_event()) is not None:
+                if isinstance(event, Connected):
+                    client.upload(line_of(20), clock_us())
+                    connection.flush()
+                if isinstance(event, TransferFinished):
+                    return event.result
+
+
+async def with_mock(port: int) -> tuple[TransferResult, object]:
+    mock = mock_of(stack_named("ardupilot", "plane"))
+    task = asyncio.create_task(serve(mock, f"udpout:127.0.0.1:{port}", 5.0, clock_us))
+    result = await asyncio.wait_for(upload_over_udp(port), 20.0)
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+    return result, tuple(mock.missions.items[1:])
+
+
+def test_a_mission_is_uploaded_over_real_udp() -> None:
+    result, held = asyncio.run(with_mock(free_port()))
+    assert result.outcome == "accepted"
+    assert held == line_of(20)
+
+
+def test_a_port_in_use_is_named() -> None:
+    async def twice(port: int) -> None:
+        link = f"udpin:127.0.0.1:{port}"
+        first, second = (Connection(link, VehicleClient(), clock_us) for _ in range(2))
+        async with first, second:
+            pass
+
+    port = free_port()
+    with pytest.raises(BridgeError, match=rf"127\.0\.0\.1:{port}.*another program"):
+        asyncio.run(twice(port))

@@ -1,0 +1,211 @@
+"""Uploads and downloads between the client and the mock, over good and bad links."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.stacks import STACKS, Stack, stack_named
+from autopilot_bridge.transfer import same_mission
+from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
+
+PX4, ARDUPILOT = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+both = pytest.mark.parametrize("stack", [PX4, ARDUPILOT], ids=lambda s: s.name)
+
+
+class Choosy(MemoryLink):
+    """Loses the frames that ``drop`` picks by message name and count."""
+
+    def __init__(self, drop: Any) -> None:
+        super().__init__()
+        self._drop = drop
+        self._codec = Codec(1, 1)
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        names = [message.get_type() for message in self._codec.decode(datagram)]
+        if not any(self._drop(name) for name in names):
+            super().send(datagram, now_us)
+
+
+def held(pair: Pair) -> tuple[MissionItem, ...]:
+    """What the mock holds, without ArduPilot's home."""
+    return tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :])
+
+
+def connected(stack: Stack, **more: Any) -> Pair:
+    pair = Pair(mock_of(stack), **more)
+    pair.run_for(1.0)
+    return pair
+
+
+@each_stack
+def test_an_uploaded_mission_is_held_and_read_back_as_sent(stack: Stack) -> None:
+    pair = connected(stack)
+    sent = line_of(12)
+    result = pair.result_of(pair.client.upload(sent, pair.now_us))
+    assert result.outcome == "accepted"
+    assert same_mission(sent, held(pair), item_0_is_home=False)
+    read = pair.result_of(pair.client.download(pair.now_us))
+    assert read.items is not None
+    assert same_mission(sent, read.items, item_0_is_home=False)
+
+
+@each_stack
+def test_a_cleared_mission_is_gone(stack: Stack) -> None:
+    pair = connected(stack)
+    pair.result_of(pair.client.upload(line_of(5), pair.now_us))
+    assert pair.result_of(pair.client.clear(pair.now_us)).outcome == "accepted"
+    assert held(pair) == ()
+    assert pair.result_of(pair.client.download(pair.now_us)).items == ()
+
+
+@both
+def test_a_refused_item_is_named_with_the_reason(stack: Stack) -> None:
+    pair = connected(stack)
+    bad = MissionItem(command=31000, frame=0, x=0, y=0, z=0.0)
+    result = pair.result_of(pair.client.upload((*line_of(3), bad), pair.now_us))
+    assert result.outcome == "rejected"
+    assert result.code == mavlink.MAV_MISSION_UNSUPPORTED
+    assert result.seq == (4 if stack.item_0_is_home else 3)
+    assert "not supported" in result.reason
+
+
+def test_after_a_refused_upload_px4_holds_the_old_mission_and_ardupilot_a_mixture() -> None:
+    bad = MissionItem(command=31000, frame=0, x=0, y=0, z=0.0)
+    new = (*line_of(3, first=9)[:2], bad)
+    for stack, keeps in ((PX4, True), (ARDUPILOT, False)):
+        pair = connected(stack)
+        pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+        pair.result_of(pair.client.upload(new, pair.now_us))
+        assert (held(pair) == line_of(6)) == keeps
+
+
+def test_a_mission_too_long_is_refused_in_words() -> None:
+    pair = connected(ARDUPILOT)
+    result = pair.result_of(pair.client.upload(line_of(700), pair.now_us))
+    assert (result.outcome, result.code) == ("rejected", mavlink.MAV_MISSION_NO_SPACE)
+
+
+@both
+def test_a_lost_acknowledgement_is_resolved_by_reading_back(stack: Stack) -> None:
+    pair = connected(stack, down=Choosy(lambda name: name == "MISSION_ACK"))
+    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    assert result.outcome == "accepted"
+    assert held(pair) == line_of(6)
+
+
+@both
+def test_a_silent_autopilot_is_a_failure_in_bounded_time(stack: Stack) -> None:
+    pair = connected(stack, down=Choosy(lambda name: name.startswith("MISSION_REQUEST")))
+    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us), within_s=20.0)
+    assert result.outcome in ("failed", "rejected")
+
+
+@both
+@pytest.mark.parametrize(
+    "lost",
+    [
+        "MISSION_COUNT",
+        "MISSION_REQUEST",
+        "MISSION_ITEM_INT",
+        "MISSION_ACK",
+        "MISSION_CURRENT",
+        "MISSION_SET_CURRENT",
+    ],
+)
+def test_any_one_message_may_get_lost(stack: Stack, lost: str) -> None:
+    seen: dict[str, int] = {}
+
+    def second_of_its_kind(name: str) -> bool:
+        kind = "MISSION_REQUEST" if name.startswith("MISSION_REQUEST") else name
+        seen[kind] = seen.get(kind, 0) + 1
+        return kind == lost and seen[kind] == (2 if lost in ("MISSION_ITEM_INT",) else 1)
+
+    pair = connected(stack, up=Choosy(second_of_its_kind), down=Choosy(second_of_its_kind))
+    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    assert result.outcome == "accepted"
+    assert held(pair) == line_of(6)
+
+
+links = st.builds(
+    dict,
+    loss=st.floats(0.0, 0.3),
+    delay_us=st.integers(0, 200_000),
+    jitter_us=st.integers(0, 150_000),
+    duplication=st.floats(0.0, 0.3),
+    seed=st.integers(0, 2**32),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(STACKS), links, links, st.integers(1, 15))
+def test_over_any_link_an_upload_ends_and_success_means_the_mission_is_held(
+    stack: Stack, up: dict[str, Any], down: dict[str, Any], count: int
+) -> None:
+    pair = Pair(mock_of(stack), MemoryLink(**up), MemoryLink(**down))
+    pair.run_for(20.0)
+    transfer_id = pair.client.upload(line_of(count), pair.now_us)
+    result = pair.result_of(transfer_id, within_s=300.0)
+    assert result.outcome in ("accepted", "rejected", "failed", "unknown")
+    if result.outcome == "accepted":
+        assert held(pair) == line_of(count)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(STACKS), links, links)
+def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
+    stack: Stack, up: dict[str, Any], down: dict[str, Any]
+) -> None:
+    pair = connected(stack)
+    pair.result_of(pair.client.upload(line_of(8), pair.now_us))
+    pair.up, pair.down = MemoryLink(**up), MemoryLink(**down)
+    result = pair.result_of(pair.client.download(pair.now_us))
+    assert result.outcome in ("accepted", "failed", "rejected")
+    if result.outcome == "accepted":
+        assert result.items == line_of(8)
+
+
+def stray(codec: Codec, target: tuple[int, int], mission_type: int) -> bytes:
+    return codec.encode(mavlink.MAVLink_mission_ack_message(*target, 0, mission_type))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "mission_type"),
+    [
+        ((1, 1), (255, 190), 1),
+        ((1, 1), (254, 190), 0),
+        ((1, 5), (255, 190), 0),
+        ((9, 1), (255, 190), 0),
+    ],
+    ids=["another type", "another station", "another component", "another vehicle"],
+)
+def test_a_stray_acknowledgement_ends_nothing(
+    source: tuple[int, int], target: tuple[int, int], mission_type: int
+) -> None:
+    pair = connected(PX4, down=Choosy(lambda name: name.startswith("MISSION_REQUEST")))
+    pair.client.upload(line_of(4), pair.now_us)
+    pair.run_for(0.5)
+    pair.client.receive_data(stray(Codec(*source), target, mission_type), pair.now_us)
+    pair.run_for(0.5)
+    assert all("Transfer" not in type(event).__name__ for event in pair.events)
+
+
+def test_a_newer_mission_takes_the_place_of_one_that_waits() -> None:
+    pair = connected(PX4)
+    ids = [pair.client.upload(line_of(5, first), pair.now_us) for first in range(3)]
+    outcomes = [pair.result_of(transfer_id).outcome for transfer_id in ids]
+    assert outcomes == ["accepted", "superseded", "accepted"]
+    assert held(pair) == line_of(5, 2)
+
+
+def test_an_ardupilot_upload_left_alone_is_cancelled_after_eight_seconds() -> None:
+    pair = connected(ARDUPILOT, up=Choosy(lambda name: name == "MISSION_ITEM_INT"))
+    result = pair.result_of(pair.client.upload(line_of(4), pair.now_us), within_s=30.0)
+    assert result.code == mavlink.MAV_MISSION_OPERATION_CANCELLED
+    assert 7.5 < pair.now_us / SECOND < 12.0
