@@ -1,0 +1,190 @@
+"""The whole loop in virtual time: fire, camera, planner, missions over MAVLink frames, journal."""
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from mission_service.config import load_scenario
+from mission_service.journal import JournalReader
+from mission_service.outputs import write_outputs
+from mission_service.record import Record
+from mission_service.replay import verify
+from mission_service.sim import simulate
+from mission_service.world import FireWorld
+
+# An hour's fire, then forty minutes of flight in a fresh wind.
+SHORT = (
+    "start_s=3500",
+    "duration_s=5900",
+    "weather.0.wind_speed_m_s=7",
+    "planner.alpha=5",
+)
+
+
+@dataclass
+class Run:
+    journal: Path
+    record: Record
+    world: FireWorld
+
+
+def fly(path: Path, *overrides: str, name: str = "default") -> Run:
+    scenario = load_scenario(name, (*SHORT, *overrides))
+    record, world = simulate(scenario, path, created="2026-01-01")
+    return Run(path, record, world)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return fly(tmp_path_factory.mktemp("run") / "journal.jsonl")
+
+
+def test_the_vehicle_monitors_the_front(run: Run) -> None:
+    hawk = run.record.vehicles["hawk"]
+    assert hawk.decisions > 300
+    assert hawk.uploads["accepted"] > 20
+    assert hawk.uploads.total() == hawk.uploads["accepted"]
+    assert 1 <= len(hawk.reversals) < 20
+
+
+def test_telemetry_comes_four_times_a_second(run: Run) -> None:
+    assert run.record.telemetry == pytest.approx(2400 * 4, abs=8)
+
+
+def test_the_vehicle_stays_near_the_front(run: Run) -> None:
+    import numpy as np
+
+    land, arrival = run.world.landscape, run.world.fire.arrival_time_s
+    burned_rows, burned_cols = np.indices(land.shape)
+    far = []
+    for at_us, lat, lon, _ in run.record.vehicles["hawk"].track[900::20]:
+        row, col = land.row_col_of(*land.xy_of_lat_lon(lat, lon))
+        burned = arrival <= at_us / 1e6
+        inside = burned[round(float(row)), round(float(col))]
+        distance = np.hypot(burned_rows - row, burned_cols - col)
+        far.append(float(distance[~burned if inside else burned].min()) * land.cell_size_m)
+    assert np.mean(far) < 60.0
+    assert max(far) < 250.0
+
+
+def test_two_runs_with_one_seed_are_identical_byte_for_byte(run: Run, tmp_path: Path) -> None:
+    again = fly(tmp_path / "again.jsonl")
+    assert run.journal.read_bytes() == again.journal.read_bytes()
+
+
+def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
+    entries = list(JournalReader(run.journal))
+    assert entries[0].is_event
+    assert all(entry.intact for entry in entries)
+
+
+def test_a_replay_reproduces_every_decision(run: Run) -> None:
+    result = verify(run.journal)
+    assert result.difference is None
+    assert result.decisions == run.record.vehicles["hawk"].decisions
+    assert result.events > run.record.telemetry + run.record.observations
+
+
+def altered(run: Run, tmp_path: Path, wanted: str, before: str, after: str) -> tuple[str, int]:
+    """Change the first place after the middle of the journal; returns the difference, the line."""
+    lines = run.journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    half = len(lines) // 2
+    index = next(i for i in range(half, len(lines)) if wanted in lines[i] and before in lines[i])
+    lines[index] = lines[index].replace(before, after, 1)
+    path = tmp_path / "altered.jsonl"
+    path.write_text("".join(lines), encoding="utf-8")
+    difference = verify(path).difference
+    assert difference is not None
+    return difference, index + 1
+
+
+def test_an_altered_decision_is_named_with_line_and_field(run: Run, tmp_path: Path) -> None:
+    difference, line = altered(run, tmp_path, "Decided", '"front_cells":', '"front_cells":9')
+    assert f"line {line} " in difference
+    assert "Decided.front_cells" in difference
+    assert "altered" in difference
+
+
+def test_an_altered_event_is_named_even_where_no_decision_changes(run: Run, tmp_path: Path) -> None:
+    difference, line = altered(
+        run, tmp_path, "Telemetry", '"altitude_amsl_m":', '"altitude_amsl_m":1'
+    )
+    assert f"line {line} " in difference
+    assert "altered" in difference
+
+
+def test_a_lost_line_is_named(run: Run, tmp_path: Path) -> None:
+    lines = run.journal.read_bytes().splitlines(keepends=True)
+    path = tmp_path / "lost.jsonl"
+    path.write_bytes(b"".join(lines[:2000] + lines[2001:]))
+    difference = verify(path).difference
+    assert difference is not None
+    assert "line 2001" in difference
+
+
+def test_a_journal_cut_off_is_verified_up_to_the_cut(run: Run, tmp_path: Path) -> None:
+    data = run.journal.read_bytes()
+    path = tmp_path / "cut.jsonl"
+    path.write_bytes(data[: len(data) // 3])
+    result = verify(path)
+    assert result.difference is None
+    assert result.cut_at_line is not None
+
+
+def test_what_a_run_leaves_can_be_read(run: Run, tmp_path: Path) -> None:
+    scenario = load_scenario("default", SHORT)
+    summary = write_outputs(tmp_path, scenario, run.record, run.world.fire)
+    assert summary["vehicles"][0]["reversals"] == len(run.record.vehicles["hawk"].reversals)
+    tracks = json.loads((tmp_path / "tracks.geojson").read_text(encoding="utf-8"))
+    kinds = [feature["geometry"]["type"] for feature in tracks["features"]]
+    assert kinds[0] == "LineString"
+    assert kinds.count("Point") == summary["vehicles"][0]["reversals"]
+    fronts = json.loads((tmp_path / "perimeters.geojson").read_text(encoding="utf-8"))
+    areas = [feature["properties"]["area_ha"] for feature in fronts["features"]]
+    assert areas == sorted(areas)
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_on_ardupilot_and_over_a_bad_link_the_loop_still_works(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    run = fly(
+        path,
+        "vehicles.0.stack=ardupilot",
+        "duration_s=4700",
+        "link.loss=0.15",
+        "link.jitter_ms=150",
+        "link.duplication=0.1",
+    )
+    hawk = run.record.vehicles["hawk"]
+    assert hawk.uploads["accepted"] > 5
+    assert hawk.decisions > 50
+    assert verify(path).difference is None
+
+
+def test_a_copter_flies_the_front_too(tmp_path: Path) -> None:
+    run = fly(tmp_path / "journal.jsonl", "vehicles.0.kind=copter", "duration_s=4700")
+    assert run.record.vehicles["hawk"].decisions > 50
+
+
+def test_a_fire_whose_ignition_is_unknown_is_monitored_around_its_centre(tmp_path: Path) -> None:
+    run = fly(
+        tmp_path / "journal.jsonl",
+        "duration_s=5000",
+        "planner.ignition_known=false",
+        "planner.reported_lat_deg=36.3635",
+        "planner.reported_lon_deg=-84.1415",
+    )
+    assert run.record.vehicles["hawk"].decisions > 100
+
+
+def test_the_planner_never_reads_the_true_fire(run: Run, tmp_path: Path) -> None:
+    """The journal holds all a core ever sees: replayed where no fire burns, it decides alike."""
+    path = tmp_path / "copy.jsonl"
+    shutil.copy(run.journal, path)
+    assert verify(path).difference is None
+    source = (Path(__file__).parents[2] / "mission_service" / "core.py").read_text("utf-8")
+    assert "cellular" not in source
+    assert "world" not in source

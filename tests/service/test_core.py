@@ -1,0 +1,178 @@
+"""The core's safety rules, event by event."""
+
+import numpy as np
+import pytest
+
+from autopilot_bridge.stacks import stack_named
+from firemodel.landscape import Landscape
+from mission_service.commands import Announce, AnyCommand, Hold, StartMission, UploadMission
+from mission_service.config import Scenario, load_scenario
+from mission_service.core import Core
+from mission_service.events import (
+    AnyEvent,
+    LinkLost,
+    LinkRestored,
+    ModeChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleRebooted,
+)
+from mission_service.world import landscape_of
+
+NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
+
+
+@pytest.fixture(scope="module")
+def land() -> Landscape:
+    return landscape_of(load_scenario("default"))
+
+
+class Flight:
+    """Feeds a core with the events of one vehicle."""
+
+    def __init__(self, scenario: Scenario, land: Landscape, atomic: bool = True) -> None:
+        self.core = Core(scenario, land)
+        self.home = scenario.vehicles[0]
+        self.at_us = round(scenario.deploy_at_s * 1e6)
+        self.tell(VehicleConnected(self.at_us, "hawk", "a stack", atomic))
+
+    def tell(self, event: AnyEvent) -> list[AnyCommand]:
+        return self.core.handle(event)
+
+    def at_height(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
+        self.at_us += round(later_s * 1e6)
+        return self.tell(
+            Telemetry(
+                self.at_us,
+                "hawk",
+                self.home.home_lat_deg,
+                self.home.home_lon_deg,
+                400.0 + height_m,
+                height_m,
+                0.0,
+                12.0,
+                90.0,
+            )
+        )
+
+    def finished(self, mission_id: int, outcome: str) -> list[AnyCommand]:
+        return self.tell(UploadFinished(self.at_us, "hawk", mission_id, outcome, "because"))
+
+
+def uploads(commands: list[AnyCommand]) -> list[UploadMission]:
+    return [command for command in commands if isinstance(command, UploadMission)]
+
+
+def kinds(commands: list[AnyCommand]) -> list[type]:
+    return [type(command) for command in commands]
+
+
+def test_nothing_is_sent_before_the_time_of_deployment(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    flight.at_us = 10_000_000
+    assert flight.at_height(0.0) == []
+
+
+def test_the_first_mission_takes_off_and_ends_in_a_loiter(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    (mission,) = uploads(flight.at_height(0.0))
+    assert mission.items[0].command == NAV_TAKEOFF
+    assert mission.items[-1].command == NAV_LOITER_UNLIM
+
+
+def test_a_flight_starts_by_itself_only_where_the_scenario_says_so(land: Landscape) -> None:
+    for overrides, expected in (((), [StartMission]), (("vehicles.0.autostart=false",), [])):
+        flight = Flight(load_scenario("default", overrides), land)
+        (mission,) = uploads(flight.at_height(0.0))
+        assert kinds(flight.finished(mission.mission_id, "accepted")) == expected
+
+
+def test_only_one_upload_is_under_way(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    assert len(uploads(flight.at_height(0.0))) == 1
+    assert all(not uploads(flight.at_height(0.0)) for _ in range(20))
+
+
+def test_a_refused_mission_is_told_and_tried_again_later(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    (mission,) = uploads(flight.at_height(0.0))
+    (told,) = flight.finished(mission.mission_id, "rejected")
+    assert isinstance(told, Announce)
+    assert told.level == "warning"
+    assert "because" in told.text
+    assert uploads(flight.at_height(0.0, later_s=1.0)) == []
+    assert len(uploads(flight.at_height(0.0, later_s=5.0))) == 1
+
+
+def airborne(land: Landscape, atomic: bool) -> tuple[Flight, UploadMission]:
+    flight = Flight(load_scenario("default"), land, atomic)
+    (first,) = uploads(flight.at_height(0.0))
+    flight.finished(first.mission_id, "accepted")
+    flight.at_height(50.0)
+    flight.tell(LinkLost(flight.at_us, "hawk", 3.0))
+    flight.tell(LinkRestored(flight.at_us, "hawk"))
+    (second,) = uploads(flight.at_height(50.0, later_s=10.0))
+    return flight, second
+
+
+@pytest.mark.parametrize("outcome", ["failed", "rejected", "unknown"])
+def test_a_broken_upload_in_flight_holds_a_vehicle_whose_mission_may_be_a_mixture(
+    land: Landscape, outcome: str
+) -> None:
+    flight, mission = airborne(land, atomic=False)
+    assert kinds(flight.finished(mission.mission_id, outcome)) == [Announce, Hold]
+    (again,) = uploads(flight.at_height(50.0, later_s=6.0))
+    assert kinds(flight.finished(again.mission_id, "accepted")) == [StartMission]
+
+
+def test_a_broken_upload_leaves_a_vehicle_alone_that_keeps_its_old_mission(
+    land: Landscape,
+) -> None:
+    flight, mission = airborne(land, atomic=True)
+    assert kinds(flight.finished(mission.mission_id, "failed")) == [Announce]
+
+
+def test_nothing_is_sent_while_the_link_is_lost(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    (mission,) = uploads(flight.at_height(0.0))
+    flight.finished(mission.mission_id, "accepted")
+    (told,) = flight.tell(LinkLost(flight.at_us, "hawk", 3.2))
+    assert isinstance(told, Announce)
+    assert "3.2 s" in told.text
+    assert flight.at_height(50.0, later_s=60.0) == []
+
+
+def test_a_vehicle_below_its_home_is_not_taken_for_landed(land: Landscape) -> None:
+    flight, mission = airborne(land, atomic=True)
+    assert mission.items[0].command != NAV_TAKEOFF
+    flight.finished(mission.mission_id, "failed")
+    (again,) = uploads(flight.at_height(-20.0, later_s=6.0))
+    assert again.items[0].command != NAV_TAKEOFF
+
+
+def test_a_vehicle_that_disarmed_takes_off_again(land: Landscape) -> None:
+    flight, mission = airborne(land, atomic=True)
+    flight.finished(mission.mission_id, "failed")
+    flight.tell(ModeChanged(flight.at_us, "hawk", 0, armed=False))
+    (again,) = uploads(flight.at_height(0.0, later_s=6.0))
+    assert again.items[0].command == NAV_TAKEOFF
+
+
+def test_a_restarted_autopilot_is_sent_to_the_fire_anew(land: Landscape) -> None:
+    flight, _ = airborne(land, atomic=True)
+    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    (mission,) = uploads(flight.at_height(0.0))
+    assert mission.items[0].command == NAV_TAKEOFF
+    assert kinds(flight.finished(mission.mission_id, "accepted")) == [StartMission]
+
+
+def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
+    flight, mission = airborne(land, atomic=False)
+    assert flight.finished(mission.mission_id - 1, "failed") == []
+
+
+def test_stacks_say_what_a_broken_upload_leaves() -> None:
+    assert stack_named("px4", "plane").atomic_upload
+    assert not stack_named("ardupilot", "plane").atomic_upload
+    assert np.isfinite(stack_named("px4", "plane").mission_mode)
