@@ -35,7 +35,10 @@ def write_plan(
             "items": [_simple(item, index) for index, item in enumerate(items)],
         },
     }
-    path.write_text(json.dumps(plan, indent=2) + "\n", encoding="utf-8")
+    try:
+        path.write_text(json.dumps(plan, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BridgeError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _simple(item: MissionItem, index: int) -> dict[str, Any]:

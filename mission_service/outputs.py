@@ -126,11 +126,12 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: CellularFire)
         _draw_vehicle(axes, vehicle, land, colour)
         label = f"{name}: track, {len(vehicle.reversals)} reversals"
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
+    frame = _frame_km(land, record, fire)
     axes.set(
         xlabel="east of the west edge (km)",
         ylabel="north of the south edge (km)",
-        xlim=extent[:2],
-        ylim=extent[2:],
+        xlim=frame[:2],
+        ylim=frame[2:],
         title=(
             f"{scenario.name}: {scenario.planner.rule} rule, α = {scenario.planner.alpha:g}, "
             f"{record.at_us / 3.6e9:.1f} h"
@@ -143,6 +144,23 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: CellularFire)
 def _extent_km(land: Landscape) -> tuple[float, float, float, float]:
     rows, cols = land.shape
     return 0.0, cols * land.cell_size_m / 1e3, 0.0, rows * land.cell_size_m / 1e3
+
+
+def _frame_km(
+    land: Landscape, record: Record, fire: CellularFire
+) -> tuple[float, float, float, float]:
+    """The part of the landscape where something happened, square, with a margin."""
+    rows, cols = np.nonzero(fire.arrival_time_s <= fire.time_s)
+    x_m, y_m = land.xy_of(rows, cols)
+    flown = [point[1:3] for vehicle in record.vehicles.values() for point in vehicle.track]
+    if flown:
+        flown_x_m, flown_y_m = land.xy_of_lat_lon(*np.array(flown).T)
+        x_m, y_m = np.concatenate([x_m, flown_x_m]), np.concatenate([y_m, flown_y_m])
+    south_m = land.north_m - land.shape[0] * land.cell_size_m
+    east_km, north_km = (x_m - land.west_m) / 1e3, (y_m - south_m) / 1e3
+    half = 0.55 * max(np.ptp(east_km), np.ptp(north_km), 1.0)
+    east, north = (east_km.max() + east_km.min()) / 2, (north_km.max() + north_km.min()) / 2
+    return east - half, east + half, north - half, north + half
 
 
 def _draw_vehicle(axes: Any, vehicle: VehicleRecord, land: Landscape, colour: str) -> None:

@@ -1,0 +1,144 @@
+"""The command line as a user meets it."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from autopilot_bridge.planfile import read_plan
+from autopilot_bridge.transfer import same_mission
+from mission_service import __version__
+from mission_service.cli import main
+from mission_service.config import SHIPPED
+from tests.service.test_live import CLI, free_port
+
+QUICK = ("--set", "start_s=3500", "--set", "duration_s=3800")
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(main, list(arguments))
+
+
+def test_the_version_is_told() -> None:
+    assert __version__ in call("--version").output
+
+
+@pytest.mark.parametrize(
+    "command", ["demo", "sim", "run", "mock", "plan", "mission", "replay", "config"]
+)
+def test_every_command_explains_itself(command: str) -> None:
+    result = call(command, "--help")
+    assert result.exit_code == 0
+    assert "Usage:" in result.output
+
+
+def test_a_simulation_leaves_its_files_and_prints_json(tmp_path: Path) -> None:
+    result = call("sim", "default", "--out", str(tmp_path), "--json", *QUICK)
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    assert summary == json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "journal.jsonl",
+        "map.png",
+        "perimeters.geojson",
+        "summary.json",
+        "tracks.geojson",
+    }
+
+
+def test_replay_says_what_was_reproduced_and_fails_on_a_changed_line(tmp_path: Path) -> None:
+    call("sim", "default", "--out", str(tmp_path), *QUICK)
+    journal = tmp_path / "journal.jsonl"
+    good = call("replay", str(journal), "--verify", "--json")
+    assert good.exit_code == 0
+    assert json.loads(good.stdout)["difference"] is None
+    lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    lines[400] = lines[400].replace('"lat_deg":36', '"lat_deg":35')
+    journal.write_text("".join(lines), encoding="utf-8")
+    bad = call("replay", str(journal), "--verify")
+    assert bad.exit_code == 1
+    assert "first difference in line 401" in bad.stderr
+
+
+def test_a_plan_can_be_written_and_read(tmp_path: Path) -> None:
+    path = tmp_path / "first.plan"
+    assert call("plan", "default", "-o", str(path)).exit_code == 0
+    assert len(read_plan(path)) >= 3
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in SHIPPED.glob("*.toml")))
+def test_shipped_scenarios_check(name: str) -> None:
+    result = call("config", "check", name, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["result"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("sim", "nowhere", "--out", "OUT"), "nowhere: no such file"),
+        (("sim", "default", "--out", "OUT", "--set", "planner.beta=1"), "planner.beta"),
+        (("sim", "default", "--out", "/proc/nothing"), "/proc/nothing"),
+        (("replay", "OUT/none.jsonl", "--verify"), "none.jsonl: cannot be read"),
+        (("plan", "default", "--vehicle", "owl", "-o", "OUT/x.plan"), "no vehicle 'owl'"),
+        (("plan", "default", "-o", "/proc/nothing/x.plan"), "/proc/nothing/x.plan"),
+        (("mission", "upload", "OUT/none.plan"), "none.plan: cannot be read"),
+        (("mission", "clear", "--link", "bus:1"), "udpin:HOST:PORT"),
+        (("mock", "--home", "here"), "LAT,LON,ALTITUDE_AMSL_M"),
+        (("config", "check", "nowhere"), "nowhere: no such file"),
+    ],
+)
+def test_bad_input_gets_one_line_and_exit_code_1(
+    tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    result = call(*(argument.replace("OUT", str(tmp_path)) for argument in arguments))
+    assert result.exit_code == 1
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert "Traceback" not in result.output
+
+
+def test_a_vehicle_that_never_answers_is_told() -> None:
+    link = f"udpin:127.0.0.1:{free_port()}"
+    began = time.monotonic()
+    result = call("mission", "clear", "--link", link, "--timeout", "0.5")
+    assert time.monotonic() - began < 5.0
+    assert result.exit_code == 1
+    assert "no autopilot was heard within 0.5 s" in result.stderr
+
+
+def test_missions_go_up_and_come_down_over_udp(tmp_path: Path) -> None:
+    port = free_port()
+    sent, read = tmp_path / "sent.plan", tmp_path / "read.plan"
+    call("plan", "default", "-o", str(sent))
+    command = [*CLI, "mock", "default", "--link", f"udpout:127.0.0.1:{port}"]
+    link = ("--link", f"udpin:127.0.0.1:{port}", "--timeout", "20")
+    mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        up = call("mission", "upload", str(sent), *link, "--json")
+        assert json.loads(up.stdout) == {"result": "accepted", "items": len(read_plan(sent))}
+        assert call("mission", "download", "-o", str(read), *link).exit_code == 0
+        assert same_mission(read_plan(sent), read_plan(read), item_0_is_home=False)
+        assert call("mission", "clear", *link).exit_code == 0
+        call("mission", "download", "-o", str(read), *link)
+        assert read_plan(read) == ()
+    finally:
+        mock.kill()
+        mock.wait(timeout=10)
+
+
+def test_start_up_is_quick() -> None:
+    """No heavy package is loaded before a command needs it."""
+    code = (
+        "import sys, mission_service.cli; heavy = ('numba', 'matplotlib', 'rasterio', 'scipy'); "
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert found.stdout.strip() == "[]"

@@ -1,0 +1,124 @@
+"""The daemon and the mock in two processes over UDP."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from mission_service.replay import verify
+
+CLI = [sys.executable, "-m", "mission_service.cli"]
+SPEEDUP = 20
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        port: int = sock.getsockname()[1]
+        return port
+
+
+@contextmanager
+def process(arguments: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    with log.open("wb") as output:
+        child = subprocess.Popen([*CLI, *arguments], stdout=output, stderr=subprocess.STDOUT)
+        try:
+            yield child
+        finally:
+            if child.poll() is None:
+                child.kill()
+            child.wait(timeout=10)
+
+
+def mock(port: int, log: Path) -> object:
+    link = f"udpout:127.0.0.1:{port}"
+    return process(["mock", "default", "--link", link, "--speedup", str(SPEEDUP)], log)
+
+
+def wait_for(what: Callable[[], bool], within_s: float) -> float:
+    """Seconds until something is so; fails when it is not in time."""
+    began = time.monotonic()
+    while not what():
+        if time.monotonic() - began > within_s:
+            pytest.fail(f"nothing happened within {within_s} s")
+        time.sleep(0.05)
+    return time.monotonic() - began
+
+
+@pytest.fixture
+def daemon_arguments(tmp_path: Path) -> tuple[int, list[str]]:
+    port = free_port()
+    return port, [
+        *("run", "default", "--out", str(tmp_path)),
+        *("--set", f'vehicles.0.link="udpin:127.0.0.1:{port}"'),
+        *("--set", "start_s=3600", "--set", "duration_s=100000"),
+    ]
+
+
+def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
+    tmp_path: Path, daemon_arguments: tuple[int, list[str]]
+) -> None:
+    port, arguments = daemon_arguments
+    log = tmp_path / "daemon.log"
+
+    def said(words: str, times: int = 1) -> Callable[[], bool]:
+        return lambda: log.read_text(encoding="utf-8").count(words) >= times
+
+    with process(arguments, log) as daemon:
+        with mock(port, tmp_path / "mock1.log"):
+            wait_for(said("connected (px4 plane)"), 20)
+            wait_for(said("start mission: accepted"), 20)
+            wait_for(said("phase: monitor"), 60)
+        told_after_s = wait_for(said("link lost"), 10)
+        assert told_after_s < 5.0
+        with mock(port, tmp_path / "mock2.log"):
+            wait_for(said("link restored"), 20)
+            wait_for(said("autopilot restarted"), 20)
+            wait_for(said("start mission: accepted", times=2), 20)
+            uploads = log.read_text(encoding="utf-8").count("uploads accepted")
+            wait_for(said("uploads accepted", times=uploads + 1), 30)
+            daemon.send_signal(signal.SIGTERM)
+            assert daemon.wait(timeout=20) == 0
+    text = log.read_text(encoding="utf-8")
+    assert "Traceback" not in text
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert summary["vehicles"][0]["uploads"]["accepted"] > 5
+    result = verify(tmp_path / "journal.jsonl")
+    assert (result.difference, result.cut_at_line) == (None, None)
+
+
+def test_a_daemon_killed_at_any_moment_leaves_a_journal_that_verifies(
+    tmp_path: Path, daemon_arguments: tuple[int, list[str]]
+) -> None:
+    port, arguments = daemon_arguments
+    log = tmp_path / "daemon.log"
+    with process(arguments, log) as daemon, mock(port, tmp_path / "mock.log"):
+        wait_for(lambda: "initial circle" in log.read_text(encoding="utf-8"), 60)
+        os.kill(daemon.pid, signal.SIGKILL)
+        daemon.wait(timeout=10)
+    assert verify(tmp_path / "journal.jsonl").difference is None
+
+
+def test_a_port_in_use_is_told_and_an_earlier_journal_survives(
+    tmp_path: Path, daemon_arguments: tuple[int, list[str]]
+) -> None:
+    port, arguments = daemon_arguments
+    journal = tmp_path / "journal.jsonl"
+    journal.write_text("an earlier run\n", encoding="utf-8")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", port))
+        found = subprocess.run(
+            [*CLI, *arguments], capture_output=True, text=True, timeout=60, check=False
+        )
+    assert found.returncode == 1
+    assert f"127.0.0.1:{port}" in found.stderr
+    assert found.stderr.count("\n") == 1
+    assert journal.read_text(encoding="utf-8") == "an earlier run\n"
