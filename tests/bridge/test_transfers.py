@@ -133,7 +133,7 @@ def test_any_one_message_may_get_lost(stack: Stack, lost: str) -> None:
     assert held(pair) == line_of(6)
 
 
-links = st.builds(
+links: st.SearchStrategy[dict[str, Any]] = st.builds(
     dict,
     loss=st.floats(0.0, 0.3),
     delay_us=st.integers(0, 200_000),

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -38,7 +38,7 @@ def process(arguments: list[str], log: Path) -> Iterator["subprocess.Popen[bytes
             child.wait(timeout=10)
 
 
-def mock(port: int, log: Path) -> object:
+def mock(port: int, log: Path) -> AbstractContextManager["subprocess.Popen[bytes]"]:
     link = f"udpout:127.0.0.1:{port}"
     return process(["mock", "default", "--link", link, "--speedup", str(SPEEDUP)], log)
 

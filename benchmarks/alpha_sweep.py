@@ -1,0 +1,39 @@
+"""Reversals of the default scenario over alpha: ``python -m benchmarks.alpha_sweep [--json]``."""
+
+import json
+import sys
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from mission_service.config import load_scenario
+from mission_service.sim import simulate
+
+ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
+
+
+def reversals(alpha: float) -> int:
+    """Fly the default scenario once; how often the vehicle turned back."""
+    scenario = load_scenario("default", (f"planner.alpha={alpha}",))
+    with tempfile.TemporaryDirectory() as folder:
+        record, _ = simulate(scenario, Path(folder) / "journal.jsonl", created="")
+    return sum(len(vehicle.reversals) for vehicle in record.vehicles.values())
+
+
+def main() -> None:
+    """Print the table."""
+    with ProcessPoolExecutor(2) as pool:
+        counts = list(pool.map(reversals, ALPHAS))
+    if "--json" in sys.argv[1:]:
+        sys.stdout.write(
+            json.dumps([{"alpha": a, "reversals": n} for a, n in zip(ALPHAS, counts, strict=True)])
+            + "\n"
+        )
+        return
+    sys.stdout.write("| α | " + " | ".join(f"{alpha:g}" for alpha in ALPHAS) + " |\n")
+    sys.stdout.write("|---" * (len(ALPHAS) + 1) + "|\n")
+    sys.stdout.write("| reversals | " + " | ".join(map(str, counts)) + " |\n")
+
+
+if __name__ == "__main__":
+    main()
