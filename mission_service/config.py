@@ -76,7 +76,7 @@ class PlannerSection(Section):
     smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
     reversal_margin: NotNegative = 0.1
     least_gain_cells: NotNegative = 0.5
-    dwell_s: NotNegative = 120.0
+    dwell_s: NotNegative = 200.0
 
     @model_validator(mode="after")
     def _fire_reported(self) -> "PlannerSection":

@@ -45,6 +45,7 @@ COMPARED_SHARE = 0.25
 # ... and a mission is extended when less than this share of the horizon is left.
 LEFT_SHARE = 0.4
 RETRY_S = 5.0
+START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 LINE_TOLERANCE_M = 5.0
 
@@ -68,6 +69,7 @@ class Vehicle:
     deployed: bool = False
     started: bool = False
     holding: bool = False
+    start_again_at_s: float | None = None
     airborne: bool = False
     pending: Pending | None = None
     flown_line: shapely.LineString | None = None
@@ -142,6 +144,9 @@ class Core:
         if not vehicle.deployed:
             return self._deploy(vehicle, here)
         if not vehicle.airborne:
+            if vehicle.start_again_at_s is not None and at_s >= vehicle.start_again_at_s:
+                vehicle.start_again_at_s = None
+                return [StartMission(vehicle.section.name)]
             return self._deploy(vehicle, here) if self._due(vehicle, at_s) else []
         x_m, y_m = self.landscape.xy_of_lat_lon(here.lat_deg, here.lon_deg)
         row, col = (float(value) for value in self.landscape.row_col_of(x_m, y_m))
@@ -259,12 +264,22 @@ class Core:
     def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
         if event.accepted:
             return [_say(vehicle, f"{event.command}: accepted")]
-        return [_say(vehicle, f"{event.command} refused: {event.reason}", warning=True)]
+        if event.command != "start mission":
+            return [_say(vehicle, f"{event.command} refused: {event.reason}", warning=True)]
+        # Autopilots refuse to arm until they know where they are: ask again.
+        vehicle.start_again_at_s = event.at_us / 1e6 + START_AGAIN_S
+        return [
+            _say(
+                vehicle,
+                f"start mission refused: {event.reason}; trying again in {START_AGAIN_S:.0f} s",
+                warning=True,
+            )
+        ]
 
     def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""
         vehicle.deployed = vehicle.started = vehicle.holding = vehicle.airborne = False
-        vehicle.pending = vehicle.flown_line = None
+        vehicle.pending = vehicle.flown_line = vehicle.start_again_at_s = None
         return [_say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]
 
 

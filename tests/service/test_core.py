@@ -10,6 +10,7 @@ from mission_service.config import Scenario, load_scenario
 from mission_service.core import Core
 from mission_service.events import (
     AnyEvent,
+    CommandFinished,
     LinkLost,
     LinkRestored,
     ModeChanged,
@@ -165,6 +166,17 @@ def test_a_restarted_autopilot_is_sent_to_the_fire_anew(land: Landscape) -> None
     (mission,) = uploads(flight.at_height(0.0))
     assert mission.items[0].command == NAV_TAKEOFF
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [StartMission]
+
+
+def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    (mission,) = uploads(flight.at_height(0.0))
+    flight.finished(mission.mission_id, "accepted")
+    refusal = CommandFinished(flight.at_us, "hawk", "start mission", False, "not yet")
+    assert kinds(flight.tell(refusal)) == [Announce]
+    assert flight.at_height(0.0, later_s=5.0) == []
+    assert kinds(flight.at_height(0.0, later_s=6.0)) == [StartMission]
+    assert flight.at_height(0.0) == []
 
 
 def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
