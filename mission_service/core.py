@@ -3,7 +3,7 @@
 Simulation, live flight, replay and tests all run this and feed it from different sources.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -75,9 +75,8 @@ class Vehicle:
     flown_line: shapely.LineString | None = None
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
-    current_seq: int = -1
     phase: str = ""
-    turned: bool = field(default=False)
+    turned: bool = False
 
 
 class Core:
@@ -128,12 +127,11 @@ class Core:
                 return self._rebooted(vehicle)
             case CommandFinished():
                 return self._command_finished(vehicle, event)
-            case MissionProgress():
-                vehicle.current_seq = event.current_seq
-                return []
             case ModeChanged():
                 vehicle.airborne &= event.armed
                 return []
+            case MissionProgress():
+                return []  # for people and the journal
 
     def _moved(self, vehicle: Vehicle, here: Telemetry) -> list[AnyCommand]:
         at_s = here.at_us / 1e6

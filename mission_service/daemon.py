@@ -9,6 +9,7 @@ from pathlib import Path
 
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.connection import Connection
+from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.core import Core
 from mission_service.gateway import Gateway, MissionClock
@@ -18,6 +19,7 @@ from mission_service.service import Service
 from mission_service.world import FireWorld, fire_of, landscape_of
 
 STATUS_EVERY_S = 0.2
+TELL_SILENCE_AFTER_US = 4_000_000
 
 
 def clock_us() -> int:
@@ -30,12 +32,12 @@ async def serve(
     journal_path: Path,
     created: str,
     progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
-    hurry: Callable[[], None] = lambda: None,
+    watch: Callable[[], None] = lambda: None,
 ) -> tuple[Record, FireWorld]:
     """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
 
     The vehicles keep the mission on board, which ends in a loiter. ``progress`` is called five
-    times a second; ``hurry`` may raise to end the run (a child process that died, say).
+    times a second; ``watch`` may raise to end the run (a child process that died, say).
     """
     landscape = landscape_of(scenario)
     world = FireWorld(fire_of(scenario, landscape), landscape)
@@ -59,6 +61,7 @@ async def serve(
         stack.callback(journal.close)
         core = Core(scenario, landscape)
         service = Service(scenario, core, world, journal, record, gateways)
+        silence = Silence(scenario, gateways)
         stop = asyncio.Event()
         _stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
@@ -67,7 +70,8 @@ async def serve(
                 for connection, gateway in zip(connections, gateways.values(), strict=True)
             ]
             while not stop.is_set() and clock.now_us < scenario.duration_s * 1e6:
-                hurry()
+                watch()
+                silence.tell(record)
                 clock.wall_passed(clock_us())
                 world.advance(clock.now_us)
                 progress(record, world)
@@ -77,6 +81,27 @@ async def serve(
                 flight.cancel()
     world.advance(clock.now_us)
     return record, world
+
+
+class Silence:
+    """Tells once of each vehicle that has not been heard since the service began."""
+
+    def __init__(self, scenario: Scenario, gateways: dict[str, Gateway]) -> None:
+        self._unheard = {section.name: section.link for section in scenario.vehicles}
+        self._gateways = gateways
+        self._tell_at_us = clock_us() + TELL_SILENCE_AFTER_US
+
+    def tell(self, record: Record) -> None:
+        """Add the news to the record when it is time."""
+        if clock_us() < self._tell_at_us:
+            return
+        for name, link in self._unheard.items():
+            if self._gateways[name].client.stack is None:
+                text = (
+                    f"nothing heard on {link} yet; is its autopilot running, and is this its port?"
+                )
+                record.news.append((record.at_us, Announce(name, text, "warning")))
+        self._unheard.clear()
 
 
 async def _fly(connection: Connection, gateway: Gateway, service: Service) -> None:

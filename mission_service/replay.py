@@ -55,7 +55,7 @@ def verify(path: Path) -> Verification:
             commands += 1
             decisions += type(entry.content).__name__ == "Decided"
     if difference is None and expected and reader.cut_at_line is None:
-        difference = f"after the last line: the journal lacks {_short(expected[0])}"
+        difference = f"after the last line: the journal lacks {_cut(expected[0])}"
     return Verification(events, commands, decisions, difference, reader.cut_at_line)
 
 
@@ -65,20 +65,20 @@ def _difference(entry: Entry, expected: deque[AnyCommand]) -> str | None:
     where = f"line {entry.line}{altered}"
     if entry.is_event:
         if expected:
-            return f"{where}: the replay first gives {_short(expected[0])}"
-        return None if entry.intact else f"{where}: event {_short(entry.content)}"
+            return f"{where}: the replay first gives {_cut(expected[0])}"
+        return None if entry.intact else f"{where}: event {_cut(entry.content)}"
     if not expected:
-        return f"{where}: the replay does not give {_short(entry.content)}"
+        return f"{where}: the replay does not give {_cut(entry.content)}"
     if entry.content != expected[0]:
         return f"{where}: {compare(entry.content, expected[0])}"
-    return None if entry.intact else f"{where}: command {_short(entry.content)}"
+    return None if entry.intact else f"{where}: command {_cut(entry.content)}"
 
 
 def compare(journal: object, replay: object) -> str:
     """The first field in which two commands differ, in words."""
     ours, theirs = msgspec.to_builtins(replay), msgspec.to_builtins(journal)
     if ours["type"] != theirs["type"]:
-        return f"journal has {_short(journal)}, replay gives {_short(replay)}"
+        return f"journal has {_cut(journal)}, replay gives {_cut(replay)}"
     for key in ours:
         if ours[key] != theirs[key]:
             return (
@@ -86,10 +86,6 @@ def compare(journal: object, replay: object) -> str:
                 f"replay gives {_cut(ours[key])}"
             )
     return "no field differs"
-
-
-def _short(content: object) -> str:
-    return _cut(content)
 
 
 def _cut(value: object, length: int = 160) -> str:

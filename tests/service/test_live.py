@@ -95,6 +95,17 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert (result.difference, result.cut_at_line) == (None, None)
 
 
+def test_a_vehicle_that_never_answers_is_named(
+    tmp_path: Path, daemon_arguments: tuple[int, list[str]]
+) -> None:
+    port, arguments = daemon_arguments
+    log = tmp_path / "daemon.log"
+    with process(arguments, log) as daemon:
+        wait_for(lambda: f"nothing heard on udpin:127.0.0.1:{port}" in log.read_text("utf-8"), 20)
+        daemon.send_signal(signal.SIGINT)
+        assert daemon.wait(timeout=20) == 0
+
+
 def test_a_daemon_killed_at_any_moment_leaves_a_journal_that_verifies(
     tmp_path: Path, daemon_arguments: tuple[int, list[str]]
 ) -> None:
