@@ -4,6 +4,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.items import MissionItem
+
 Message = Any  # pymavlink's messages carry no types
 
 
@@ -27,7 +29,7 @@ class Codec:
 
 
 def item_message(
-    target: tuple[int, int], seq: int, item: Any, current: int, mission_type: int
+    target: tuple[int, int], seq: int, item: MissionItem, current: int, mission_type: int
 ) -> Message:
     """MISSION_ITEM_INT for one item."""
     return mavlink.MAVLink_mission_item_int_message(
@@ -45,4 +47,20 @@ def item_message(
         item.y,
         item.z,
         mission_type,
+    )
+
+
+def item_of(message: Message) -> MissionItem:
+    """The item a MISSION_ITEM_INT carries."""
+    return MissionItem(
+        message.command,
+        message.frame,
+        message.x,
+        message.y,
+        message.z,
+        message.param1,
+        message.param2,
+        message.param3,
+        message.param4,
+        message.autocontinue,
     )

@@ -6,7 +6,7 @@ every question is repeated on timeout
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.codec import Message, item_of
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, rejected
 
@@ -78,7 +78,7 @@ class MissionDownload(_Asking):
         if kind == "MISSION_COUNT" and self._count is None:
             self._count = message.count
         elif kind == "MISSION_ITEM_INT" and message.seq == len(self._items) and self._count:
-            self._items.append(_item_of(message))
+            self._items.append(item_of(message))
         else:
             return []
         return self._next(now_us)
@@ -98,21 +98,6 @@ class MissionDownload(_Asking):
             ),
             now_us,
         )
-
-
-def _item_of(message: Message) -> MissionItem:
-    return MissionItem(
-        message.command,
-        message.frame,
-        message.x,
-        message.y,
-        message.z,
-        message.param1,
-        message.param2,
-        message.param3,
-        message.param4,
-        message.autocontinue,
-    )
 
 
 class MissionClear(_Asking):

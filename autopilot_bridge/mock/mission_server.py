@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message, item_message
+from autopilot_bridge.codec import Message, item_message, item_of
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks import Stack
 
@@ -129,18 +129,7 @@ class MissionServer:
             if self.stack.item_0_is_home:
                 return [self._ack(receiving, mavlink.MAV_MISSION_INVALID_SEQUENCE)]
             return [self._request(receiving, now_us)]
-        item = MissionItem(
-            message.command,
-            message.frame,
-            message.x,
-            message.y,
-            message.z,
-            message.param1,
-            message.param2,
-            message.param3,
-            message.param4,
-            message.autocontinue,
-        )
+        item = item_of(message)
         code = self._judge(item)
         if code != mavlink.MAV_MISSION_ACCEPTED:
             self._receiving = None
