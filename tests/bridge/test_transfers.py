@@ -171,8 +171,23 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
         assert result.items == line_of(8)
 
 
+def test_a_last_item_that_never_arrived_is_not_taken_for_success() -> None:
+    items = 0
+
+    def last_item(name: str) -> bool:
+        nonlocal items
+        items += name == "MISSION_ITEM_INT"
+        return name == "MISSION_ITEM_INT" and items >= 6
+
+    pair = connected(PX4, up=Choosy(last_item))
+    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    assert result.outcome == "failed"
+    assert held(pair) == ()
+
+
 def stray(codec: Codec, target: tuple[int, int], mission_type: int) -> bytes:
-    return codec.encode(mavlink.MAVLink_mission_ack_message(*target, 0, mission_type))
+    refusal = mavlink.MAV_MISSION_ERROR
+    return codec.encode(mavlink.MAVLink_mission_ack_message(*target, refusal, mission_type))
 
 
 @pytest.mark.parametrize(
