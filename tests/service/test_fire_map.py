@@ -82,6 +82,10 @@ def test_an_unburned_island_behind_the_front_is_not_the_perimeter() -> None:
     seen = fresh_map()
     seen.observe(0, 0, window, 600.0)
     assert seen.outer[0] == pytest.approx(15.0, abs=1.0)
+    # A later look at the island alone, with the front out of view.
+    in_view = seen.observe(18, 27, window[18:26, 27:34], 700.0)
+    assert not in_view.any()
+    assert seen.outer[0] == pytest.approx(15.0, abs=1.0)
 
 
 def test_only_what_is_in_the_window_is_learnt() -> None:
