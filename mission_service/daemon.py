@@ -43,7 +43,7 @@ async def serve(
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     world.advance(clock.now_us)
-    record = Record(tuple(section.name for section in scenario.vehicles))
+    record = Record(tuple(section.name for section in scenario.vehicles), clock.now_us)
     gateways = {
         section.name: Gateway(section.name, VehicleClient(target_system=section.system_id), clock)
         for section in scenario.vehicles

@@ -19,6 +19,8 @@ CODES[ord("b")] = BURNED
 
 # Front cells farther apart than this are not taken as neighbours on the front.
 LARGEST_GAP_CELLS = 3.0
+# A front this much nearer than burned ground on its bearing is the edge of an unburned island.
+ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
 NORTH = np.cos(_RADIANS)
@@ -74,6 +76,9 @@ class FireMap:
         self._bearing, self._distance = polar(
             rows.astype(float), cols.astype(float), centre_row, centre_col
         )
+        # A cell near the centre spans many bearings, not only the one of its own centre.
+        spans = np.rad2deg(0.5 / np.maximum(self._distance, 1.0))
+        self._spans = spans.astype(np.int64)
         self.outer = np.full(BEARINGS, np.nan)
         self.outer_at_s = np.full(BEARINGS, np.nan)
         # Listing 2, iii: at first the ignition point is the inner cell.
@@ -96,15 +101,23 @@ class FireMap:
         here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
         bearing, distance = self._bearing[here], self._distance[here]
         burned = window == BURNED
-        np.maximum.at(self.burned, bearing[burned], distance[burned])
+        self._burned_to(bearing[burned], distance[burned], self._spans[here][burned])
         front = front_in_window(window)
         seen = np.full(BEARINGS, -np.inf)
         np.maximum.at(seen, bearing[front], distance[front])
-        # A front nearer than something burned is the edge of an unburned island: not the perimeter.
-        in_view = (seen > -np.inf) & (seen >= self.burned - 1e-9)
+        in_view = (seen > -np.inf) & (seen >= self.burned - ISLAND_CELLS)
         seen, in_view = _fill_gaps(seen, in_view)
         self._visit(seen, in_view, at_s)
         return in_view
+
+    def _burned_to(
+        self, bearing: NDArray[np.int64], distance: Floats, spans: NDArray[np.int64]
+    ) -> None:
+        np.maximum.at(self.burned, bearing, distance)
+        for aside in range(1, int(spans.max(initial=0)) + 1):
+            wide = spans >= aside
+            np.maximum.at(self.burned, (bearing[wide] + aside) % BEARINGS, distance[wide])
+            np.maximum.at(self.burned, (bearing[wide] - aside) % BEARINGS, distance[wide])
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
         if self.baseline_s <= 0.0:

@@ -25,9 +25,9 @@ class VehicleRecord:
 class Record:
     """Folds events and commands into the vehicles' records; ``news`` holds unprinted lines."""
 
-    def __init__(self, names: tuple[str, ...]) -> None:
+    def __init__(self, names: tuple[str, ...], start_us: int) -> None:
         self.vehicles = {name: VehicleRecord() for name in names}
-        self.at_us = 0
+        self.at_us = start_us
         self.telemetry = 0
         self.observations = 0
         self.news: list[tuple[int, Announce]] = []
