@@ -1,0 +1,47 @@
+"""A binary heap of (time, key) in two arrays, compiled. Ties are broken by key, always alike."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
+    """Add an entry; returns (times, keys, size), the arrays made longer when they are full."""
+    if size == times.size:
+        longer = max(2 * size, 64)
+        more_times, more_keys = np.empty(longer), np.empty(longer, dtype=np.int64)
+        more_times[:size], more_keys[:size] = times, keys
+        times, keys = more_times, more_keys
+    child = size
+    while child > 0:
+        parent = (child - 1) // 2
+        if times[parent] < time or (times[parent] == time and keys[parent] <= key):
+            break
+        times[child], keys[child] = times[parent], keys[parent]
+        child = parent
+    times[child], keys[child] = time, key
+    return times, keys, size + 1
+
+
+@njit(cache=True)
+def drop_first(times, keys, size):  # type: ignore[no-untyped-def]
+    """Remove the earliest entry (at place 0); returns the heap's new size."""
+    size -= 1
+    time, key = times[size], keys[size]
+    parent = 0
+    while True:
+        child = 2 * parent + 1
+        if child >= size:
+            break
+        other = child + 1
+        if other < size and (
+            times[other] < times[child]
+            or (times[other] == times[child] and keys[other] < keys[child])
+        ):
+            child = other
+        if time < times[child] or (time == times[child] and key <= keys[child]):
+            break
+        times[parent], keys[parent] = times[child], keys[child]
+        parent = child
+    times[parent], keys[parent] = time, key
+    return size
