@@ -1,8 +1,9 @@
 """Rothermel's surface fire spread model, one function per equation.
 
 Rothermel 1972 (INT-115), with Albini's 1976 revisions, as set out by Andrews 2018
-(RMRS-GTR-371). The equations are in their published units (feet, minutes, pounds, Btu); the
-functions at the end give metres and seconds. No wind limit.
+(RMRS-GTR-371), and, where these leave a choice, as the Forest Service's `behave` does it. The
+equations are in their published units (feet, minutes, pounds, Btu); the functions at the end give
+metres and seconds.
 """
 
 import math
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 
 from firemodel.fuels import FuelModel
 
-HEAT_CONTENT_BTU_LB = 8000.0
 MINERAL_CONTENT = 0.0555
 SILICA_FREE_MINERAL_CONTENT = 0.010
 PARTICLE_DENSITY_LB_FT3 = 32.0
@@ -21,9 +21,12 @@ M_PER_FT = 0.3048
 FT_MIN_PER_M_S = 60.0 / M_PER_FT
 M_S_PER_MPH = 0.44704
 # As in the Forest Service's `behave`; the International Table Btu would give 3.4615.
-KW_M_PER_BTU_FT_S = 3.46414
+KW_M_PER_BTU_FT_S = 3.464140419
 # Upper bounds of the size classes by which net loads are weighted (Albini 1976, p. 15).
 SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
+# Places of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
+DEAD, LIVE = slice(0, 4), slice(4, 6)
+LARGEST_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +52,8 @@ class FuelBed:
     """What the spread equations need of one fuel model at one moisture.
 
     ``no_wind_rate_ft_min`` is R0; the wind factor is ``wind_c * U**wind_b`` with U in ft/min (the
-    packing ratio's part is in ``wind_c``), the slope factor ``slope_k * tan(slope)**2``.
+    packing ratio's part is in ``wind_c``), the slope factor ``slope_k * tan(slope)**2``, which is
+    never above ``wind_limit_ft_min`` (see ``slope_factor``).
     """
 
     no_wind_rate_ft_min: float
@@ -115,21 +119,45 @@ def slope_coefficient(packing: float) -> float:
     return 5.275 * math.pow(packing, -0.3)
 
 
+def cured_fraction(live_herb_moisture: float) -> float:
+    """Part of a dynamic model's herbaceous load that is dead, no unit; moisture is a fraction.
+
+    All below 30 %, none above 120 % (Scott & Burgan 2005), in `behave`'s rounding of the line
+    between: at exactly 120 % a thousandth is dead.
+    """
+    if live_herb_moisture < 0.30:
+        return 1.0
+    return 1.333 - 1.11 * live_herb_moisture if live_herb_moisture <= 1.20 else 0.0
+
+
+def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, Floats]:
+    """Loads (lb/ft²), SAVs (1/ft) and moistures of the six classes, ``DEAD`` before ``LIVE``.
+
+    Cured herbaceous fuel is a dead class of its own, as fine as the live and as wet as the 1-h
+    fuel (Andrews 2018; Burgan 1979, INT-226).
+    """
+    cured = cured_fraction(moisture.live_herb) if fuel.dynamic else 0.0
+    one, ten, hundred, herb, woody = fuel.loads_lb_ft2
+    loads = np.array([one, ten, hundred, cured * herb, (1.0 - cured) * herb, woody])
+    savs = np.array([*fuel.savs_1_ft[:3], fuel.sav_herb, fuel.sav_herb, fuel.sav_woody])
+    wet = moisture.classes
+    return loads, savs, np.array([*wet[:3], moisture.dead_1h, *wet[3:]])
+
+
 def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
     """M_x of the live fuel, a fraction (Albini 1976, p. 16; Andrews 2018).
 
     It falls with the moisture of the dead fuel and is never below M_x of the dead fuel.
     """
-    loads, savs = fuel.loads_lb_ft2, fuel.savs_1_ft
-    dead = [load * math.exp(-138.0 / sav) for load, sav in zip(loads[:3], savs[:3], strict=True)]
-    live = [load * math.exp(-500.0 / sav) for load, sav in zip(loads[3:], savs[3:], strict=True)]
-    if sum(live) == 0.0:
+    loads, savs, moistures = size_classes(fuel, moisture)
+    dead = loads[DEAD] * np.exp(-138.0 / savs[DEAD])
+    live = loads[LIVE] * np.exp(-500.0 / savs[LIVE])
+    if live.sum() == 0.0:
         return fuel.extinction_moisture
-    water = [weight * wet for weight, wet in zip(dead, moisture.classes[:3], strict=True)]
-    fine_moisture = sum(water) / sum(dead)
-    ratio = sum(dead) / sum(live)
+    fine_moisture = (dead * moistures[DEAD]).sum() / dead.sum()
+    ratio = dead.sum() / live.sum()
     found = 2.9 * ratio * (1.0 - fine_moisture / fuel.extinction_moisture) - 0.226
-    return max(found, fuel.extinction_moisture)
+    return max(float(found), fuel.extinction_moisture)
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
@@ -143,16 +171,16 @@ def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
     )
 
 
-def reaction_part_btu_ft2(
+def reaction_part_lb_ft2(
     loads_lb_ft2: Floats, savs_1_ft: Floats, shares: Floats, moistures: Floats, extinction: float
 ) -> float:
-    """w_n h η_M η_s of the dead, or of the live, fuel in Btu/ft² (Albini 1976, p. 15).
+    """w_n η_M η_s of the dead, or of the live, fuel in lb/ft² (Albini 1976, p. 15).
 
-    Times Γ' it is that fuel's part of the reaction intensity.
+    Times Γ' and the heat content it is that fuel's part of the reaction intensity.
     """
     net_load = (net_load_weights(shares, savs_1_ft) * loads_lb_ft2).sum() * (1.0 - MINERAL_CONTENT)
     damping = moisture_damping(float((shares * moistures).sum()), extinction) * mineral_damping()
-    return float(net_load) * HEAT_CONTENT_BTU_LB * damping
+    return float(net_load) * damping
 
 
 def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> float:
@@ -165,26 +193,26 @@ def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> fl
 
 def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
     """The spread equations' terms for one fuel model at one moisture (Rothermel 1972, eq. 52)."""
-    loads, savs = np.array(fuel.loads_lb_ft2), np.array(fuel.savs_1_ft)
-    moistures = np.array(moisture.classes)
+    loads, savs, moistures = size_classes(fuel, moisture)
     areas = savs * loads / PARTICLE_DENSITY_LB_FT3
     extinctions = (fuel.extinction_moisture, live_extinction_moisture(fuel, moisture))
-    sav = reaction_heat = heat_to_ignite = 0.0
-    for part, extinction in zip((slice(0, 3), slice(3, 5)), extinctions, strict=True):
+    sav = reacting = heat_to_ignite = 0.0
+    for part, extinction in zip((DEAD, LIVE), extinctions, strict=True):
         area = areas[part].sum()
         if area == 0.0:
             continue
         shares = areas[part] / area
         weight = float(area / areas.sum())
         sav += weight * float((shares * savs[part]).sum())
-        reaction_heat += reaction_part_btu_ft2(
+        reacting += reaction_part_lb_ft2(
             loads[part], savs[part], shares, moistures[part], extinction
         )
         heat_to_ignite += weight * heat_part_btu_lb(savs[part], shares, moistures[part])
     bulk_density_lb_ft3 = float(loads.sum()) / fuel.depth_ft
     packing = bulk_density_lb_ft3 / PARTICLE_DENSITY_LB_FT3
     relative_packing = packing / optimum_packing_ratio(sav)
-    reaction = optimum_reaction_velocity_1_min(sav, relative_packing) * reaction_heat
+    velocity = optimum_reaction_velocity_1_min(sav, relative_packing)
+    reaction = velocity * reacting * fuel.heat_btu_lb
     rate = reaction * propagating_flux_ratio(sav, packing) / (bulk_density_lb_ft3 * heat_to_ignite)
     b, c = wind_coefficients(sav, relative_packing)
     return FuelBed(rate, reaction, sav, b, c, slope_coefficient(packing))
@@ -195,9 +223,19 @@ def wind_factor(bed: FuelBed, wind_ft_min: float | Floats) -> float | Floats:
     return bed.wind_c * np.power(wind_ft_min, bed.wind_b)
 
 
+def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
+    """The strongest effective wind that still adds to the spread (Rothermel 1972, eq. 87)."""
+    return 0.9 * reaction_intensity_btu_ft2_min
+
+
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
-    """φ_s (Rothermel 1972, eq. 51)."""
-    return bed.slope_k * np.square(slope_tan)
+    """φ_s (Rothermel 1972, eq. 51).
+
+    Never above the number of the wind limit in ft/min, an oddity of `behave` that is felt only on
+    steep slopes when the fuel is about to be too wet to burn.
+    """
+    limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
+    return np.minimum(bed.slope_k * np.square(slope_tan), limit)
 
 
 def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
@@ -206,14 +244,13 @@ def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
 
 
 def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
-    """Length over width of the ellipse, no upper bound (Anderson 1983, INT-305).
+    """Length over width of the ellipse (Anderson 1983, INT-305), at most 8 as in `behave`.
 
     Anderson's 0.2566 and 0.1548 per m/s, as `behave` rounds them: 0.1147 and 0.0692 per mph.
     """
     wind_mph = effective_wind_m_s / M_S_PER_MPH
-    return np.maximum(
-        0.936 * np.exp(0.1147 * wind_mph) + 0.461 * np.exp(-0.0692 * wind_mph) - 0.397, 1.0
-    )
+    ratio = 0.936 * np.exp(0.1147 * wind_mph) + 0.461 * np.exp(-0.0692 * wind_mph) - 0.397
+    return np.clip(ratio, 1.0, LARGEST_LENGTH_TO_BREADTH)
 
 
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
@@ -254,25 +291,28 @@ def flame_length_m(intensity_kw_m: float | Floats) -> float | Floats:
 
 def fastest_spread(
     bed: FuelBed,
-    midflame_wind_m_s: float,
-    wind_toward_deg: float,
+    midflame_wind_m_s: float | Floats,
+    wind_toward_deg: float | Floats,
     slope_tan: Floats,
     upslope_deg: Floats,
+    wind_limit: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
     """Fastest spread with wind and slope from any two directions, added as vectors.
 
-    Arrays of one shape; directions clockwise from north. Returns (rate m/s, direction deg,
-    effective wind m/s). Andrews 2018.
+    Arrays of one shape (the wind may be the same for all); directions clockwise from north. With
+    ``wind_limit`` the effective wind, and the rate with it, stops at ``wind_limit_ft_min``.
+    Returns (rate along the slope m/s, direction deg, effective wind m/s). Andrews 2018.
     """
-    by_wind = bed.no_wind_rate_ft_min * wind_factor(bed, midflame_wind_m_s * FT_MIN_PER_M_S)
-    by_slope = bed.no_wind_rate_ft_min * slope_factor(bed, slope_tan)
-    wind, up = math.radians(wind_toward_deg), np.deg2rad(upslope_deg)
-    north = by_wind * math.cos(wind) + by_slope * np.cos(up)
-    east = by_wind * math.sin(wind) + by_slope * np.sin(up)
-    added = np.hypot(north, east)
-    rate_m_s = (bed.no_wind_rate_ft_min + added) / FT_MIN_PER_M_S
-    if bed.no_wind_rate_ft_min > 0.0:
-        effective = effective_wind_m_s(bed, added / bed.no_wind_rate_ft_min)
-    else:
-        effective = np.zeros_like(added)
+    still = bed.no_wind_rate_ft_min
+    by_wind = np.asarray(wind_factor(bed, np.asarray(midflame_wind_m_s) * FT_MIN_PER_M_S))
+    by_slope = np.asarray(slope_factor(bed, slope_tan))
+    wind, up = np.deg2rad(wind_toward_deg), np.deg2rad(upslope_deg)
+    north = by_wind * np.cos(wind) + by_slope * np.cos(up)
+    east = by_wind * np.sin(wind) + by_slope * np.sin(up)
+    factor = np.hypot(north, east)
+    if wind_limit:
+        limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
+        factor = np.minimum(factor, wind_factor(bed, limit))
+    rate_m_s = still * (1.0 + factor) / FT_MIN_PER_M_S
+    effective = effective_wind_m_s(bed, factor) if still > 0.0 else np.zeros_like(factor)
     return rate_m_s, np.rad2deg(np.arctan2(east, north)) % 360.0, np.asarray(effective)
