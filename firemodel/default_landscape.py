@@ -1,5 +1,6 @@
 """The default landscape: real terrain that ships with matplotlib, fuel by a stated rule."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
         np.ones((rows, cols), dtype=np.int16),
         _elevation(rows, cols, cell_size_m, west_m, north_m),
     )
-    return Landscape(CRS, west_m, north_m, cell_size_m, _fuel(flat), flat.elevation_m)
+    return replace(flat, fuel_model=_fuel(flat))
 
 
 def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:

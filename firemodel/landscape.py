@@ -1,10 +1,10 @@
-"""Georeferenced rasters (y, x), row 0 in the north: fuel and elevation, slope and aspect."""
+"""Georeferenced rasters (y, x), row 0 in the north: fuel, ground and trees."""
 
 import hashlib
 import math
 import warnings
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,11 @@ from firemodel.errors import FireModelError
 from firemodel.fuels import check_codes
 
 Floats = NDArray[np.float64]
+
+LARGEST_M = 9000.0  # an elevation beyond is a unit or a nodata value gone wrong
+TALLEST_TREE_M = 120.0
+STEEPEST = 1000.0  # rise over run
+ROWS_AT_ONCE = 256
 
 
 @lru_cache(maxsize=8)
@@ -41,14 +46,37 @@ def check_crs(crs: str, where: str) -> None:
         )
 
 
+def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
+    """Rise per metre towards north and towards east, (2, y, x), from elevation (y, x).
+
+    Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); beyond the edge
+    the ground goes on level. Reckoned in float64, some rows at a time to stay small.
+    """
+    rows, cols = elevation_m.shape
+    padded = np.pad(elevation_m, 1, mode="edge")
+    gradient = np.empty((2, rows, cols), dtype=np.float32)
+    for top in range(0, rows, ROWS_AT_ONCE):
+        z = padded[top : top + ROWS_AT_ONCE + 2].astype(np.float64)
+        here = slice(top, top + ROWS_AT_ONCE)
+        across = z[:, :-2] + 2 * z[:, 1:-1] + z[:, 2:]
+        gradient[0, here] = (across[:-2] - across[2:]) / (8 * cell_size_m)
+        down = z[:-2] + 2 * z[1:-1] + z[2:]
+        gradient[1, here] = (down[:, 2:] - down[:, :-2]) / (8 * cell_size_m)
+    return gradient
+
+
 @dataclass(frozen=True, eq=False)
 class Landscape:
     """A grid of square cells in a projected CRS in metres.
 
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
-    with row 0 in the north: fuel codes (see ``fuels``) and metres above sea level. Positions in the
-    grid are float (row, col) with whole numbers at the centres of cells, so ``round`` gives the
-    cell. Positions and coordinates may be scalars or arrays.
+    with row 0 in the north: fuel codes (see ``fuels``), metres above sea level, and, where there
+    are trees, the share of the sky they cover (0 to 1), their height and the height of their lowest
+    branches in metres. ``gradient`` is (2, y, x): rise per metre towards north and towards east;
+    where it is not given it comes from the elevation (see ``horn``), and where it is given there
+    may be no elevation. Positions in the grid are float (row, col) with whole numbers at the
+    centres of cells, so ``round`` gives the cell. Positions and coordinates may be scalars or
+    arrays.
     """
 
     crs: str
@@ -56,24 +84,57 @@ class Landscape:
     north_m: float
     cell_size_m: float
     fuel_model: NDArray[np.int16]
-    elevation_m: NDArray[np.float32]
+    elevation_m: NDArray[np.float32] | None
+    gradient: NDArray[np.float32] = None  # type: ignore[assignment]  # filled in if not given
+    canopy_cover: NDArray[np.float32] | None = None
+    canopy_height_m: NDArray[np.float32] | None = None
+    canopy_base_m: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Raises FireModelError naming what cannot be."""
-        fuel, elevation = self.fuel_model, self.elevation_m
-        if fuel.ndim != 2 or fuel.size == 0 or fuel.shape != elevation.shape:
+        if self.fuel_model.ndim != 2 or self.fuel_model.size == 0:
             raise FireModelError(
-                f"landscape: fuel is {fuel.shape} cells, elevation {elevation.shape}; "
-                "both must be (rows, columns) of the same size"
+                f"landscape: fuel is {self.fuel_model.shape} cells; it must be (rows, columns)"
             )
         if not 0.0 < self.cell_size_m < math.inf:
             raise FireModelError(f"landscape: cell_size_m = {self.cell_size_m} must be positive")
         check_crs(self.crs, "landscape")
-        check_codes(fuel, "landscape")
-        if not np.isfinite(elevation).all():
-            row, col = np.argwhere(~np.isfinite(elevation))[0]
+        check_codes(self.fuel_model, "landscape")
+        self._check_layer("elevation", self.elevation_m, -LARGEST_M, LARGEST_M)
+        self._check_layer("canopy cover", self.canopy_cover, 0.0, 1.0)
+        self._check_layer("canopy height", self.canopy_height_m, 0.0, TALLEST_TREE_M)
+        self._check_layer("canopy base", self.canopy_base_m, 0.0, TALLEST_TREE_M)
+        if self.gradient is not None:
+            gradient = np.ascontiguousarray(self.gradient, dtype=np.float32)
+            if gradient.shape != (2, *self.shape):
+                raise FireModelError(
+                    f"landscape: gradient is {gradient.shape}, must be {(2, *self.shape)}: "
+                    "towards north and towards east"
+                )
+            self._check_layer("gradient towards north", gradient[0], -STEEPEST, STEEPEST)
+            self._check_layer("gradient towards east", gradient[1], -STEEPEST, STEEPEST)
+        elif self.elevation_m is not None:
+            gradient = horn(self.elevation_m, self.cell_size_m)
+        else:
+            raise FireModelError("landscape: neither elevation nor gradient; give one of them")
+        object.__setattr__(self, "gradient", gradient)
+
+    def _check_layer(
+        self, name: str, layer: NDArray[np.float32] | None, least: float, most: float
+    ) -> None:
+        if layer is None:
+            return
+        if layer.shape != self.shape:
             raise FireModelError(
-                f"landscape: elevation is {elevation[row, col]} at row {row}, column {col}"
+                f"landscape: fuel is {self.shape} cells, {name} {layer.shape}; "
+                "both must be (rows, columns) of the same size"
+            )
+        within = (layer >= least) & (layer <= most)  # not so for NaN
+        if not within.all():
+            row, col = divmod(int(np.argmin(within)), self.shape[1])
+            raise FireModelError(
+                f"landscape: {name} is {layer[row, col]} at row {row}, column {col}; "
+                f"it must be from {least:g} to {most:g}"
             )
 
     @property
@@ -82,28 +143,19 @@ class Landscape:
         rows, cols = self.fuel_model.shape
         return rows, cols
 
-    @cached_property
-    def _gradient(self) -> tuple[Floats, Floats]:
-        """Rise per metre towards (north, east), by Horn's 1981 weights."""
-        z = np.pad(self.elevation_m.astype(np.float64), 1, mode="edge")
-        east = (z[:-2, 2:] + 2 * z[1:-1, 2:] + z[2:, 2:]) - (
-            z[:-2, :-2] + 2 * z[1:-1, :-2] + z[2:, :-2]
-        )
-        north = (z[:-2, :-2] + 2 * z[:-2, 1:-1] + z[:-2, 2:]) - (
-            z[2:, :-2] + 2 * z[2:, 1:-1] + z[2:, 2:]
-        )
-        return north / (8 * self.cell_size_m), east / (8 * self.cell_size_m)
-
-    @cached_property
+    @property
     def slope_tan(self) -> Floats:
-        """Slope as rise over run."""
-        return np.hypot(*self._gradient)
+        """Slope as rise over run (y, x); worked out anew each time, as ``aspect_deg`` is."""
+        north, east = self.gradient
+        slope: Floats = np.hypot(north, east, dtype=np.float64)
+        return slope
 
-    @cached_property
+    @property
     def aspect_deg(self) -> Floats:
-        """Direction in which the ground falls, clockwise from north."""
-        north, east = self._gradient
-        return np.rad2deg(np.arctan2(-east, -north)) % 360.0
+        """Direction in which the ground falls, clockwise from north (y, x)."""
+        north, east = self.gradient
+        falls: Floats = np.arctan2(-east, -north, dtype=np.float64)
+        return np.rad2deg(falls) % 360.0
 
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Projected x, y in metres of grid positions."""
@@ -135,14 +187,22 @@ class Landscape:
         return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
 
     def elevation_at(self, x_m: Any, y_m: Any) -> Any:
-        """Elevation between cell centres (bilinear); outside the grid that of its edge."""
+        """Elevation between cell centres (bilinear); outside the grid that of its edge.
+
+        Raises FireModelError if the landscape has none.
+        """
+        z = self.elevation_m
+        if z is None:
+            raise FireModelError(
+                "this landscape has no elevation; give an elevation raster along with slope and "
+                "aspect"
+            )
         row, col = self.row_col_of(x_m, y_m)
         row = np.clip(row, 0.0, self.shape[0] - 1.0)
         col = np.clip(col, 0.0, self.shape[1] - 1.0)
         top = np.minimum(row.astype(np.int64), self.shape[0] - 2)
         left = np.minimum(col.astype(np.int64), self.shape[1] - 2)
         down, right = row - top, col - left
-        z = self.elevation_m
         north = z[top, left] * (1 - right) + z[top, left + 1] * right
         south = z[top + 1, left] * (1 - right) + z[top + 1, left + 1] * right
         return north * (1 - down) + south * down
@@ -154,7 +214,10 @@ class Landscape:
         return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)
 
     def digest(self) -> str:
-        """SHA-256 of everything that makes this landscape."""
+        """SHA-256 of everything that makes this landscape.
+
+        The gradient counts only where it is not what the elevation says by itself.
+        """
         sha = hashlib.sha256(
             repr(
                 (
@@ -167,7 +230,23 @@ class Landscape:
             ).encode()
         )
         sha.update(self.fuel_model.astype("<i2").tobytes())
-        sha.update(self.elevation_m.astype("<f4").tobytes())
+        elevation = self.elevation_m
+        layers = {
+            "elevation": elevation,
+            "gradient": self.gradient,
+            "canopy cover": self.canopy_cover,
+            "canopy height": self.canopy_height_m,
+            "canopy base": self.canopy_base_m,
+        }
+        if elevation is not None and np.array_equal(
+            self.gradient, horn(elevation, self.cell_size_m)
+        ):
+            del layers["gradient"]
+        for name, layer in layers.items():
+            if layer is not None:
+                # Elevation has no name here, so that landscapes recorded earlier keep their digest.
+                sha.update(b"" if name == "elevation" else name.encode())
+                sha.update(layer.astype("<f4").tobytes())
         return sha.hexdigest()
 
 

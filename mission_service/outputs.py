@@ -108,9 +108,10 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: CellularFire)
     figure = Figure(figsize=(9.5, 9), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    shade = LightSource(315, 45).hillshade(
-        land.elevation_m, vert_exag=2, dx=land.cell_size_m, dy=land.cell_size_m
-    )
+    north, east = 2.0 * land.gradient  # exaggerated
+    normals = np.dstack([-east, -north, np.ones(land.shape)])
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    shade = LightSource(315, 45).shade_normals(normals)
     axes.imshow(shade, cmap="gray", extent=extent, vmin=-0.4, vmax=1.1, interpolation="bilinear")
     fuel = np.ma.masked_where(land.fuel_model > 90, land.fuel_model)
     axes.imshow(fuel, cmap="YlGn_r", extent=extent, alpha=0.25, interpolation="nearest")

@@ -51,6 +51,7 @@ def test_the_landscape_is_always_the_same() -> None:
     land = jacksboro()
     assert land.shape == (200, 200)
     assert land.digest() == jacksboro().digest()
+    assert land.elevation_m is not None
     assert np.array_equal(land.elevation_m, np.round(land.elevation_m, 1))
 
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,18 @@ import rasterio
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape, read_landscape
+from firemodel.landscape import ROWS_AT_ONCE, Landscape, horn, read_landscape
 from firemodel.writers import write_geotiff
 from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M, landscape
 
 GRID = rasterio.Affine(CELL_M, 0.0, WEST_M, 0.0, -CELL_M, NORTH_M)
+FUEL = np.array([[1, 2, 99], [4, 5, 98]], dtype=np.int16)
+HEIGHTS = np.array([[10.0, 11.5, 12.0], [13.0, 14.0, 15.0]], dtype=np.float32)
+
+
+def heights_of(land: Landscape) -> NDArray[np.float32]:
+    assert land.elevation_m is not None
+    return land.elevation_m
 
 
 def test_cell_centres_and_grid_positions() -> None:
@@ -77,11 +85,17 @@ def test_elevation_between_cells_and_beyond_the_edge() -> None:
 
 def test_the_digest_changes_with_everything_that_matters() -> None:
     base = landscape(1)
-    fuel, heights = base.fuel_model, base.elevation_m
+    fuel, heights = base.fuel_model, heights_of(base)
     other_fuel, other_heights = fuel.copy(), heights.copy()
     other_fuel[3, 3], other_heights[3, 3] = 2, 0.1
+    trees, level = np.full(base.shape, 0.5, np.float32), np.zeros((2, *base.shape), np.float32)
     variants = [
         base,
+        replace(base, canopy_cover=trees),
+        replace(base, canopy_height_m=trees),
+        replace(base, canopy_base_m=trees),
+        replace(base, gradient=level + np.float32(0.1)),
+        replace(base, elevation_m=None),
         Landscape("EPSG:32617", WEST_M, NORTH_M, CELL_M, fuel, heights),
         Landscape(CRS, WEST_M + 1, NORTH_M, CELL_M, fuel, heights),
         Landscape(CRS, WEST_M, NORTH_M + 1, CELL_M, fuel, heights),
@@ -90,13 +104,47 @@ def test_the_digest_changes_with_everything_that_matters() -> None:
         Landscape(CRS, WEST_M, NORTH_M, CELL_M, fuel, other_heights),
     ]
     assert len({variant.digest() for variant in variants}) == len(variants)
-    assert base.digest() == landscape(1).digest()
+    assert base.digest() == landscape(1).digest() == replace(base, gradient=level).digest()
+    # As recorded before a landscape had trees and a gradient of its own.
+    recorded = "0c96de090006e21caf8256786842a0f7282a2df16a5b2fa5f1c774dee1475771"
+    assert landscape(FUEL, HEIGHTS).digest() == recorded
+
+
+def test_a_gradient_that_is_given_wins_over_the_elevation() -> None:
+    base = landscape(1, shape=(3, 4))
+    gradient = np.zeros((2, 3, 4), dtype=np.float32)
+    gradient[0], gradient[1] = 0.3, -0.4
+    for land in (
+        replace(base, gradient=gradient),
+        replace(base, gradient=gradient, elevation_m=None),
+    ):
+        np.testing.assert_allclose(land.slope_tan, 0.5, rtol=1e-6)
+        np.testing.assert_allclose(land.aspect_deg, np.rad2deg(np.arctan2(0.4, -0.3)), rtol=1e-6)
+    with pytest.raises(FireModelError, match="this landscape has no elevation; give an elevation"):
+        land.elevation_at(WEST_M, NORTH_M)
+
+
+def test_the_gradient_is_the_same_whatever_is_worked_out_at_once() -> None:
+    """Rough ground of several blocks of rows, against Horn's weights one cell at a time."""
+    height = np.random.default_rng(1).normal(0.0, 30.0, (2 * ROWS_AT_ONCE + 3, 5))
+    found = horn(height.astype(np.float32), 30.0)
+    assert found.dtype == np.float32
+    z = np.pad(height.astype(np.float32), 1, mode="edge").astype(np.float64)
+    for row in (0, 1, ROWS_AT_ONCE - 1, ROWS_AT_ONCE, 2 * ROWS_AT_ONCE, 2 * ROWS_AT_ONCE + 2):
+        for col in range(5):
+            near = z[row : row + 3, col : col + 3]
+            north = (near[0] - near[2]) @ [1, 2, 1] / 240.0
+            east = (near[:, 2] - near[:, 0]) @ [1, 2, 1] / 240.0
+            np.testing.assert_allclose(found[:, row, col], (north, east), rtol=1e-6, atol=1e-9)
 
 
 def test_impossible_landscapes_are_refused() -> None:
     codes, heights = np.ones((3, 3), dtype=np.int16), np.zeros((3, 3), dtype=np.float32)
     wrong = codes.copy()
     wrong[1, 2] = 14
+    flat = (CRS, 0.0, 0.0, 30.0, codes, heights)
+    hole = np.zeros((2, 3, 3))
+    hole[1, 2, 1] = np.nan
     cases: list[tuple[tuple[Any, ...], str]] = [
         ((CRS, 0.0, 0.0, 30.0, codes, heights[:2]), r"fuel is \(3, 3\) cells, elevation \(2, 3\)"),
         ((CRS, 0.0, 0.0, 0.0, codes, heights), "cell_size_m = 0.0 must be positive"),
@@ -105,6 +153,14 @@ def test_impossible_landscapes_are_refused() -> None:
         (("nowhere", 0.0, 0.0, 30.0, codes, heights), "CRS 'nowhere' is not known"),
         ((CRS, 0.0, 0.0, 30.0, wrong, heights), "unknown fuel code 14 at row 1, column 2"),
         ((CRS, 0.0, 0.0, 30.0, codes, heights + np.inf), "elevation is inf at row 0, column 0"),
+        ((CRS, 0.0, 0.0, 30.0, codes[0], heights), r"fuel is \(3,\) cells; it must be"),
+        ((CRS, 0.0, 0.0, 30.0, codes, None), "neither elevation nor gradient"),
+        ((*flat, heights), r"gradient is \(3, 3\), must be \(2, 3, 3\)"),
+        ((*flat, hole), "gradient towards east is nan at row 2, column 1"),
+        ((*flat, None, heights[:2]), r"fuel is \(3, 3\) cells, canopy cover \(2, 3\)"),
+        ((*flat, None, heights + 35.0), "canopy cover is 35.0 at row 0, column 0; .* from 0 to 1"),
+        ((*flat, None, None, heights + 150.0), "canopy height is 150.0 at row 0, column 0"),
+        ((*flat, None, None, None, heights - 1.0), "canopy base is -1.0 at row 0, column 0"),
     ]
     for arguments, message in cases:
         with pytest.raises(FireModelError, match=message):
@@ -127,23 +183,19 @@ def write(path: Path, band: NDArray[Any], **changes: Any) -> Path:
     return path
 
 
-FUEL = np.array([[1, 2, 99], [4, 5, 98]], dtype=np.int16)
-HEIGHTS = np.array([[10.0, 11.5, 12.0], [13.0, 14.0, 15.0]], dtype=np.float32)
-
-
 def test_geotiffs_come_back_as_written(tmp_path: Path) -> None:
     land = landscape(FUEL, HEIGHTS)
     write_geotiff(tmp_path / "fuel.tif", land.fuel_model, land)
-    write_geotiff(tmp_path / "dem.tif", land.elevation_m, land, nodata=-9999.0)
+    write_geotiff(tmp_path / "dem.tif", heights_of(land), land, nodata=-9999.0)
     again = read_landscape(tmp_path / "fuel.tif", tmp_path / "dem.tif")
     assert again.digest() == land.digest()
-    assert [str(a.dtype) for a in (again.fuel_model, again.elevation_m)] == ["int16", "float32"]
+    assert [str(a.dtype) for a in (again.fuel_model, heights_of(again))] == ["int16", "float32"]
 
 
 def test_integer_elevation_and_byte_fuel_are_read_too(tmp_path: Path) -> None:
     fuel = write(tmp_path / "fuel.tif", FUEL.astype(np.uint8), nodata=255)
     dem = write(tmp_path / "dem.tif", HEIGHTS.astype(np.int16), nodata=-32768)
-    assert read_landscape(fuel, dem).elevation_m[0, 1] == 11.0
+    assert heights_of(read_landscape(fuel, dem))[0, 1] == 11.0
 
 
 def no_file(path: Path) -> Path:
