@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.rothermel import M_PER_FT, Floats, Moisture
 
 WIND_10M_OVER_20FT = 1.15
+Numbers = float | NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +103,7 @@ def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
     return wind_10m / WIND_10M_OVER_20FT
 
 
-def crown_ratio_from_base(canopy_height_m: float | Floats, canopy_base_m: float | Floats) -> Floats:
+def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> Floats:
     """Part of the trees' height that is crown, no unit, 0 where there are no trees."""
     height_m = np.asarray(canopy_height_m, dtype=np.float64)
     some = np.where(height_m > 0.0, height_m, 1.0)
@@ -129,10 +131,10 @@ def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
 
 
 def wind_adjustment_factor(
-    depth_ft: float | Floats,
-    canopy_cover: float | Floats = 0.0,
-    canopy_height_m: float | Floats = 0.0,
-    crown_ratio: float | Floats = 0.0,
+    depth_ft: Numbers,
+    canopy_cover: Numbers = 0.0,
+    canopy_height_m: Numbers = 0.0,
+    crown_ratio: Numbers = 0.0,
 ) -> float | Floats:
     """Midflame wind over wind 20 ft above the vegetation, no unit (Andrews 2012, RMRS-GTR-266).
 
@@ -150,5 +152,7 @@ def wind_adjustment_factor(
     height_ft = np.asarray(canopy_height_m) / M_PER_FT
     sheltered = (fill >= 0.05) & (height_ft >= 6.0)
     below = sheltered_factor(np.where(sheltered, fill, 1.0), np.where(sheltered, height_ft, 6.0))
-    factor: Floats = np.where(sheltered, below, unsheltered_factor(np.asarray(depth_ft)))
+    factor: Floats = np.where(
+        sheltered, below, unsheltered_factor(np.asarray(depth_ft, dtype=np.float64))
+    )
     return factor[()]

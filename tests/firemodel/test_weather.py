@@ -72,7 +72,8 @@ def test_trees_shelter_the_fuel_as_in_behave(
 
 def test_wind_adjustment_of_a_grid_is_that_of_its_cells() -> None:
     depth_ft = np.array([[1.0, 6.0], [0.2, 0.0]])
-    cover, height_m = np.array([[0.6, 0.0], [0.1, 0.0]]), np.array([[18.0, 0.0], [18.0, 0.0]])
+    cover = np.array([[0.625, 0.0], [0.125, 0.0]], dtype=np.float32)
+    height_m = np.array([[18.0, 0.0], [18.0, 0.0]], dtype=np.float32)
     ratio = crown_ratio_from_base(height_m, np.array([[9.0, 0.0], [4.5, 0.0]]))
     assert ratio.tolist() == [[0.5, 0.0], [0.75, 0.0]]
     found = wind_adjustment_factor(depth_ft, cover, height_m, ratio)
@@ -81,7 +82,7 @@ def test_wind_adjustment_of_a_grid_is_that_of_its_cells() -> None:
         wind_adjustment_factor(*(float(x) for x in cell))
         for cell in zip(depth_ft.flat, cover.flat, height_m.flat, ratio.flat, strict=True)
     ]
-    assert np.ravel(found).tolist() == one_by_one
+    assert np.ravel(found).tolist() == pytest.approx(one_by_one, rel=1e-6)
     assert one_by_one[0] < 0.2 < one_by_one[2]
     assert one_by_one[3] == 0.0  # no fuel
 
