@@ -5,8 +5,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firemodel.errors import FireModelError
-from firemodel.rothermel import Moisture
+from firemodel.rothermel import M_PER_FT, Floats, Moisture
+
+WIND_10M_OVER_20FT = 1.15
+Numbers = float | NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +95,64 @@ def _check(number: int, entry: Weather) -> None:
         )
 
 
-def wind_adjustment_factor(depth_ft: float) -> float:
-    """Midflame wind over wind 20 ft above the vegetation, no unit, for fuel not under trees.
+def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
+    """Wind 20 ft (6.1 m) above the vegetation from that 10 m above it, in the same unit.
 
-    Andrews 2012 (RMRS-GTR-266), after Albini & Baughman 1979; fuel depth in ft.
+    Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
     """
-    return 1.83 / math.log((20.0 + 0.36 * depth_ft) / (0.13 * depth_ft))
+    return wind_10m / WIND_10M_OVER_20FT
+
+
+def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> Floats:
+    """Part of the trees' height that is crown, no unit, 0 where there are no trees."""
+    height_m = np.asarray(canopy_height_m, dtype=np.float64)
+    some = np.where(height_m > 0.0, height_m, 1.0)
+    ratio = np.where(height_m > 0.0, 1.0 - np.asarray(canopy_base_m) / some, 0.0)
+    return np.clip(ratio, 0.0, 1.0)
+
+
+def unsheltered_factor(depth_ft: Floats) -> Floats:
+    """Wind adjustment factor of fuel not under trees, 0 where there is no fuel.
+
+    The mean wind between the top of the fuel and twice its depth (Andrews 2012, after Albini &
+    Baughman 1979, INT-221).
+    """
+    some = np.where(depth_ft > 0.0, depth_ft, 1.0)
+    return np.where(depth_ft > 0.0, 1.83 / np.log((20.0 + 0.36 * some) / (0.13 * some)), 0.0)
+
+
+def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
+    """Wind adjustment factor below a canopy (Andrews 2012, after Albini & Baughman 1979).
+
+    ``crown_fill`` is the part of the volume below the tree tops that crowns fill.
+    """
+    profile = np.log((20.0 + 0.36 * canopy_height_ft) / (0.13 * canopy_height_ft))
+    return 0.555 / (np.sqrt(crown_fill * canopy_height_ft) * profile)
+
+
+def wind_adjustment_factor(
+    depth_ft: Numbers,
+    canopy_cover: Numbers = 0.0,
+    canopy_height_m: Numbers = 0.0,
+    crown_ratio: Numbers = 0.0,
+) -> float | Floats:
+    """Midflame wind over wind 20 ft above the vegetation, no unit (Andrews 2012, RMRS-GTR-266).
+
+    Fuel depth in ft; canopy cover and crown ratio are fractions. Numbers, or arrays of one shape.
+    Fuel is sheltered where crowns (cones: cover times crown ratio over 3) fill at least 5 % of the
+    volume and, as in `behave`, the canopy is at least 6 ft high.
+    Raises FireModelError for a cover or ratio that is no fraction.
+    """
+    for name, part in (("canopy_cover", canopy_cover), ("crown_ratio", crown_ratio)):
+        wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))
+        if wrong.any():
+            value = np.asarray(part)[wrong][0]
+            raise FireModelError(f"{name} = {value}: give a fraction from 0 to 1, not percent")
+    fill = np.asarray(canopy_cover) * crown_ratio / 3.0
+    height_ft = np.asarray(canopy_height_m) / M_PER_FT
+    sheltered = (fill >= 0.05) & (height_ft >= 6.0)
+    below = sheltered_factor(np.where(sheltered, fill, 1.0), np.where(sheltered, height_ft, 6.0))
+    factor: Floats = np.where(
+        sheltered, below, unsheltered_factor(np.asarray(depth_ft, dtype=np.float64))
+    )
+    return factor[()]
