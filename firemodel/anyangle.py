@@ -1,13 +1,13 @@
-"""Arrival times at any angle: each cell keeps the cell from which fire came to it in one line.
+"""Arrival times at any angle: fire comes to a cell in a straight line from a source.
 
-A burning cell offers its neighbours two ways: straight from its own parent, or from itself. The
-time along a line is added up over the cells it crosses, each with its own ellipse, through every
-change of weather on the way: nothing already covered is lost. Cells are taken in order of time
-(Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where the conditions are the same
-all around, lines may be of any length and arrival times are those of the exact ellipse.
+A source is the centre of a burned cell, or a point where the front stood when the weather changed.
+A cell that burns offers its neighbours two ways: straight from its own source, or from itself. The
+time along a line is added up over the cells it crosses, each with its own ellipse. Cells are taken
+in order of time (Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where conditions are
+the same all around, lines may be of any length, and arrival times are those of the exact ellipse.
 
-The way over a vector v takes A |v| - B v on a plane in the slope, with A = 1/(R (1 - e)) and
-B = e A along the direction of fastest spread R.
+When the weather changes, each line under way is cut where the fire is on it, and that point becomes
+the source of the rest: what has not burned is rated anew, and no way already covered is lost.
 """
 
 import math
@@ -21,23 +21,25 @@ from numpy.typing import NDArray
 from firemodel.errors import FireModelError
 from firemodel.heap import drop_first, push
 from firemodel.landscape import Landscape
-from firemodel.local_spread import Tables, Terrain, head_of, tables_of, terrain_of
+from firemodel.local_spread import slowness_of, tables_of, terrain_of
 from firemodel.weather import WeatherStream
 
-LONGEST_LINE_CELLS = 16  # over changing ground
-ZERO, ONE = np.zeros(1, dtype=np.int32), np.ones(1)
+LONGEST_LINE_CELLS = 16
+TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 
+Floats = NDArray[np.float64]
+
 
 class _State(NamedTuple):
-    arrival_s: NDArray[np.float64]  # (n) infinity until it burns
-    best_s: NDArray[np.float64]  # (n) earliest arrival found so far
-    parent: NDArray[np.int32]  # (n) where the line to it begins
-    reach: NDArray[np.int16]  # (n) cells around that have the same conditions
-    # What is known of a cell's ellipse in two entries of the weather, even and odd.
-    ellipse: NDArray[np.float64]  # (n, 2, 3): A, B towards north and east in s/m
-    entry: NDArray[np.int32]  # (n, 2) the entry it is known for, -1 for none
+    """All that is known of the cells (n)."""
+
+    arrival_s: Floats  # (n) infinity until it burns
+    best_s: Floats  # (n) earliest arrival found so far
+    source: NDArray[np.int32]  # (n) cell, or n + place among the points; -1 if fire is not near
+    reach: NDArray[np.int16]  # (n) cells around that are like it
+    slowness: Floats  # (n, 4): A, B towards north and east (s/m), the entry they are of
 
 
 class AnyAngleFire:
@@ -53,219 +55,290 @@ class AnyAngleFire:
         n = landscape.fuel_model.size
         self._terrain = terrain_of(landscape)
         self._tables = tables_of(landscape, weather.entries)
-        slots = min(len(weather.entries), 2)
+        self._changes_s = [*weather.change_times(), math.inf]
+        self._entry = weather.index_at(0.0)
+        self._since_s = 0.0
+        slowness = np.empty((n, 4))
+        slowness[:, 3] = -1.0
         self._state = _State(
             np.full(n, np.inf),
             np.full(n, np.inf),
-            np.empty(n, dtype=np.int32),
-            _reach(landscape, self._terrain),
-            np.empty((n, slots, 3)),
-            np.full((n, slots), -1, dtype=np.int32),
+            np.full(n, -1, dtype=np.int32),
+            _reach(self._terrain.fuel, self._terrain.gradient, self._terrain.midflame, landscape.shape[1]),
+            slowness,
         )
         self.arrival_time_s = self._state.arrival_s.reshape(landscape.shape)
         self._heap = (np.empty(0), np.empty(0, dtype=np.int64), 0)
+        self._points = np.empty((0, 3))  # row, column, time of sources between centres of cells
+        self._way = (np.empty(0, dtype=np.int64), np.empty((0, 2)))
         for row, col, time_s in ignitions:
             cell = row * landscape.shape[1] + col
             self._state.best_s[cell] = time_s
-            self._state.parent[cell] = cell
+            self._state.source[cell] = cell
             self._heap = push(*self._heap, float(time_s), cell)
-        self._lines = lines(LONGEST_LINE_CELLS, landscape.shape[1])
         self.advance(0.0)
 
     def advance(self, to_time_s: float) -> None:
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError("time")
-        self._heap = _burn(
-            to_time_s,
-            *self._heap,
-            self._state,
-            self._terrain,
-            self._tables,
-            self.landscape.shape[1],
-            self.landscape.cell_size_m,
-            LONGEST_LINE_CELLS,
-            *self._lines,
-        )
+        while self._changes_s[self._entry] < to_time_s:
+            self._burn(self._changes_s[self._entry])
+            self._change_weather()
+        self._burn(to_time_s)
         self.time_s = float(to_time_s)
 
-
-def _reach(landscape: Landscape, terrain: Terrain) -> NDArray[np.int16]:
-    from scipy.ndimage import distance_transform_cdt
-
-    rows, cols = landscape.shape
-    changes = np.zeros((rows, cols), dtype=bool)
-    for layer in (terrain.fuel, *terrain.gradient, terrain.midflame):
-        values = layer.reshape(rows, cols)
-        for a, b in (
-            ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),
-            ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
-            ((slice(1, None), slice(1, None)), (slice(None, -1), slice(None, -1))),
-            ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))),
-        ):
-            differs = values[a] != values[b]
-            changes[a] |= differs
-            changes[b] |= differs
-    if not changes.any():
-        return np.full(rows * cols, 32767, dtype=np.int16)
-    return distance_transform_cdt(~changes, "chessboard").ravel().astype(np.int16)
-
-
-@njit(cache=True)
-def _learn(cell, entry, slot, ellipse, known, terrain, tables):
-    """Work out a cell's ellipse for an entry of the weather."""
-    known[cell, slot] = entry
-    a, north, east = np.inf, 0.0, 0.0
-    if terrain.fuel[cell] >= 0:
-        rate, to_north, to_east, e = head_of(cell, entry, terrain, tables)
-        if rate > 0.0:
-            rise_north, rise_east = terrain.gradient[0, cell], terrain.gradient[1, cell]
-            a = 1.0 / (rate * (1.0 - e))
-            up = rise_north * to_north + rise_east * to_east
-            b = e * a / np.sqrt(1.0 + up * up)
-            north = b * (to_north + up * rise_north)
-            east = b * (to_east + up * rise_east)
-    ellipse[cell, slot, 0], ellipse[cell, slot, 1], ellipse[cell, slot, 2] = a, north, east
-
-
-@njit(cache=True, inline="always")
-def _time_over(cell, entry, north, east, length2, state, terrain, tables):
-    """Time to cover a horizontal vector (m) within one cell's conditions."""
-    slot = entry % state.ellipse.shape[1]
-    if state.entry[cell, slot] != entry:
-        _learn(cell, entry, slot, state.ellipse, state.entry, terrain, tables)
-    rise = terrain.gradient[0, cell] * north + terrain.gradient[1, cell] * east
-    return (
-        state.ellipse[cell, slot, 0] * math.sqrt(length2 + rise * rise)
-        - state.ellipse[cell, slot, 1] * north
-        - state.ellipse[cell, slot, 2] * east
-    )
-
-
-@njit(cache=True)
-def _slow_line(now, entry, source, first, last, north, east, state, terrain, tables, offset, share):
-    """As the loop in _line, through changes of weather."""
-    length2 = north * north + east * east
-    for k in range(first, last):
-        left = share[k]
-        cell = source + offset[k]
-        while True:
-            whole = _time_over(cell, entry, north, east, length2, state, terrain, tables)
-            until = tables.until_s[entry]
-            if now + left * whole <= until:
-                now += left * whole
-                break
-            left -= (until - now) / whole
-            now = until
-            entry += 1
-    return now
-
-
-@njit(cache=True, inline="always")
-def _line(now, entry, source, first, last, north, east, state, terrain, tables, offset, share):
-    length2 = north * north + east * east
-    found = now
-    for k in range(first, last):
-        found += share[k] * _time_over(
-            source + offset[k], entry, north, east, length2, state, terrain, tables
+    def _burn(self, to_time_s):
+        self._heap = _burn(
+            to_time_s, *self._heap, self._points, self._state, self._terrain, self._tables,
+            self._entry, self.landscape.shape[1], self.landscape.cell_size_m,
         )
-    if found > tables.until_s[entry]:
-        found = _slow_line(
-            now, entry, source, first, last, north, east, state, terrain, tables, offset, share
-        )
-    return found
+
+    def _change_weather(self):
+        at_s = self._changes_s[self._entry]
+        rest = (self._state, self._terrain, self._tables, self._entry, self.landscape.shape[1], self.landscape.cell_size_m)
+        self._way = _under_way(at_s, self._since_s, *self._heap, *self._way, self._points, *rest)
+        self._entry += 1
+        self._since_s = at_s
+        rest = (self._state, self._terrain, self._tables, self._entry, self.landscape.shape[1], self.landscape.cell_size_m)
+        self._heap, self._points = _set_out(at_s, *self._way, self._points, *rest)
 
 
 @njit(cache=True)
-def lines(limit, cols):
-    """Cells that a line from a cell's centre crosses and its share in each, for all short lines."""
-    width = 2 * limit + 1
-    start = np.zeros(width * width + 1, dtype=np.int32)
-    offset = np.zeros(width * width * (2 * limit + 1), dtype=np.int32)
-    share = np.zeros(offset.size)
-    size = 0
-    for down in range(-limit, limit + 1):
-        for right in range(-limit, limit + 1):
-            rows, cols_ = abs(down), abs(right)
-            step_row = cols if down > 0 else -cols
-            step_col = 1 if right > 0 else -1
-            i = j = 0
-            cell = 0
-            done = 0.0
-            while True:
-                by_row = (2 * i + 1) * cols_ if i < rows else 1 << 30
-                by_col = (2 * j + 1) * rows if j < cols_ else 1 << 30
-                if i < rows and cols_ == 0: by_row = 0
-                if j < cols_ and rows == 0: by_col = 0
-                upto = 1.0
-                step = 0
-                if by_row <= by_col and i < rows:
-                    upto = (2 * i + 1) / (2 * rows)
-                    step += step_row
-                if by_col <= by_row and j < cols_:
-                    upto = (2 * j + 1) / (2 * cols_)
-                    step += step_col
-                if by_row <= by_col and i < rows: 
-                    tie = by_row == by_col and j < cols_
-                    i += 1
-                    if tie: j += 1
-                elif j < cols_:
-                    j += 1
-                offset[size], share[size] = cell, upto - done
-                size += 1
-                cell += step
-                done = upto
-                if step == 0:
+def _reach(fuel, gradient, midflame, cols):  # type: ignore[no-untyped-def]
+    """(n) how many cells around each one, to all sides, are like it."""
+    n = fuel.size
+    rows = n // cols
+    reach = np.empty(n, dtype=np.int16)
+    for cell in range(n):
+        row, col = cell // cols, cell % cols
+        reach[cell] = 32767
+        for side in range(8):
+            r, c = row + STEP_ROW[side], col + STEP_COL[side]
+            if 0 <= r < rows and 0 <= c < cols:
+                other = r * cols + c
+                if (
+                    fuel[other] != fuel[cell]
+                    or gradient[0, other] != gradient[0, cell]
+                    or gradient[1, other] != gradient[1, cell]
+                    or midflame[other] != midflame[cell]
+                ):
+                    reach[cell] = 0
                     break
-            start[(down + limit) * width + right + limit + 1] = size
-    return start, offset[:size].copy(), share[:size].copy()
+    # The chessboard distance to such an edge, in two passes (Rosenfeld & Pfaltz 1966).
+    for cell in range(n):
+        row, col = cell // cols, cell % cols
+        least = reach[cell]
+        if col > 0:
+            least = min(least, reach[cell - 1] + 1)
+        if row > 0:
+            least = min(least, reach[cell - cols] + 1)
+            if col > 0:
+                least = min(least, reach[cell - cols - 1] + 1)
+            if col < cols - 1:
+                least = min(least, reach[cell - cols + 1] + 1)
+        reach[cell] = least
+    for cell in range(n - 1, -1, -1):
+        row, col = cell // cols, cell % cols
+        least = reach[cell]
+        if col < cols - 1:
+            least = min(least, reach[cell + 1] + 1)
+        if row < rows - 1:
+            least = min(least, reach[cell + cols] + 1)
+            if col < cols - 1:
+                least = min(least, reach[cell + cols + 1] + 1)
+            if col > 0:
+                least = min(least, reach[cell + cols - 1] + 1)
+        reach[cell] = least
+    return reach
 
 
 @njit(cache=True)
-def _burn(to_time_s, times, keys, size, state, terrain, tables, cols, cell_m, limit, start, offset, share):
-    rows = state.arrival_s.size // cols
-    width = 2 * limit + 1
-    origin = limit * width + limit
-    entry = 0
+def _learn(cell, slowness, terrain, tables, entry):  # type: ignore[no-untyped-def]
+    a, north, east = slowness_of(cell, entry, terrain, tables)
+    slowness[cell, 0], slowness[cell, 1], slowness[cell, 2] = a, north, east
+    slowness[cell, 3] = entry
+
+
+@njit(cache=True, inline="always")
+def _travel(row, col, to_row, to_col, limit_s, reach, slowness, gradient, terrain, tables, entry, cols, cell_m):  # type: ignore[no-untyped-def]
+    """Follow a line (rows, columns) for limit_s at most: (time it takes, part of it covered)."""
+    down, right = to_row - row, to_col - col
+    north, east = -down * cell_m, right * cell_m
+    length2 = north * north + east * east
+    at_row, at_col = int(math.floor(row + 0.5)), int(math.floor(col + 0.5))
+    crossings_row, crossings_col = int(abs(to_row - at_row)), int(abs(to_col - at_col))
+    cell = at_row * cols + at_col
+    if max(crossings_row, crossings_col) <= reach[cell]:
+        crossings_row = crossings_col = 0
+    # Where the line next leaves a row and a column of cells, as shares of its length.
+    row_step = cols if down > 0 else -cols
+    next_row, each_row = 2.0, 0.0
+    if crossings_row > 0:
+        each_row = 1.0 / abs(down)
+        next_row = (abs(at_row - row) * (1.0 if (at_row - row) * down > 0 else -1.0) + 0.5) * each_row
+    col_step = 1 if right > 0 else -1
+    next_col, each_col = 2.0, 0.0
+    if crossings_col > 0:
+        each_col = 1.0 / abs(right)
+        next_col = (abs(at_col - col) * (1.0 if (at_col - col) * right > 0 else -1.0) + 0.5) * each_col
+    time_s, done = 0.0, 0.0
+    for _ in range(crossings_row + crossings_col + 1):
+        if slowness[cell, 3] != entry:
+            _learn(cell, slowness, terrain, tables, entry)
+        leaves_row = next_row < next_col
+        upto = min(next_row if leaves_row else next_col, 1.0)
+        share = upto - done
+        a = slowness[cell, 0]
+        rise = gradient[0, cell] * north + gradient[1, cell] * east
+        whole = a * math.sqrt(length2 + rise * rise) - slowness[cell, 1] * north - slowness[cell, 2] * east
+        stuck = a == 0.0 and share > TOUCH
+        if stuck or time_s + share * whole > limit_s:
+            done += 0.0 if stuck else (limit_s - time_s) / whole
+            time_s = limit_s
+            break
+        time_s += share * whole
+        done = upto
+        next_row += each_row if leaves_row else 0.0
+        next_col += 0.0 if leaves_row else each_col
+        cell += row_step if leaves_row else col_step
+    return time_s, done
+
+
+@njit(cache=True)
+def _burn(to_time_s, times, keys, size, points, state, terrain, tables, entry, cols, cell_m):  # type: ignore[no-untyped-def]
+    arrival_s, best_s, sources, reach, slowness = state
+    gradient, fuel = terrain.gradient, terrain.fuel
+    n = arrival_s.size
+    rows = n // cols
     while size > 0 and times[0] <= to_time_s:
         now, cell = times[0], keys[0]
         size = drop_first(times, keys, size)
-        if state.arrival_s[cell] < np.inf:
+        if arrival_s[cell] < np.inf:
             continue
-        state.arrival_s[cell] = now
-        while tables.until_s[entry] <= now:
-            entry += 1
-        parent = state.parent[cell]
-        parent_s = state.arrival_s[parent]
-        parent_entry = entry
-        while parent_entry > 0 and tables.until_s[parent_entry - 1] > parent_s:
-            parent_entry -= 1
+        arrival_s[cell] = now
         row, col = cell // cols, cell % cols
-        parent_row, parent_col = parent // cols, parent % cols
+        source = sources[cell]
+        if source < n:
+            source_row, source_col, source_s = float(source // cols), float(source % cols), arrival_s[source]
+            near = reach[source]
+        else:
+            source_row, source_col, source_s = points[source - n, 0], points[source - n, 1], points[source - n, 2]
+            near = reach[int(math.floor(source_row + 0.5)) * cols + int(math.floor(source_col + 0.5))]
+        near = max(near, LONGEST_LINE_CELLS)
         for side in range(8):
             to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
             if not (0 <= to_row < rows and 0 <= to_col < cols):
                 continue
             target = to_row * cols + to_col
-            if terrain.fuel[target] < 0 or state.arrival_s[target] < np.inf:
+            if fuel[target] < 0 or arrival_s[target] < np.inf:
                 continue
-            found, via = np.inf, parent
-            down, right = to_row - parent_row, to_col - parent_col
-            far = max(abs(down), abs(right))
-            alike = far <= state.reach[parent]
-            if alike:
-                found = _line(parent_s, parent_entry, parent, 0, 1, -down * cell_m, right * cell_m, state, terrain, tables, ZERO, ONE)
-            else:
-                if far <= limit and parent != cell:
-                    place = origin + down * width + right
-                    found = _line(parent_s, parent_entry, parent, start[place], start[place + 1], -down * cell_m, right * cell_m, state, terrain, tables, offset, share)
-                if STEP_ROW[side] == 0 or STEP_COL[side] == 0 or terrain.fuel[cell + STEP_ROW[side] * cols] >= 0 or terrain.fuel[cell + STEP_COL[side]] >= 0:
-                    place = origin + STEP_ROW[side] * width + STEP_COL[side]
-                    direct = _line(now, entry, cell, start[place], start[place + 1], -STEP_ROW[side] * cell_m, STEP_COL[side] * cell_m, state, terrain, tables, offset, share)
-                    if direct < found:
-                        found, via = direct, cell
-            found = max(found, now)
-            if found < state.best_s[target]:
-                state.best_s[target] = found
-                state.parent[target] = via
-                times, keys, size = push(times, keys, size, found, target)
+            if STEP_ROW[side] != 0 and STEP_COL[side] != 0 and fuel[row * cols + to_col] < 0 and fuel[to_row * cols + col] < 0:
+                continue
+            best, via = best_s[target], sources[target]
+            first = via < 0
+            if via != source and source != cell and max(abs(to_row - source_row), abs(to_col - source_col)) <= near:
+                limit = best - source_s
+                found, _ = _travel(source_row, source_col, float(to_row), float(to_col), limit, reach, slowness, gradient, terrain, tables, entry, cols, cell_m)
+                if found < limit:
+                    best, via = max(source_s + found, now), source
+            if via != source or first:
+                limit = best - now
+                found, _ = _travel(float(row), float(col), float(to_row), float(to_col), limit, reach, slowness, gradient, terrain, tables, entry, cols, cell_m)
+                if found < limit:
+                    best, via = now + found, cell
+            if best < best_s[target] or first:
+                best_s[target] = best
+                sources[target] = via if via >= 0 else cell
+                times, keys, size = push(times, keys, size, best, target)
     return times, keys, size
+
+
+@njit(cache=True)
+def _under_way(at_s, since_s, times, keys, size, way_to, way_from, points, state, terrain, tables, entry, cols, cell_m):  # type: ignore[no-untyped-def]
+    """Every line on which fire is under way: (cell it leads to), (row, column) where the fire is."""
+    arrival_s, best_s, sources, reach, slowness = state
+    gradient, fuel = terrain.gradient, terrain.fuel
+    n = arrival_s.size
+    rows = n // cols
+    to, at = np.empty(max(way_to.size + 4 * size, 64), dtype=np.int64), np.empty((max(way_to.size + 4 * size, 64), 2))
+    count = 0
+    seen = np.empty(16, dtype=np.int64)
+    for k in range(way_to.size):
+        target = way_to[k]
+        if arrival_s[target] < np.inf:
+            continue
+        to_row, to_col = float(target // cols), float(target % cols)
+        row, col = way_from[k, 0], way_from[k, 1]
+        _, part = _travel(row, col, to_row, to_col, at_s - since_s, reach, slowness, gradient, terrain, tables, entry, cols, cell_m)
+        to[count] = target
+        at[count, 0], at[count, 1] = row + part * (to_row - row), col + part * (to_col - col)
+        count += 1
+    for k in range(size):
+        target = keys[k]
+        if arrival_s[target] < np.inf or best_s[target] != times[k]:
+            continue
+        to_row, to_col = target // cols, target % cols
+        many = 0
+        for side in range(8):
+            row, col = to_row + STEP_ROW[side], to_col + STEP_COL[side]
+            if not (0 <= row < rows and 0 <= col < cols):
+                continue
+            cell = row * cols + col
+            if not since_s <= arrival_s[cell] < np.inf:
+                continue
+            if STEP_ROW[side] != 0 and STEP_COL[side] != 0 and fuel[row * cols + to_col] < 0 and fuel[to_row * cols + col] < 0:
+                continue
+            for source in (np.int64(cell), np.int64(sources[cell])):
+                known = False
+                for i in range(many):
+                    known = known or seen[i] == source
+                if known:
+                    continue
+                seen[many] = source
+                many += 1
+                if source < n:
+                    source_row, source_col, source_s = float(source // cols), float(source % cols), arrival_s[source]
+                else:
+                    source_row, source_col, source_s = points[source - n, 0], points[source - n, 1], points[source - n, 2]
+                if source_s < since_s:
+                    continue
+                _, part = _travel(source_row, source_col, float(to_row), float(to_col), at_s - source_s, reach, slowness, gradient, terrain, tables, entry, cols, cell_m)
+                if count == to.size:
+                    more_to, more_at = np.empty(2 * count, dtype=np.int64), np.empty((2 * count, 2))
+                    more_to[:count], more_at[:count] = to, at
+                    to, at = more_to, more_at
+                to[count] = target
+                at[count, 0] = source_row + part * (to_row - source_row)
+                at[count, 1] = source_col + part * (to_col - source_col)
+                count += 1
+    return to[:count].copy(), at[:count].copy()
+
+
+@njit(cache=True)
+def _set_out(at_s, way_to, way_from, points, state, terrain, tables, entry, cols, cell_m):  # type: ignore[no-untyped-def]
+    """Rate the lines anew: a fresh heap, and the points that became sources."""
+    arrival_s, best_s, sources, reach, slowness = state
+    n = arrival_s.size
+    best_way = np.empty(way_to.size, dtype=np.int64)
+    for k in range(way_to.size):
+        best_s[way_to[k]] = np.inf
+        sources[way_to[k]] = -1
+    for k in range(way_to.size):
+        target = way_to[k]
+        limit = best_s[target] - at_s
+        found, _ = _travel(way_from[k, 0], way_from[k, 1], float(target // cols), float(target % cols), limit, reach, slowness, terrain.gradient, terrain, tables, entry, cols, cell_m)
+        if found < limit or sources[target] < 0:
+            best_s[target] = at_s + found
+            sources[target] = n + points.shape[0] + k
+    every = np.empty((points.shape[0] + way_to.size, 3))
+    every[: points.shape[0]] = points
+    times, keys, size = np.empty(way_to.size), np.empty(way_to.size, dtype=np.int64), 0
+    used = points.shape[0]
+    for k in range(way_to.size):
+        target = way_to[k]
+        if sources[target] == n + points.shape[0] + k:
+            sources[target] = n + used
+            every[used, 0], every[used, 1], every[used, 2] = way_from[k, 0], way_from[k, 1], at_s
+            used += 1
+            times, keys, size = push(times, keys, size, best_s[target], target)
+    return (times, keys, size), every[:used].copy()

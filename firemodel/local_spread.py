@@ -36,9 +36,8 @@ class Terrain(NamedTuple):
 class Tables(NamedTuple):
     """What it depends on besides, for each entry of the weather."""
 
-    terms: Floats  # (entries, fuels, 5): R0 m/s, B, C for wind in m/s, slope's K, largest factor
-    wind: Floats  # (entries, 3): speed m/s at 20 ft, its parts towards north and east (unit)
-    until_s: Floats  # (entries) when the next one takes over
+    terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
+    wind: Floats  # (entries, 3): speed m/s at 20 ft, the direction it blows to (north, east)
 
 
 def terrain_of(landscape: Landscape) -> Terrain:
@@ -61,23 +60,23 @@ def burnable_codes(landscape: Landscape) -> list[int]:
 def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
     """The terms of the landscape's fuels under each entry; ``wind_limit`` as in ``rothermel``."""
     codes = burnable_codes(landscape)
-    terms = np.empty((len(entries), len(codes), 5))
+    terms = np.empty((len(entries), len(codes), 6))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
         toward = math.radians(entry.wind_from_deg + 180.0)
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
         for place, code in enumerate(codes):
             bed = fuel_bed(FUEL_MODELS[code], entry.moisture)
-            largest = math.inf
+            limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
             terms[number, place] = (
                 bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
                 bed.wind_b,
                 bed.wind_c * FT_MIN_PER_M_S**bed.wind_b,
                 bed.slope_k,
-                largest,
+                limit_ft_min,
+                rothermel.wind_factor(bed, limit_ft_min) if wind_limit else math.inf,
             )
-    until_s = np.array([*(entry.at_s for entry in entries[1:]), math.inf])
-    return Tables(terms, wind, until_s)
+    return Tables(terms, wind)
 
 
 @njit(cache=True)
@@ -86,22 +85,49 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
     Wind and slope are added as vectors (``rothermel.fastest_spread``).
     """
-    terms = tables.terms[entry, terrain.fuel[cell]]
+    terms, fuel = tables.terms, terrain.fuel[cell]
+    b, c = terms[entry, fuel, 1], terms[entry, fuel, 2]
     rise_north = np.float64(terrain.gradient[0, cell])
     rise_east = np.float64(terrain.gradient[1, cell])
     slope = math.sqrt(rise_north * rise_north + rise_east * rise_east)
     wind = tables.wind[entry, 0] * terrain.midflame[cell]
-    by_wind = terms[2] * wind ** terms[1] if wind > 0.0 else 0.0
-    north = by_wind * tables.wind[entry, 1] + terms[3] * slope * rise_north
-    east = by_wind * tables.wind[entry, 2] + terms[3] * slope * rise_east
+    by_wind = c * wind**b if wind > 0.0 else 0.0
+    north = by_wind * tables.wind[entry, 1]
+    east = by_wind * tables.wind[entry, 2]
+    if slope > 0.0:
+        by_slope = min(terms[entry, fuel, 3] * slope * slope, terms[entry, fuel, 4])
+        north += by_slope * rise_north / slope
+        east += by_slope * rise_east / slope
     factor = math.sqrt(north * north + east * east)
-    if factor == 0.0:
-        return terms[0], 1.0, 0.0, 0.0
+    rate = terms[entry, fuel, 0]
+    if factor == 0.0 or rate == 0.0:
+        return rate, 1.0, 0.0, 0.0
     north, east = north / factor, east / factor
-    factor = min(factor, terms[4])
-    effective_m_s = (factor / terms[2]) ** (1.0 / terms[1])
+    factor = min(factor, terms[entry, fuel, 5])
+    effective_m_s = (factor / c) ** (1.0 / b)
     e = _eccentricity(_length_to_breadth(effective_m_s))
-    return terms[0] * (1.0 + factor), north, east, e
+    return rate * (1.0 + factor), north, east, e
+
+
+@njit(cache=True)
+def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    """(A, B north, B east) in s/m: fire needs A |v| - B v for a horizontal vector v.
+
+    |v| is the length on the plane in the slope, B horizontal. In that plane the ellipse with the
+    ignition in a focus gives A = 1/(R (1 - e)) and a B of e A towards the fastest spread R, which
+    is here brought down to the horizontal. A is 0 where nothing spreads.
+    """
+    if terrain.fuel[cell] < 0:
+        return 0.0, 0.0, 0.0
+    rate, to_north, to_east, e = head_of(cell, entry, terrain, tables)
+    if rate <= 0.0:
+        return 0.0, 0.0, 0.0
+    rise_north = np.float64(terrain.gradient[0, cell])
+    rise_east = np.float64(terrain.gradient[1, cell])
+    a = 1.0 / (rate * (1.0 - e))
+    up = rise_north * to_north + rise_east * to_east
+    b = e * a / math.sqrt(1.0 + up * up)
+    return a, b * (to_north + up * rise_north), b * (to_east + up * rise_east)
 
 
 @njit(cache=True)
@@ -109,7 +135,8 @@ def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
     found = np.zeros((4, terrain.fuel.size))
     for cell in range(terrain.fuel.size):
         if terrain.fuel[cell] >= 0:
-            found[:, cell] = head_of(cell, entry, terrain, tables)
+            rate, north, east, e = head_of(cell, entry, terrain, tables)
+            found[0, cell], found[1, cell], found[2, cell], found[3, cell] = rate, north, east, e
     return found
 
 

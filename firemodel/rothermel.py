@@ -250,7 +250,7 @@ def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
     """
     wind_mph = effective_wind_m_s / M_S_PER_MPH
     ratio = 0.936 * np.exp(0.1147 * wind_mph) + 0.461 * np.exp(-0.0692 * wind_mph) - 0.397
-    return np.clip(ratio, 1.0, LARGEST_LENGTH_TO_BREADTH)
+    return np.minimum(np.maximum(ratio, 1.0), LARGEST_LENGTH_TO_BREADTH)
 
 
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
