@@ -1,17 +1,11 @@
 """A binary heap of (time, key) in two arrays, compiled. Ties are broken by key, always alike."""
 
-import numpy as np
-from numba import njit
+from firemodel.compiled import kernel
 
 
-@njit(cache=True)
+@kernel
 def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
-    """Add an entry; returns (times, keys, size), the arrays made longer when they are full."""
-    if size == times.size:
-        longer = max(2 * size, 64)
-        more_times, more_keys = np.empty(longer), np.empty(longer, dtype=np.int64)
-        more_times[:size], more_keys[:size] = times, keys
-        times, keys = more_times, more_keys
+    """Add an entry, for which there must be room in the arrays; returns the heap's new size."""
     child = size
     while child > 0:
         parent = (child - 1) // 2
@@ -20,10 +14,10 @@ def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
         times[child], keys[child] = times[parent], keys[parent]
         child = parent
     times[child], keys[child] = time, key
-    return times, keys, size + 1
+    return size + 1
 
 
-@njit(cache=True)
+@kernel
 def drop_first(times, keys, size):  # type: ignore[no-untyped-def]
     """Remove the earliest entry (at place 0); returns the heap's new size."""
     size -= 1

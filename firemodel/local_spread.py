@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from firemodel import rothermel
+from firemodel.compiled import kernel
 from firemodel.fuels import FUEL_MODELS
 from firemodel.landscape import Landscape
 from firemodel.rothermel import FT_MIN_PER_M_S, fuel_bed
@@ -21,8 +22,8 @@ from firemodel.weather import Weather, wind_adjustment_factor
 
 Floats = NDArray[np.float64]
 
-_length_to_breadth = njit(cache=True)(rothermel.length_to_breadth)
-_eccentricity = njit(cache=True)(rothermel.eccentricity)
+_length_to_breadth = kernel(rothermel.length_to_breadth)
+_eccentricity = kernel(rothermel.eccentricity)
 
 
 class Terrain(NamedTuple):
@@ -79,7 +80,7 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     return Tables(terms, wind)
 
 
-@njit(cache=True)
+@kernel
 def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """Fastest spread from a cell: (rate m/s along the slope, north, east (unit), eccentricity).
 
@@ -109,7 +110,7 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     return rate * (1.0 + factor), north, east, e
 
 
-@njit(cache=True)
+@kernel
 def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """(A, B north, B east) in s/m: fire needs A |v| - B v for a horizontal vector v.
 
