@@ -196,9 +196,23 @@ def _forget(slowness, learned):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
+    """Time over a horizontal vector (m) as if all of it lay in one cell; 0 if nothing spreads."""
+    slowness, rise = ground.slowness, ground.rise
+    if slowness[cell, 0] != slowness[cell, 0]:
+        _learn(cell, ground, entry)
+    up = rise[cell, 6] * north + rise[cell, 7] * east
+    return (
+        slowness[cell, 0] * math.sqrt(length2 + up * up)
+        - slowness[cell, 1] * north
+        - slowness[cell, 2] * east
+    )
+
+
+@kernel
 def _travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no-untyped-def]
     """Follow a line (rows, columns) for limit_s at most: (time it takes, part of it covered)."""
-    cols, slowness, rise = ground.cols, ground.slowness, ground.rise
+    cols = ground.cols
     down, right = to_row - row, to_col - col
     north, east = -down * ground.cell_m, right * ground.cell_m
     length2 = north * north + east * east
@@ -220,16 +234,11 @@ def _travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[n
         next_col = ((at_col - col if right > 0.0 else col - at_col) + 0.5) * each_col
     time_s, done = 0.0, 0.0
     for _ in range(int(crossings_row + crossings_col) + 1):
-        a = slowness[cell, 0]
-        if a != a:
-            _learn(cell, ground, entry)
-            a = slowness[cell, 0]
         leaves_row = next_row < next_col
         upto = min(next_row if leaves_row else next_col, 1.0)
         share = upto - done
-        up = rise[cell, 6] * north + rise[cell, 7] * east
-        whole = a * math.sqrt(length2 + up * up) - slowness[cell, 1] * north - slowness[cell, 2] * east
-        stuck = a == 0.0 and share > TOUCH
+        whole = _crossing_s(cell, north, east, length2, ground, entry)
+        stuck = whole == 0.0 and share > TOUCH
         if stuck or time_s + share * whole > limit_s:
             done += 0.0 if stuck else (limit_s - time_s) / whole
             time_s = limit_s
@@ -286,10 +295,13 @@ def _burn(to_time_s, times, keys, size, points, labels, ground, entry):  # type:
                 if found < limit:
                     best, via = max(source_s + found, now), source
             if via < 0 or source == cell or far > near - 0.5:
-                limit = best - now
-                found, _ = _travel(float(row), float(col), float(to_row), float(to_col), limit, ground, entry)
-                if found < limit - SAME * now:
-                    best, via = now + found, cell
+                north, east = -STEP_ROW[side] * ground.cell_m, STEP_COL[side] * ground.cell_m
+                length2 = north * north + east * east
+                half = 0.5 * _crossing_s(cell, north, east, length2, ground, entry)
+                if half > 0.0 and now + half < best:
+                    rest = 0.5 * _crossing_s(target, north, east, length2, ground, entry)
+                    if rest > 0.0 and now + half + rest < best * (1.0 - SAME):
+                        best, via = now + half + rest, cell
             if best < best_s[target] or sources[target] < 0:
                 best_s[target] = best
                 sources[target] = via if via >= 0 else cell
