@@ -58,6 +58,52 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
     return np.array(loop[::-1], dtype=np.int32) - 1
 
 
+def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which cells (y, x) have one of these among their eight neighbours."""
+    padded = np.pad(cells, 1)
+    rows, cols = cells.shape
+    found = np.zeros_like(cells)
+    for row, col in _AROUND:
+        found |= padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
+    return found
+
+
+def front_polygons(expected_s: NDArray[np.float64], time_s: float, landscape: Landscape) -> Any:
+    """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
+
+    The edge is where the time between two cells' centres, drawn straight, is the one asked for;
+    halfway to a cell that fire does not come to, and at the edge of the landscape. In its CRS.
+    """
+    from contourpy import FillType, contour_generator
+    from shapely.geometry import MultiPolygon, Polygon
+
+    burned = expected_s <= time_s
+    if not burned.any():
+        return MultiPolygon()
+    in_rows, in_cols = burned.any(axis=1).nonzero()[0], burned.any(axis=0).nonzero()[0]
+    top, left = in_rows[0], in_cols[0]
+    times = expected_s[max(top - 1, 0) : in_rows[-1] + 2, max(left - 1, 0) : in_cols[-1] + 2]
+    times = np.pad(times, ((int(top == 0), 1), (int(left == 0), 1)), constant_values=np.inf)
+    rows, cols = times.shape
+    inside = times <= time_s
+    late = np.where(inside, time_s - times, 0.0)
+    total, count = np.zeros_like(times), np.zeros_like(times)
+    for row, col in _AROUND:
+        here = slice(max(row, 0), rows + min(row, 0)), slice(max(col, 0), cols + min(col, 0))
+        there = slice(max(-row, 0), rows - max(row, 0)), slice(max(-col, 0), cols - max(col, 0))
+        total[there] += late[here]
+        count[there] += inside[here]
+    beyond = np.maximum(total / np.maximum(count, 1), 1e-6)
+    ahead = np.where(inside, -late, np.where(np.isfinite(times), times - time_s, beyond))
+    generator = contour_generator(z=ahead, fill_type=FillType.OuterOffset)
+    found = []
+    for points, offsets in zip(*generator.filled(ahead.min() - 1.0, 0.0), strict=True):
+        x, y = landscape.xy_of(points[:, 1] + max(left - 1, 0) - int(left == 0), 0.0)[0], None
+        rings = [np.stack(landscape_xy, axis=1) for landscape_xy in ()]
+        found.append((points, offsets))
+    return found
+
+
 def polygons(burned: NDArray[np.bool_], landscape: Landscape) -> list[Any]:
     """Burned regions as shapely polygons in the landscape's CRS, holes kept."""
     from rasterio.features import shapes

@@ -1,0 +1,104 @@
+"""What every spread scheme has in common: one burning fire, its states and its front."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.front import front_polygons, neighbours_of
+from firemodel.fuels import NON_BURNABLE
+from firemodel.landscape import Landscape
+from firemodel.weather import WeatherStream
+
+UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
+
+Floats = NDArray[np.float64]
+Ignition = tuple[int, int, float]  # row, column, time in s
+
+
+class Burning(NamedTuple):
+    """A fire that is already there when the model takes over (see ``burning``)."""
+
+    at_s: float
+    arrival_s: Floats  # (y, x) infinity where it has not burned
+    front: Floats  # (k, 2) points on the front as float (row, column), no further apart than a cell
+
+
+class Fire(ABC):
+    """One burning fire. Time is in seconds and only goes forward.
+
+    ``arrival_time_s`` is float64 (y, x): when each cell caught fire, infinity where it has not yet.
+    It is the fire's own array, not a copy: do not write to it.
+    """
+
+    landscape: Landscape
+    weather: WeatherStream
+    time_s: float
+    arrival_time_s: Floats
+
+    @abstractmethod
+    def _burn_until(self, to_time_s: float) -> None: ...
+
+    def advance(self, to_time_s: float) -> None:
+        """Let it burn until ``to_time_s``; costs in proportion to what newly burns."""
+        if not self.time_s <= to_time_s < np.inf:
+            raise FireModelError(
+                f"the fire is at {self.time_s} s and cannot go to {to_time_s} s; "
+                "it only goes forward"
+            )
+        self._burn_until(float(to_time_s))
+        self.time_s = float(to_time_s)
+
+    def burned(self) -> NDArray[np.bool_]:
+        """Which cells burn or have burned by now (y, x)."""
+        return self.arrival_time_s <= self.time_s
+
+    def state_at(self, time_s: float) -> NDArray[np.int8]:
+        """State of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
+
+        A cell burns as long as it has a neighbour (of eight) left to burn. Raises FireModelError
+        for a time that the fire has not come to.
+        """
+        self._check_past(time_s)
+        cannot = np.isin(self.landscape.fuel_model, list(NON_BURNABLE))
+        burned = self.arrival_time_s <= time_s
+        fresh = neighbours_of(~burned & ~cannot)
+        state = np.where(burned, np.where(fresh, BURNING, BURNED), UNBURNED)
+        return np.where(cannot & ~burned, CANNOT_BURN, state).astype(np.int8)
+
+    def front(self, time_s: float) -> Any:
+        """Burned area at a time as a shapely MultiPolygon in the landscape's CRS.
+
+        Its edge runs between the cells' centres, where the fire was at that time. Raises
+        FireModelError for a time that the fire has not come to.
+        """
+        self._check_past(time_s)
+        return front_polygons(self._expected_s(), time_s, self.landscape)
+
+    def _expected_s(self) -> Floats:
+        """(y, x) arrival times, of unburned cells too where they are known."""
+        return self.arrival_time_s
+
+    def _check_past(self, time_s: float) -> None:
+        if time_s > self.time_s:
+            raise FireModelError(f"the fire is at {self.time_s} s; it is not known at {time_s} s")
+
+
+def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:
+    """Raise FireModelError for the first ignition where or when nothing can burn."""
+    rows, cols = landscape.shape
+    for row, col, time_s in ignitions:
+        if not (0 <= row < rows and 0 <= col < cols):
+            raise FireModelError(f"ignition at row {row}, column {col}: outside the landscape")
+        if not from_s <= time_s < np.inf:
+            raise FireModelError(
+                f"ignition at row {row}, column {col}: time {time_s} s must be {from_s:g} or later"
+            )
+        if int(landscape.fuel_model[row, col]) in NON_BURNABLE:
+            raise FireModelError(
+                f"ignition at row {row}, column {col}: fuel code "
+                f"{landscape.fuel_model[row, col]} does not burn"
+            )
