@@ -205,10 +205,10 @@ def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDAr
 
     Slope becomes rise over run, whatever its unit.
     """
+    present = np.where(missing, 0, values)  # a nodata value may be beyond float32
     if unit == "class":
-        return COVER_OF_CLASS[np.where(missing, 0, values).astype(np.int8)]
-    found = values.astype(np.float32)
-    found[missing] = 0.0
+        return COVER_OF_CLASS[present.astype(np.int8)]
+    found = present.astype(np.float32)
     if layer == "slope" and unit == "degrees":
         np.tan(np.deg2rad(found, out=found), out=found)
     elif unit in FACTORS:

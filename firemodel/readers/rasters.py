@@ -77,7 +77,7 @@ def read_landscape(
             refuse(gaps(band, values, without))
         refuse(value_problems(layer, kinds[layer], band, values, without))
         if layer == "fuel":
-            layers[layer] = values.astype(np.int16)
+            layers[layer] = np.where(without, NO_DATA_FUEL, values).astype(np.int16)
         else:
             layers[layer] = to_layer(layer, kinds[layer], values, without)
         if layer == "elevation" and without.any():

@@ -69,13 +69,13 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
                 meta, _, geometries, _ = pyogrio.raw.read(
                     path, layer=layer, columns=[], force_2d=True
                 )
+                if geometries is None:
+                    raise FireModelError(f"{path}: holds no geometries but a table; draw some")
                 names.add(meta["crs"])
                 for wkb in geometries:
                     shapes.append(_from_wkb(path, len(shapes) + 1, wkb))
     except (DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
-        raise FireModelError(
-            f"{path}: cannot be read as shapes ({' '.join(str(error).split())})"
-        ) from None
+        raise FireModelError(f"{path}: cannot be read as shapes ({_first_line(error)})") from None
     if len(names) > 1:
         raise FireModelError(f"{path}: its layers differ in CRS; write each into a file of its own")
     return shapes, next(iter(names), None)
@@ -88,6 +88,11 @@ def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
         raise FireModelError(
             f"{path}: feature {number} is not a geometry ({error}); draw it anew"
         ) from None
+
+
+def _first_line(error: Exception) -> str:
+    """Without pyogrio's advice on drivers."""
+    return " ".join(str(error).split(".;")[0].split())
 
 
 def _beside(path: Path, suffix: str) -> bool:
@@ -131,7 +136,7 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
         )
 
 
-def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str) -> Iterator[str]:
+def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
     """What is wrong with one feature's geometry by itself."""
     where = f"{path}: feature {number}"
     if shape.is_empty:
@@ -144,8 +149,10 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str) -> It
         reason = shapely.is_valid_reason(shape)
         yield f"{where} is not a valid {shape.geom_type} ({reason}); repair it, as with QGIS"
     west, south, east, north = shape.bounds
-    if CRS.from_user_input(crs).is_geographic and (
-        max(-west, east) > 360.0 or max(-south, north) > 90.0
+    if (
+        crs is not None
+        and CRS.from_user_input(crs).is_geographic
+        and (max(-west, east) > 360.0 or max(-south, north) > 90.0)
     ):
         yield (
             f"{where} reaches from ({west:g}, {south:g}) to ({east:g}, {north:g}), which are not "

@@ -332,6 +332,18 @@ def test_cells_without_a_value_can_be_taken_as_bare_ground(tmp_path: Path) -> No
         read_landscape({**files, "fuel": empty}, units=units, missing="unburnable", nodata=-9999)
 
 
+def test_nodata_values_beyond_the_types_of_a_landscape(tmp_path: Path) -> None:
+    codes, heights = FUEL.astype(np.uint16), HEIGHTS.astype(np.float64)
+    codes[0, 0], heights[0, 1] = 65535, -1.7e308
+    files = {
+        "fuel": write_raster(tmp_path / "fuel.tif", codes, nodata=65535),
+        "elevation": write_raster(tmp_path / "dem.tif", heights, nodata=-1.7e308),
+    }
+    land = read_landscape(files, missing="unburnable")
+    np.testing.assert_array_equal(land.fuel_model, [[99, 99, 99], [4, 5, 98]])
+    assert elevation(land)[0, 1] in (10.0, 12.0, 14.0)
+
+
 def test_a_mask_inside_the_file_counts_as_no_data(tmp_path: Path) -> None:
     fuel = write_raster(tmp_path / "fuel.tif", FUEL)
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(fuel, "r+") as file:
