@@ -195,6 +195,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
     else:
         try:
             check_crs(found, str(band.path))
+            check_crs(crs or found, f"{band.path}: given as crs")
             if crs is not None and CRS.from_user_input(found) != CRS.from_user_input(crs):
                 yield (
                     f"{band.path}: CRS {crs_label(found)} is not the {crs_label(crs)} given as "

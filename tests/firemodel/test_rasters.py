@@ -291,6 +291,8 @@ def test_ascii_grids_are_read_with_a_crs_beside_them_or_given(tmp_path: Path) ->
     assert read_landscape(files).digest() == expected
     with pytest.raises(FireModelError, match=r"CRS EPSG:32616 is not the EPSG:32633 given as crs"):
         read_landscape(files, crs="EPSG:32633")
+    with pytest.raises(FireModelError, match=r"fuel.asc: given as crs: CRS 'nowhere' is not known"):
+        read_landscape(files, crs="nowhere")
     broken = ascii_grid(tmp_path / "fuel.asc", FUEL + 0.5)
     with pytest.raises(FireModelError, match=r"fuel code 1.5 at row 0, column 0 .* whole number"):
         read_two(broken, dem)

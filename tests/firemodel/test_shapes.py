@@ -13,6 +13,7 @@ from shapely.geometry import LineString, Point, Polygon, mapping
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
+from firemodel.info import describe
 from firemodel.rasterise import cells_of
 from firemodel.readers.rasters import read_landscape
 from firemodel.readers.shapes import read_shapes
@@ -101,6 +102,7 @@ def test_kml_of_several_folders_zipped_or_not(tmp_path: Path) -> None:
     for name in ("a.kml", "a.kmz"):
         point, road = read_shapes(tmp_path / name, LAND)
         assert (point.geom_type, road.geom_type) == ("Point", "LineString")
+        assert describe(tmp_path / name)["kind"] == "shapes"
         assert road.coords[0] == point.coords[0] != road.coords[1]
         assert road.coords[1] == pytest.approx((X_M, Y_M), abs=1e-3)
 
