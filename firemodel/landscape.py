@@ -2,10 +2,8 @@
 
 import hashlib
 import math
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,8 +40,14 @@ def check_crs(crs: str, where: str) -> None:
         raise FireModelError(f"{where}: CRS {crs!r} is not known: {error}") from None
     if not found.is_projected or found.axis_info[0].unit_name != "metre":
         raise FireModelError(
-            f"{where}: CRS {crs} is not a projection in metres; reproject it, to UTM for example"
+            f"{where}: CRS {crs_label(crs)} is not a projection in metres; "
+            "reproject it, to UTM for example"
         )
+
+
+def crs_label(crs: str) -> str:
+    """A CRS in few words: its code if it is given by one, else its name."""
+    return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
 
 
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
@@ -248,102 +252,3 @@ class Landscape:
                 sha.update(b"" if name == "elevation" else name.encode())
                 sha.update(layer.astype("<f4").tobytes())
         return sha.hexdigest()
-
-
-def read_landscape(fuel_path: Path, elevation_path: Path) -> Landscape:
-    """Read two single-band GeoTIFFs that lie on the same north-up grid of square cells.
-
-    Raises FireModelError naming the file and what is wrong with it.
-    """
-    fuel, fuel_grid = _read_band(fuel_path)
-    elevation, elevation_grid = _read_band(elevation_path)
-    if not np.issubdtype(fuel.dtype, np.integer):
-        raise FireModelError(
-            f"{fuel_path}: fuel codes must be integers, the file holds {fuel.dtype}; "
-            "write it as int16"
-        )
-    check_codes(fuel, str(fuel_path))
-    differs = fuel_grid.difference(elevation_grid)
-    if differs:
-        raise FireModelError(
-            f"{elevation_path}: {differs} of {fuel_path}; bring both rasters onto one grid"
-        )
-    return Landscape(
-        fuel_grid.crs,
-        fuel_grid.west_m,
-        fuel_grid.north_m,
-        fuel_grid.cell_size_m,
-        fuel.astype(np.int16),
-        elevation.astype(np.float32),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Grid:
-    """Where the cells of a raster lie."""
-
-    crs: str
-    shape: tuple[int, ...]
-    west_m: float
-    north_m: float
-    cell_size_m: float
-
-    def difference(self, other: "_Grid") -> str:
-        """What is different about another grid; empty if nothing is (to 1/1000 of a cell)."""
-        if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
-            return f"CRS {other.crs} is not the {self.crs}"
-        if self.shape != other.shape:
-            return f"{other.shape} cells are not the {self.shape}"
-        tolerance_m = 1e-3 * self.cell_size_m
-        if abs(self.cell_size_m - other.cell_size_m) * max(self.shape) > tolerance_m:
-            return f"cell size {other.cell_size_m} m is not the {self.cell_size_m} m"
-        offset_m = max(abs(self.west_m - other.west_m), abs(self.north_m - other.north_m))
-        if offset_m > tolerance_m:
-            return (
-                f"corner ({other.west_m}, {other.north_m}) is not the "
-                f"({self.west_m}, {self.north_m})"
-            )
-        return ""
-
-
-def _read_band(path: Path) -> tuple[NDArray[Any], _Grid]:
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
-
-    if not path.is_file():
-        raise FireModelError(f"{path}: no such file")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # refused below
-            with rasterio.open(path) as source:
-                if source.count != 1:
-                    raise FireModelError(f"{path}: has {source.count} bands; give a file with one")
-                band = source.read(1)
-                crs, transform, nodata = source.crs, source.transform, source.nodata
-    except RasterioError as error:
-        raise FireModelError(f"{path}: cannot be read as a raster ({error})") from None
-    if crs is None:
-        raise FireModelError(f"{path}: has no CRS; assign the projection it was made in")
-    name = crs.to_string()
-    check_crs(name, str(path))
-    if transform.b or transform.d or transform.a <= 0 or transform.e >= 0:
-        raise FireModelError(f"{path}: is not north-up; warp it onto an unrotated grid")
-    if abs(transform.a + transform.e) > 1e-6 * transform.a:
-        raise FireModelError(
-            f"{path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
-        )
-    _refuse_missing(path, band, nodata)
-    return band, _Grid(name, band.shape, transform.c, transform.f, transform.a)
-
-
-def _refuse_missing(path: Path, band: NDArray[Any], nodata: float | None) -> None:
-    """Raise FireModelError for the first cell without a value."""
-    missing = ~np.isfinite(band)
-    if nodata is not None:
-        missing |= band == nodata
-    if missing.any():
-        row, col = np.argwhere(missing)[0]
-        raise FireModelError(
-            f"{path}: no data (value {band[row, col]}) at row {row}, column {col} "
-            f"({np.count_nonzero(missing)} such cells); fill or crop them"
-        )

@@ -11,7 +11,8 @@ import numpy as np
 from autopilot_bridge.link import parse_link
 from firemodel.cellular import CellularFire
 from firemodel.default_landscape import jacksboro
-from firemodel.landscape import Landscape, read_landscape
+from firemodel.landscape import Landscape
+from firemodel.readers.rasters import read_landscape
 from firemodel.weather import Weather, WeatherStream
 from mission_service.config import Ignition, Scenario, VehicleSection
 from mission_service.errors import ScenarioError
@@ -22,7 +23,7 @@ def landscape_of(scenario: Scenario) -> Landscape:
     """The landscape a scenario names."""
     section = scenario.landscape
     if section.fuel is not None and section.elevation is not None:
-        return read_landscape(section.fuel, section.elevation)
+        return read_landscape({"fuel": section.fuel, "elevation": section.elevation})
     return jacksboro(section.rows, section.cols, section.cell_size_m)
 
 

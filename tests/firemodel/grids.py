@@ -1,6 +1,10 @@
 """Small landscapes and weathers that several tests share."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import rasterio
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
@@ -33,3 +37,23 @@ def weather(wind_speed_m_s: float = 0.0, wind_from_deg: float = 0.0, at_s: float
 def steady(wind_speed_m_s: float = 0.0, wind_from_deg: float = 0.0) -> WeatherStream:
     """One weather for all time."""
     return WeatherStream([weather(wind_speed_m_s, wind_from_deg)])
+
+
+def write_raster(
+    path: Path, bands: NDArray[Any], names: tuple[str, ...] = (), **changes: Any
+) -> Path:
+    """A GeoTIFF on the usual grid; ``changes`` override rasterio's profile."""
+    profile = {
+        "driver": "GTiff",
+        "height": bands.shape[-2],
+        "width": bands.shape[-1],
+        "count": 1 if bands.ndim == 2 else bands.shape[0],
+        "dtype": bands.dtype,
+        "crs": CRS,
+        "transform": rasterio.Affine(CELL_M, 0.0, WEST_M, 0.0, -CELL_M, NORTH_M),
+    }
+    with rasterio.open(path, "w", **{**profile, **changes}) as file:
+        file.write(bands.reshape(-1, *bands.shape[-2:]))
+        for number, name in enumerate(names, start=1):
+            file.set_band_description(number, name)
+    return path

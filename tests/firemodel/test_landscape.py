@@ -1,22 +1,16 @@
-"""Where cells lie, how the ground slopes, and which files are refused with which words."""
+"""Where cells lie, how the ground slopes, and what cannot be a landscape."""
 
-import re
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rasterio
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import ROWS_AT_ONCE, Landscape, horn, read_landscape
-from firemodel.writers import write_geotiff
+from firemodel.landscape import ROWS_AT_ONCE, Landscape, horn
 from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M, landscape
 
-GRID = rasterio.Affine(CELL_M, 0.0, WEST_M, 0.0, -CELL_M, NORTH_M)
 FUEL = np.array([[1, 2, 99], [4, 5, 98]], dtype=np.int16)
 HEIGHTS = np.array([[10.0, 11.5, 12.0], [13.0, 14.0, 15.0]], dtype=np.float32)
 
@@ -165,126 +159,3 @@ def test_impossible_landscapes_are_refused() -> None:
     for arguments, message in cases:
         with pytest.raises(FireModelError, match=message):
             Landscape(*arguments)
-
-
-def write(path: Path, band: NDArray[Any], **changes: Any) -> Path:
-    """A GeoTIFF on the usual grid; ``changes`` override rasterio's profile."""
-    profile = {
-        "driver": "GTiff",
-        "height": band.shape[-2],
-        "width": band.shape[-1],
-        "count": 1 if band.ndim == 2 else band.shape[0],
-        "dtype": band.dtype,
-        "crs": CRS,
-        "transform": GRID,
-    }
-    with rasterio.open(path, "w", **{**profile, **changes}) as file:
-        file.write(band.reshape(-1, *band.shape[-2:]))
-    return path
-
-
-def test_geotiffs_come_back_as_written(tmp_path: Path) -> None:
-    land = landscape(FUEL, HEIGHTS)
-    write_geotiff(tmp_path / "fuel.tif", land.fuel_model, land)
-    write_geotiff(tmp_path / "dem.tif", heights_of(land), land, nodata=-9999.0)
-    again = read_landscape(tmp_path / "fuel.tif", tmp_path / "dem.tif")
-    assert again.digest() == land.digest()
-    assert [str(a.dtype) for a in (again.fuel_model, heights_of(again))] == ["int16", "float32"]
-
-
-def test_integer_elevation_and_byte_fuel_are_read_too(tmp_path: Path) -> None:
-    fuel = write(tmp_path / "fuel.tif", FUEL.astype(np.uint8), nodata=255)
-    dem = write(tmp_path / "dem.tif", HEIGHTS.astype(np.int16), nodata=-32768)
-    assert heights_of(read_landscape(fuel, dem))[0, 1] == 11.0
-
-
-def no_file(path: Path) -> Path:
-    return path
-
-
-def text_file(path: Path) -> Path:
-    path.write_text("not a raster", encoding="utf-8")
-    return path
-
-
-def truncated(path: Path) -> Path:
-    noise = np.random.default_rng(0).integers(1, 13, (300, 300)).astype(np.int16)
-    write(path, noise)
-    path.write_bytes(path.read_bytes()[:5000])
-    return path
-
-
-def changed(band: NDArray[Any] = FUEL, **changes: Any) -> Callable[[Path], Path]:
-    return lambda path: write(path, band, **changes)
-
-
-def with_value(value: float, dtype: Any) -> NDArray[Any]:
-    band = FUEL.astype(dtype)
-    band[1, 0] = value
-    return band
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (no_file, "bad.tif: no such file"),
-        (text_file, "bad.tif: cannot be read as a raster"),
-        (truncated, "bad.tif: cannot be read as a raster"),
-        (changed(np.stack([FUEL, FUEL])), "bad.tif: has 2 bands; give a file with one"),
-        (changed(crs=None), "bad.tif: has no CRS; assign"),
-        (changed(crs="EPSG:4326"), "bad.tif: CRS EPSG:4326 is not a projection in metres"),
-        (
-            changed(transform=rasterio.Affine(30, 0, WEST_M, 0, 30, NORTH_M)),
-            "bad.tif: is not north-up",
-        ),
-        (
-            changed(transform=rasterio.Affine(30, 5, WEST_M, 0, -30, NORTH_M)),
-            "bad.tif: is not north-up",
-        ),
-        (
-            changed(transform=rasterio.Affine(30, 0, WEST_M, 0, -25, NORTH_M)),
-            "bad.tif: cells are 30.0 x 25.0 m; resample",
-        ),
-        (changed(FUEL.astype(np.float32)), "bad.tif: fuel codes must be integers, .* float32"),
-        (
-            changed(with_value(-9999, np.int16), nodata=-9999),
-            r"bad.tif: no data \(value -9999\) at row 1, column 0 \(1 such cells\)",
-        ),
-        (changed(with_value(14, np.int16)), "bad.tif: unknown fuel code 14 at row 1, column 0"),
-    ],
-)
-def test_unusable_fuel_files_are_refused(
-    tmp_path: Path, make: Callable[[Path], Path], message: str
-) -> None:
-    dem = write(tmp_path / "dem.tif", HEIGHTS)
-    with pytest.raises(FireModelError, match=message) as caught:
-        read_landscape(make(tmp_path / "bad.tif"), dem)
-    assert "\n" not in str(caught.value)
-    assert re.match(re.escape(str(tmp_path)), str(caught.value))
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            changed(with_value(np.nan, np.float32)),
-            r"bad.tif: no data \(value nan\) at row 1, column 0",
-        ),
-        (changed(HEIGHTS, crs="EPSG:32617"), "bad.tif: CRS EPSG:32617 is not the EPSG:32616 of"),
-        (changed(HEIGHTS[:, :2]), r"bad.tif: \(2, 2\) cells are not the \(2, 3\) of"),
-        (
-            changed(HEIGHTS, transform=rasterio.Affine(10, 0, WEST_M, 0, -10, NORTH_M)),
-            "bad.tif: cell size 10.0 m is not the 30.0 m of",
-        ),
-        (
-            changed(HEIGHTS, transform=rasterio.Affine(30, 0, WEST_M + 30, 0, -30, NORTH_M)),
-            r"bad.tif: corner \(500030.0, 4000000.0\) is not the \(500000.0, 4000000.0\) of",
-        ),
-    ],
-)
-def test_elevation_that_does_not_fit_is_refused(
-    tmp_path: Path, make: Callable[[Path], Path], message: str
-) -> None:
-    fuel = write(tmp_path / "fuel.tif", FUEL)
-    with pytest.raises(FireModelError, match=message):
-        read_landscape(fuel, make(tmp_path / "bad.tif"))

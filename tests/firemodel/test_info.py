@@ -1,0 +1,152 @@
+"""A description says what is in a file, and all that is wrong with it at once."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from numpy.typing import NDArray
+from shapely.geometry import Point, mapping
+
+from firemodel.errors import FireModelError
+from firemodel.info import describe, describe_rasters, describe_shapes, in_text
+from firemodel.readers.rasters import read_landscape
+from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape, write_raster
+
+FUEL = np.array([[1, 1, 99, 101], [98, 102, 2, 1]], dtype=np.int16)
+HEIGHTS = np.linspace(10.0, 17.0, 8, dtype=np.float32).reshape(2, 4)
+
+
+def test_what_is_in_a_single_raster(tmp_path: Path) -> None:
+    """Two of eight cells do not burn; the extent is that of UTM 16 at 87 W."""
+    path = write_raster(tmp_path / "fuel.tif", FUEL, nodata=-9999)
+    found = describe(path)
+    assert found["problems"] == []
+    assert (found["kind"], found["crs"], found["rows"], found["cols"]) == ("raster", CRS, 2, 4)
+    assert found["cell_size"] == 30.0
+    south, west, north, east = found["extent"]
+    land = landscape(FUEL)
+    lat_deg, lon_deg = land.lat_lon_of(WEST_M, NORTH_M)
+    assert (north, west) == (pytest.approx(lat_deg, abs=1e-6), pytest.approx(lon_deg, abs=1e-6))
+    assert (north - south) * 111_000 == pytest.approx(60.0, abs=1.0)
+    assert (east - west) * 111_320 * np.cos(np.deg2rad(north)) == pytest.approx(120.0, abs=1.0)
+    (band,) = found["bands"]
+    assert (band["layer"], band["dtype"], band["nodata"]) == ("", "int16", -9999)
+    assert (band["least"], band["most"], band["no_data_cells"]) == (1, 102, 0)
+    assert band["fuels"][0] == (1, "short grass", 37.5)
+    assert [code for code, _, _ in band["fuels"]] == [1, 2, 98, 99, 101, 102]
+    assert band["non_burnable_pct"] == 25.0
+    text = in_text(found)
+    assert "if these are fuel codes" in text
+    assert "37.5 % short grass" in text
+    assert text.endswith("no problems")
+    assert "fuels" not in describe(write_raster(tmp_path / "dem.tif", HEIGHTS))["bands"][0]
+
+
+def broken_files(tmp_path: Path) -> dict[str, Path]:
+    codes, heights, slope = FUEL.copy(), HEIGHTS.copy(), np.zeros((3, 4), dtype=np.int16)
+    codes[0, 1], heights[1, 2], slope[2, 0] = 14, -9999.0, -9999
+    return {
+        "fuel": write_raster(tmp_path / "fuel.tif", codes),
+        "elevation": write_raster(tmp_path / "dem.tif", heights, crs="EPSG:32617", nodata=-9999),
+        "slope": write_raster(tmp_path / "slope.tif", slope),
+        "aspect": write_raster(tmp_path / "aspect.tif", FUEL * 4, crs=None),
+        "canopy_cover": tmp_path / "none.tif",
+    }
+
+
+def test_all_problems_are_told_and_not_the_first_alone(tmp_path: Path) -> None:
+    """Each is a line, and mending one after the other ends in a landscape."""
+    files = broken_files(tmp_path)
+    problems = describe_rasters(files)["problems"]
+    expected = [
+        "none.tif: no such file",
+        "dem.tif: CRS EPSG:32617 is not the EPSG:32616 of",
+        "slope.tif: (3, 4) cells are not the (2, 4) of",
+        "aspect.tif: has no CRS",
+        "fuel.tif: unknown fuel code 14 at row 0, column 1",
+        "dem.tif: no data: value -9999.0 at row 1, column 2",
+        "slope.tif: unit of slope unknown",
+        "aspect.tif: aspect is 396 at row 0, column 2",
+    ]
+    assert len(problems) == len(expected)
+    for problem, start in zip(problems, expected, strict=True):
+        assert problem.startswith(f"{tmp_path}/{start}")
+        assert "\n" not in problem
+    assert in_text(describe_rasters(files)).count("  problem: ") == len(expected)
+    with pytest.raises(FireModelError) as caught:
+        read_landscape(files)
+    assert str(caught.value) in problems
+
+
+def test_a_good_landscape_has_no_problems_and_is_read(tmp_path: Path) -> None:
+    files = {
+        "fuel": write_raster(tmp_path / "fuel.tif", FUEL),
+        "elevation": write_raster(tmp_path / "dem.tif", HEIGHTS),
+    }
+    assert describe_rasters(files)["problems"] == []
+    assert read_landscape(files).shape == (2, 4)
+    only_fuel = describe_rasters({"fuel": files["fuel"]})["problems"]
+    assert only_fuel == ["landscape: no elevation, nor slope and aspect; give them"]
+
+
+def stack(path: Path, names: tuple[str, ...]) -> Path:
+    bands: NDArray[np.int16] = np.stack([FUEL, HEIGHTS.astype(np.int16), FUEL * 0 - 9999])
+    return write_raster(path, bands, names)
+
+
+def test_a_stack_is_described_by_its_band_names(tmp_path: Path) -> None:
+    found = describe(stack(tmp_path / "a.tif", ("LC22_F40_230", "LC20_Elev_220", "LC20_SlpP_220")))
+    layers = [(band["layer"], band["unit"]) for band in found["bands"]]
+    assert layers == [("fuel", ""), ("elevation", "m"), ("slope", "percent")]
+    assert any("slope and aspect belong together" in problem for problem in found["problems"])
+    assert any("band 3: slope is -9999 at" in problem for problem in found["problems"])
+    unnamed = describe(stack(tmp_path / "b.tif", ()))
+    assert "no band's description names a layer" in unnamed["problems"][0]
+    assert "b.tif band 3: -9999 at row 0, column 0 (8 such cells) looks" in unnamed["problems"][1]
+    assert len(describe(tmp_path / "b.tif", nodata=-9999)["problems"]) == 1
+
+
+def test_what_is_in_shapes_and_all_their_problems(tmp_path: Path) -> None:
+    land = landscape()
+    lat_deg, lon_deg = land.lat_lon_of(*land.xy_of(20, 20))
+    geometries = [
+        mapping(Point(lon_deg, lat_deg)),
+        None,
+        mapping(Point(lon_deg + 1, lat_deg)),
+        {"type": "LineString", "coordinates": [[lon_deg, lat_deg], [lon_deg, 95.0]]},
+    ]
+    features = [{"type": "Feature", "properties": {}, "geometry": one} for one in geometries]
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    found = describe(path)
+    assert (found["kind"], found["features"]) == ("shapes", 4)
+    assert found["types"] == {"Point": 2, "empty": 1, "LineString": 1}
+    assert found["extent"][:2] == pytest.approx((lat_deg, lon_deg))
+    assert [problem.split(": ")[1].split()[1] for problem in found["problems"]] == ["2", "4"]
+    on_land = describe_shapes(path, landscape=land)["problems"]
+    assert [problem.split(": ")[1].split()[1] for problem in on_land] == ["2", "3", "4"]
+    assert "4 features: 2 Point, 1 empty, 1 LineString" in in_text(found)
+
+
+def test_files_of_no_known_kind(tmp_path: Path) -> None:
+    path = tmp_path / "notes.xyz"
+    path.write_text("nothing of the kind")
+    found = describe(path)
+    assert found["kind"] == "unknown"
+    assert [problem.split(" (")[0] for problem in found["problems"]] == [
+        f"{path}: cannot be read as a raster",
+        f"{path}: cannot be read as shapes",
+    ]
+    assert describe(tmp_path / "none.tif")["problems"] == [f"{tmp_path}/none.tif: no such file"]
+    damaged = write_raster(tmp_path / "bad.tif", np.random.default_rng(0).normal(size=(99, 99)))
+    damaged.write_bytes(damaged.read_bytes()[:3000])
+    assert "bad.tif: cannot be read as a raster" in describe(damaged)["problems"][0]
+
+
+def test_degrees_are_described_although_they_are_refused(tmp_path: Path) -> None:
+    grid = rasterio.Affine(0.001, 0, 150.0, 0, -0.001, -33.0)
+    found = describe(write_raster(tmp_path / "a.tif", FUEL, crs="EPSG:4326", transform=grid))
+    assert found["extent"] == pytest.approx((-33.002, 150.0, -33.0, 150.004))
+    assert "EPSG:4326 is not a projection in metres" in found["problems"][0]

@@ -1,0 +1,195 @@
+"""Drawn points, lines and polygons come onto the landscape, or are refused in clear words."""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+from shapely.geometry import LineString, Point, Polygon, mapping
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.info import describe
+from firemodel.rasterise import cells_of
+from firemodel.readers.rasters import read_landscape
+from firemodel.readers.shapes import read_shapes
+from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape
+
+DATA = Path("/work/shared/data")
+LAND = landscape()  # 41 x 41 cells of 30 m
+X_M, Y_M = LAND.xy_of(20, 20)
+LAT, LON = LAND.lat_lon_of(X_M, Y_M)
+
+
+def geojson(path: Path, *geometries: Any, **members: Any) -> Path:
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": geometry} for geometry in geometries
+    ]
+    content = {"type": "FeatureCollection", "features": features, **members}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def named(crs: str) -> dict[str, Any]:
+    return {"type": "name", "properties": {"name": crs}}
+
+
+def shapefile(path: Path, *geometries: BaseGeometry, crs: str | None = CRS) -> Path:
+    pyogrio.raw.write(
+        path,
+        np.array([shapely.to_wkb(geometry) for geometry in geometries], dtype=object),
+        field_data=[np.arange(len(geometries))],
+        fields=["number"],
+        geometry_type=geometries[0].geom_type,
+        crs=crs,
+        driver="ESRI Shapefile",
+    )
+    return path
+
+
+AREA = Polygon([(X_M, Y_M), (X_M + 100, Y_M), (X_M + 50, Y_M + 80)])
+
+
+def same(area: BaseGeometry) -> bool:
+    return bool(area.normalize().equals_exact(AREA.normalize(), 1e-3))
+
+
+def test_geojson_comes_from_longitude_and_latitude(tmp_path: Path) -> None:
+    """All kinds, one with a height, which is dropped."""
+    line = {"type": "LineString", "coordinates": [[LON, LAT, 300.0], [LON + 0.001, LAT, 310.0]]}
+    path = geojson(tmp_path / "a.geojson", mapping(Point(LON, LAT)), line)
+    point, drawn = read_shapes(path, LAND)
+    assert point.coords[0] == pytest.approx((X_M, Y_M), abs=1e-3)
+    assert drawn.geom_type == "LineString"
+    assert not drawn.has_z
+    assert drawn.length == pytest.approx(90.0, abs=1.0)
+
+
+def test_geojson_of_older_kind_keeps_its_crs(tmp_path: Path) -> None:
+    path = geojson(tmp_path / "a.json", mapping(AREA), crs=named("urn:ogc:def:crs:EPSG::32616"))
+    (area,) = read_shapes(path, LAND)
+    assert same(area)
+    path = geojson(
+        tmp_path / "b.json", mapping(Point(LON, LAT)), crs=named("urn:ogc:def:crs:OGC:1.3:CRS84")
+    )
+    assert read_shapes(path, LAND)[0].coords[0] == pytest.approx((X_M, Y_M), abs=1e-3)
+    for crs in (named("EPSG:999999"), None, {"type": "link", "properties": {"href": "x"}}):
+        path = geojson(tmp_path / "c.json", mapping(Point(LON, LAT)), crs=crs)
+        with pytest.raises(FireModelError, match=r"c.json: its crs member is not understood \("):
+            read_shapes(path, LAND)
+
+
+def test_kml_of_several_folders_zipped_or_not(tmp_path: Path) -> None:
+    where = f"{LON},{LAT - 0.001},0"
+    folders = "".join(
+        f"<Folder><name>{name}</name><Placemark>{shape}</Placemark></Folder>"
+        for name, shape in (
+            ("ignition", f"<Point><coordinates>{where}</coordinates></Point>"),
+            (
+                "road",
+                f"<LineString><coordinates>{where} {LON},{LAT}</coordinates></LineString>",
+            ),
+        )
+    )
+    text = f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{folders}</Document></kml>'
+    (tmp_path / "a.kml").write_text(text)
+    with zipfile.ZipFile(tmp_path / "a.kmz", "w") as archive:
+        archive.writestr("doc.kml", text)
+    for name in ("a.kml", "a.kmz"):
+        point, road = read_shapes(tmp_path / name, LAND)
+        assert (point.geom_type, road.geom_type) == ("Point", "LineString")
+        assert describe(tmp_path / name)["kind"] == "shapes"
+        assert road.coords[0] == point.coords[0] != road.coords[1]
+        assert road.coords[1] == pytest.approx((X_M, Y_M), abs=1e-3)
+
+
+def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
+    path = shapefile(tmp_path / "a.shp", AREA)
+    assert same(read_shapes(path, LAND)[0])
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for file in tmp_path.glob("a.*"):
+            if file.suffix != ".zip":
+                archive.write(file, file.name)
+    assert same(read_shapes(tmp_path / "a.zip", LAND)[0])
+    with pytest.raises(FireModelError, match=r"a.shp: CRS EPSG:32616 is not the EPSG:32617 given"):
+        read_shapes(path, LAND, crs="EPSG:32617")
+    (tmp_path / "a.prj").unlink()
+    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file .* or give it as crs"):
+        read_shapes(path, LAND)
+    assert same(read_shapes(path, LAND, crs=CRS)[0])
+    with pytest.raises(FireModelError, match=r"a.shp: CRS 'nowhere' is not known"):
+        read_shapes(path, LAND, crs="nowhere")
+    (tmp_path / "a.shx").unlink()
+    with pytest.raises(FireModelError, match=r"a.shp: the .shx file that belongs to it is missing"):
+        read_shapes(path, LAND, crs=CRS)
+
+
+BOW_TIE = Polygon([(LON, LAT), (LON + 0.002, LAT + 0.002), (LON + 0.002, LAT), (LON, LAT + 0.002)])
+HERE = mapping(Point(LON, LAT))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "message"),
+    [
+        (None, "feature 2 is empty; delete or draw it"),
+        ({"type": "Polygon", "coordinates": []}, "feature 2 is empty"),
+        (mapping(BOW_TIE), r"feature 2 is not a valid Polygon \(Self-intersection"),
+        ({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}, "feature 2 is not a geometry"),
+        (mapping(Point(X_M, Y_M)), "feature 2 reaches from .* not longitude and latitude"),
+        (mapping(Point(LAT, LON)), r"feature 2 \(at lat -8.* lies outside .*lat 36.1392"),
+        (
+            mapping(Point(LON + 1, LAT)),
+            r"feature 2 .* lies outside the landscape \(around .*; remove",
+        ),
+        (mapping(Point(LON + 90, -LAT)), r"feature 2 .* (lies outside|too far off)"),
+    ],
+)
+def test_features_that_cannot_be_used_are_refused(
+    tmp_path: Path, geometry: Any, message: str
+) -> None:
+    path = geojson(tmp_path / "bad.geojson", HERE, geometry)
+    with pytest.raises(FireModelError, match=rf"bad.geojson: {message}") as caught:
+        read_shapes(path, LAND)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_shapes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FireModelError, match=r"a.geojson: no such file"):
+        read_shapes(tmp_path / "a.geojson", LAND)
+    with pytest.raises(FireModelError, match=r"a.geojson: has no features"):
+        read_shapes(geojson(tmp_path / "a.geojson"), LAND)
+    (tmp_path / "b.geojson").write_text("{")
+    with pytest.raises(FireModelError, match=r"b.geojson: cannot be read as shapes") as caught:
+        read_shapes(tmp_path / "b.geojson", LAND)
+    assert "\n" not in str(caught.value)
+    broken = shapefile(tmp_path / "c.shp", AREA, AREA)
+    broken.write_bytes(broken.read_bytes()[:250])
+    with pytest.raises(FireModelError, match=r"c.shp: (cannot be read as shapes|feature 2)"):
+        read_shapes(broken, LAND)
+    path = geojson(tmp_path / "d.geojson", HERE)
+    path.write_bytes(path.read_bytes().replace(b'"properties": {}', b'"properties": {"a": "\xe9"}'))
+    with pytest.raises(FireModelError, match=r"d.geojson: is not JSON in UTF-8"):
+        read_shapes(path, LAND)
+
+
+def test_a_line_that_leaves_the_landscape_is_kept_whole(tmp_path: Path) -> None:
+    road = LineString([(WEST_M - 5000, NORTH_M - 100), (WEST_M + 5000, NORTH_M - 100)])
+    (found,) = read_shapes(shapefile(tmp_path / "a.shp", road), LAND)
+    assert found.length == pytest.approx(10_000.0)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="real data are not here")
+def test_real_perimeters_have_the_areas_that_were_measured() -> None:
+    """The Maria fire: 21 infrared perimeters from 3 to 42 km²; then one more."""
+    files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in ("fuel", "elevation")}
+    land = read_landscape(files)
+    shapes = read_shapes(DATA / "maria_2019/firis_perimeters.shp", land)
+    assert shapes[0].area / 1e6 == pytest.approx(3.0, abs=0.1)
+    assert shapes[20].area / 1e6 == pytest.approx(42.2, abs=0.1)
+    for shape in shapes:
+        cells_m2 = len(cells_of([shape], land)) * land.cell_size_m**2
+        assert cells_m2 == pytest.approx(shape.area, rel=0.01)
