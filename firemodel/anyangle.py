@@ -236,7 +236,7 @@ def _burn(to_time_s, times, cells, size, points, labels, ground, entry):  # type
                 continue
             best, via = best_s[target], sources[target]
             length = max(abs(to_row - from_row), abs(to_col - from_col))
-            if source not in (cell, via) and length <= max(alike, LONGEST_LINE_CELLS):
+            if source != cell and source != via and length <= max(alike, LONGEST_LINE_CELLS):
                 limit_s = best - from_s
                 way_s, _ = travel(
                     from_row, from_col, float(to_row), float(to_col), limit_s, ground, entry

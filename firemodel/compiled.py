@@ -1,9 +1,55 @@
-"""How inner loops are compiled: once and for all (cached on disk), and without reference counts.
+"""How inner loops are compiled: once, and kept on disk until any source of this package changes.
 
-Counting references to arrays took up to half of the time. A function without them may not make new
-arrays, so callers give it the room it needs.
+Numba alone looks only at the file a function is in, so that a function would go on with old code of
+another file that it calls. Here the cache's folder is named after the content of all of them.
 """
 
-from numba import njit
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
-kernel = njit(cache=True, _nrt=False, error_model="numpy")
+from numba import njit
+from numba.core import config
+
+PACKAGE = Path(__file__).parent
+
+
+def _cache_folder() -> Path:
+    """In the package or, if that cannot be written to, in the user's cache."""
+    sha = hashlib.sha256()
+    for source in sorted(PACKAGE.glob("*.py")):
+        sha.update(source.read_bytes())
+    if config.CACHE_DIR:
+        base = Path(config.CACHE_DIR)
+    elif os.access(PACKAGE, os.W_OK):
+        base = PACKAGE / "__pycache__"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "firemodel"
+    return base / f"kernels-{sha.hexdigest()[:16]}"
+
+
+CACHE_FOLDER = _cache_folder()
+
+
+def _cached(function: Callable[..., Any], **options: Any) -> Any:
+    given = config.CACHE_DIR
+    config.CACHE_DIR = str(CACHE_FOLDER)
+    try:
+        return njit(cache=True, error_model="numpy", **options)(function)
+    finally:
+        config.CACHE_DIR = given
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """A compiled function."""
+    return _cached(function)
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """One for inner loops: it does not count references to arrays, which took up half of the time.
+
+    Therefore it may not make new arrays; callers give it the room it needs.
+    """
+    return _cached(function, _nrt=False)

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
 
+SMALLEST_S = 1e-6  # on the far side of a front that has only just come to a cell
+Floats = NDArray[np.float64]
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
@@ -68,7 +70,7 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return found
 
 
-def front_polygons(expected_s: NDArray[np.float64], time_s: float, landscape: Landscape) -> Any:
+def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
     """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
 
     The edge is where the time between two cells' centres, drawn straight, is the one asked for;
@@ -81,27 +83,34 @@ def front_polygons(expected_s: NDArray[np.float64], time_s: float, landscape: La
     if not burned.any():
         return MultiPolygon()
     in_rows, in_cols = burned.any(axis=1).nonzero()[0], burned.any(axis=0).nonzero()[0]
-    top, left = in_rows[0], in_cols[0]
-    times = expected_s[max(top - 1, 0) : in_rows[-1] + 2, max(left - 1, 0) : in_cols[-1] + 2]
-    times = np.pad(times, ((int(top == 0), 1), (int(left == 0), 1)), constant_values=np.inf)
-    rows, cols = times.shape
-    inside = times <= time_s
-    late = np.where(inside, time_s - times, 0.0)
-    total, count = np.zeros_like(times), np.zeros_like(times)
-    for row, col in _AROUND:
-        here = slice(max(row, 0), rows + min(row, 0)), slice(max(col, 0), cols + min(col, 0))
-        there = slice(max(-row, 0), rows - max(row, 0)), slice(max(-col, 0), cols - max(col, 0))
-        total[there] += late[here]
-        count[there] += inside[here]
-    beyond = np.maximum(total / np.maximum(count, 1), 1e-6)
-    ahead = np.where(inside, -late, np.where(np.isfinite(times), times - time_s, beyond))
-    generator = contour_generator(z=ahead, fill_type=FillType.OuterOffset)
+    window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
+    ahead_s = _ahead(np.pad(expected_s, 1, constant_values=np.inf), window, time_s)
+    generator = contour_generator(z=ahead_s, fill_type=FillType.OuterOffset)
     found = []
-    for points, offsets in zip(*generator.filled(ahead.min() - 1.0, 0.0), strict=True):
-        x, y = landscape.xy_of(points[:, 1] + max(left - 1, 0) - int(left == 0), 0.0)[0], None
-        rings = [np.stack(landscape_xy, axis=1) for landscape_xy in ()]
-        found.append((points, offsets))
-    return found
+    for points, starts in zip(*generator.filled(ahead_s.min() - 1.0, 0.0), strict=True):
+        x_m, y_m = landscape.xy_of(points[:, 1] + in_rows[0] - 1, points[:, 0] + in_cols[0] - 1)
+        rings = np.split(np.stack([x_m, y_m], axis=1), starts[1:-1])
+        found.append(Polygon(rings[0], rings[1:]))
+    return MultiPolygon(found)
+
+
+def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
+    """How long after a time fire comes, in a window and the cells around it.
+
+    Where it never comes, as long as it is ago in the cells beside, so that the edge lies halfway.
+    """
+    wider = slice(window[0].start, window[0].stop + 2), slice(window[1].start, window[1].stop + 2)
+    ahead_s = padded_s[wider] - time_s
+    inside = np.pad(ahead_s <= 0.0, 1)
+    ago_s = np.where(inside, -np.pad(ahead_s, 1), 0.0)
+    rows, cols = ahead_s.shape
+    total, count = np.zeros((2, rows, cols))
+    for row, col in _AROUND:
+        beside = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
+        total += ago_s[beside]
+        count += inside[beside]
+    halfway_s = np.maximum(total / np.maximum(count, 1.0), SMALLEST_S)
+    return np.where(np.isfinite(ahead_s), ahead_s, halfway_s)
 
 
 def polygons(burned: NDArray[np.bool_], landscape: Landscape) -> list[Any]:

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
+from firemodel.compiled import compiled, kernel
 from firemodel.landscape import Landscape
 from firemodel.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 from firemodel.weather import Weather
@@ -54,7 +53,7 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     )
 
 
-@njit(cache=True)
+@compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
     """Chessboard distance to the nearest cell with an unlike neighbour (Rosenfeld & Pfaltz 1966)."""
     fuel, gradient, midflame = terrain

@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from firemodel import rothermel
-from firemodel.compiled import kernel
+from firemodel.compiled import compiled, kernel
 from firemodel.fuels import FUEL_MODELS
-from firemodel.landscape import Landscape
+from firemodel.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.rothermel import FT_MIN_PER_M_S, fuel_bed
-from firemodel.weather import Weather, wind_adjustment_factor
+from firemodel.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
 
 Floats = NDArray[np.float64]
 
@@ -46,10 +45,28 @@ def terrain_of(landscape: Landscape) -> Terrain:
     codes = burnable_codes(landscape)
     place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
     place[codes] = np.arange(len(codes))
-    factor = np.zeros(place.size, dtype=np.float32)
-    factor[codes] = [wind_adjustment_factor(FUEL_MODELS[code].depth_ft) for code in codes]
+    midflame = _midflame(landscape, codes).ravel()
     cells = landscape.fuel_model.ravel()
-    return Terrain(place[cells], landscape.gradient.reshape(2, -1), factor[cells])
+    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame)
+
+
+def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
+    """Midflame wind over wind at 20 ft (y, x), below trees where there are any."""
+    depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
+    depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
+    cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
+    if cover is None or height_m is None:
+        factor = np.asarray(wind_adjustment_factor(depth_ft), dtype=np.float32)
+        return factor[landscape.fuel_model]
+    base_m = np.zeros(1) if landscape.canopy_base_m is None else landscape.canopy_base_m
+    base_m = np.broadcast_to(base_m, landscape.shape)
+    found = np.empty(landscape.shape, dtype=np.float32)
+    for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # to stay small
+        rows = slice(top, top + ROWS_AT_ONCE)
+        ratio = crown_ratio_from_base(height_m[rows], base_m[rows])
+        depths = depth_ft[landscape.fuel_model[rows]]
+        found[rows] = wind_adjustment_factor(depths, cover[rows], height_m[rows], ratio)
+    return found
 
 
 def burnable_codes(landscape: Landscape) -> list[int]:
@@ -131,7 +148,7 @@ def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     return a, b * (to_north + up * rise_north), b * (to_east + up * rise_east)
 
 
-@njit(cache=True)
+@compiled
 def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
     found = np.zeros((4, terrain.fuel.size))
     for cell in range(terrain.fuel.size):
