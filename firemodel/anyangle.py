@@ -69,6 +69,7 @@ class AnyAngleFire(Fire):
         """Raises FireModelError where nothing can burn."""
         self.landscape = landscape
         self.weather = weather
+        self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
         check_ignitions(landscape, ignitions, self.time_s)
         n, cols = landscape.fuel_model.size, landscape.shape[1]
@@ -167,6 +168,16 @@ class AnyAngleFire(Fire):
             self._entry,
         )
         self._heap = Heap(heap.times, heap.cells, size)
+
+    def ways(self) -> Floats:
+        """Metres towards north and east (2, y, x) from each cell's source; 0 where it was lit."""
+        labels, (rows, cols) = self._labels, self.landscape.shape
+        n, burned = rows * cols, np.isfinite(labels.arrival_s)
+        centres = np.stack(np.divmod(np.arange(n), cols)).astype(np.float64)
+        source = np.where(burned, labels.source, np.arange(n))
+        sources = np.concatenate([centres, self._points[: self._used, :2].T], axis=1)
+        down, right = centres - sources[:, source]
+        return np.stack([-down, right]).reshape(2, rows, cols) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
         best_s = self._labels.best_s.reshape(self.landscape.shape)

@@ -13,6 +13,7 @@ from typing import Any
 from numba import njit
 from numba.core import config
 
+NUMBA: Any = config
 PACKAGE = Path(__file__).parent
 
 
@@ -21,8 +22,8 @@ def _cache_folder() -> Path:
     sha = hashlib.sha256()
     for source in sorted(PACKAGE.glob("*.py")):
         sha.update(source.read_bytes())
-    if config.CACHE_DIR:
-        base = Path(config.CACHE_DIR)
+    if NUMBA.CACHE_DIR:
+        base = Path(NUMBA.CACHE_DIR)
     elif os.access(PACKAGE, os.W_OK):
         base = PACKAGE / "__pycache__"
     else:
@@ -34,12 +35,12 @@ CACHE_FOLDER = _cache_folder()
 
 
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
-    given = config.CACHE_DIR
-    config.CACHE_DIR = str(CACHE_FOLDER)
+    given = NUMBA.CACHE_DIR
+    NUMBA.CACHE_DIR = str(CACHE_FOLDER)
     try:
         return njit(cache=True, error_model="numpy", **options)(function)
     finally:
-        config.CACHE_DIR = given
+        NUMBA.CACHE_DIR = given
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.front import front_polygons, neighbours_of
+from firemodel.front import earliest_neighbour, front_polygons, neighbours_of
 from firemodel.fuels import NON_BURNABLE
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
@@ -36,6 +36,7 @@ class Fire(ABC):
 
     landscape: Landscape
     weather: WeatherStream
+    wind_limit: bool
     time_s: float
     arrival_time_s: Floats
 
@@ -77,6 +78,14 @@ class Fire(ABC):
         """
         self._check_past(time_s)
         return front_polygons(self._expected_s(), time_s, self.landscape)
+
+    def ways(self) -> Floats:
+        """Metres towards north and east (2, y, x) of the last straight way by which fire came.
+
+        Here from the neighbour that burned first; 0 where it was lit.
+        """
+        from_row, from_col = earliest_neighbour(self.arrival_time_s)
+        return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
         """(y, x) arrival times, of unburned cells too where they are known."""

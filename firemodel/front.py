@@ -70,6 +70,21 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return found
 
 
+def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
+    """Which of the eight neighbours burned first, as steps (rows, columns), each (y, x).
+
+    (0, 0) where none burned before the cell itself.
+    """
+    padded = np.pad(arrival_s, 1, constant_values=np.inf)
+    rows, cols = arrival_s.shape
+    first, step_row, step_col = arrival_s.copy(), np.zeros((rows, cols)), np.zeros((rows, cols))
+    for row, col in _AROUND:
+        beside = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
+        earlier = beside < first
+        first[earlier], step_row[earlier], step_col[earlier] = beside[earlier], row, col
+    return step_row, step_col
+
+
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
     """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
 
@@ -82,7 +97,7 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
     burned = expected_s <= time_s
     if not burned.any():
         return MultiPolygon()
-    in_rows, in_cols = burned.any(axis=1).nonzero()[0], burned.any(axis=0).nonzero()[0]
+    in_rows, in_cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
     window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
     ahead_s = _ahead(np.pad(expected_s, 1, constant_values=np.inf), window, time_s)
     generator = contour_generator(z=ahead_s, fill_type=FillType.OuterOffset)
@@ -111,14 +126,3 @@ def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floa
         count += inside[beside]
     halfway_s = np.maximum(total / np.maximum(count, 1.0), SMALLEST_S)
     return np.where(np.isfinite(ahead_s), ahead_s, halfway_s)
-
-
-def polygons(burned: NDArray[np.bool_], landscape: Landscape) -> list[Any]:
-    """Burned regions as shapely polygons in the landscape's CRS, holes kept."""
-    from rasterio.features import shapes
-    from shapely.geometry import shape
-
-    found = shapes(
-        burned.astype(np.uint8), mask=burned, connectivity=4, transform=landscape.transform()
-    )
-    return [shape(geometry) for geometry, _ in found]

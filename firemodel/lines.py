@@ -55,7 +55,7 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
-    """Chessboard distance to the nearest cell with an unlike neighbour (Rosenfeld & Pfaltz 1966)."""
+    """Chessboard distance to the next cell with an unlike neighbour (Rosenfeld & Pfaltz 1966)."""
     fuel, gradient, midflame = terrain
     n = fuel.size
     rows = n // cols
@@ -123,7 +123,7 @@ def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-un
 @kernel
 def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
     """The cell in which a float position lies."""
-    return int(math.floor(row + 0.5)) * cols + int(math.floor(col + 0.5))
+    return math.floor(row + 0.5) * cols + math.floor(col + 0.5)
 
 
 @kernel

@@ -56,16 +56,16 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
     depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
     cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
     if cover is None or height_m is None:
-        factor = np.asarray(wind_adjustment_factor(depth_ft), dtype=np.float32)
-        return factor[landscape.fuel_model]
-    base_m = np.zeros(1) if landscape.canopy_base_m is None else landscape.canopy_base_m
+        factor = np.asarray(wind_adjustment_factor(depth_ft)).astype(np.float32)
+        return np.asarray(factor[landscape.fuel_model])
+    base_m = np.zeros(1, np.float32) if landscape.canopy_base_m is None else landscape.canopy_base_m
     base_m = np.broadcast_to(base_m, landscape.shape)
     found = np.empty(landscape.shape, dtype=np.float32)
     for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # to stay small
         rows = slice(top, top + ROWS_AT_ONCE)
         ratio = crown_ratio_from_base(height_m[rows], base_m[rows])
         depths = depth_ft[landscape.fuel_model[rows]]
-        found[rows] = wind_adjustment_factor(depths, cover[rows], height_m[rows], ratio)
+        found[rows] = np.asarray(wind_adjustment_factor(depths, cover[rows], height_m[rows], ratio))
     return found
 
 

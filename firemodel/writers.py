@@ -2,13 +2,15 @@
 
 import json
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.front import polygons
+from firemodel.behaviour import behaviour_of
+from firemodel.fire import Fire
 from firemodel.landscape import Landscape
 
 M2_PER_ACRE = 4046.8564224
@@ -36,43 +38,68 @@ def write_geotiff(
         file.write(values, 1)
 
 
-def perimeters_geojson(
-    arrival_time_s: NDArray[np.float64], landscape: Landscape, times_s: Sequence[float]
+def fronts_geojson(
+    fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> dict[str, Any]:
-    """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise)."""
+    """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
+
+    Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
+    the status says that nobody approved them. ``time_zero`` is 0 s by the calendar, if known.
+    Raises FireModelError for a time that the fire has not come to.
+    """
     from shapely import transform
     from shapely.geometry import MultiPolygon, mapping
     from shapely.geometry.polygon import orient
 
     def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        lat, lon = landscape.lat_lon_of(*xy_m.T)
+        lat, lon = fire.landscape.lat_lon_of(*xy_m.T)
         return np.round(np.stack([lon, lat], axis=1), 7)
 
     features = []
     for time_s in times_s:
-        regions = polygons(arrival_time_s <= time_s, landscape)
-        area_m2 = sum(region.area for region in regions)
-        shape = MultiPolygon([orient(transform(region, to_lon_lat)) for region in regions])
-        features.append(
-            {
-                "type": "Feature",
-                "properties": {
-                    "time_s": time_s,
-                    "area_ha": round(area_m2 / 1e4, 2),
-                    "GISAcres": round(area_m2 / M2_PER_ACRE, 2),
-                },
-                "geometry": mapping(shape),
-            }
-        )
+        area = fire.front(time_s)
+        shape = MultiPolygon([orient(transform(region, to_lon_lat)) for region in area.geoms])
+        properties = {
+            "IncidentName": name,
+            "FeatureCategory": "Wildfire Daily Fire Perimeter",
+            "MapMethod": "Modeled",
+            "FeatureStatus": "Proposed",
+            "GISAcres": round(area.area / M2_PER_ACRE, 2),
+            "area_ha": round(area.area / 1e4, 2),
+            "time_s": time_s,
+        }
+        if time_zero is not None:
+            properties["PolygonDateTime"] = round((time_zero.timestamp() + time_s) * 1000)
+        features.append({"type": "Feature", "properties": properties, "geometry": mapping(shape)})
     return {"type": "FeatureCollection", "features": features}
 
 
-def write_perimeters(
+def write_fronts(
     path: Path,
-    arrival_time_s: NDArray[np.float64],
-    landscape: Landscape,
+    fire: Fire,
     times_s: Sequence[float],
+    name: str,
+    time_zero: datetime | None = None,
 ) -> None:
-    """Write ``perimeters_geojson`` to a file."""
-    found = perimeters_geojson(arrival_time_s, landscape, times_s)
+    """Write ``fronts_geojson`` to a file."""
+    found = fronts_geojson(fire, times_s, name, time_zero)
     path.write_text(json.dumps(found) + "\n", encoding="utf-8")
+
+
+def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
+    """Write when and how the fire came to each cell as GeoTIFFs, -1 where it did not."""
+    found = behaviour_of(fire)
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
+    layers = {
+        "arrival_time_s": arrival_s,
+        "spread_rate_m_s": found.spread_rate_m_s,
+        "spread_toward_deg": found.toward_deg,
+        "flame_length_m": found.flame_length_m,
+        "fireline_intensity_kw_m": found.intensity_kw_m,
+    }
+    paths = {}
+    for name, values in layers.items():
+        paths[name] = folder / f"{name}.tif"
+        filled = np.where(np.isnan(values), -1.0, values).astype(np.float32)
+        write_geotiff(paths[name], filled, fire.landscape, nodata=-1.0)
+    return paths

@@ -87,11 +87,11 @@ def demo(out: Path, speedup: float, overrides: tuple[str, ...], as_json: bool) -
 @JSON
 def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
     """Fly SCENARIO (a file, or a shipped one by name) in virtual time."""
-    from mission_service.config import load_scenario
+    from mission_service.config import flying, load_scenario
     from mission_service.outputs import write_outputs
     from mission_service.sim import simulate
 
-    loaded = load_scenario(scenario, overrides)
+    loaded = flying(load_scenario(scenario, overrides))
     folder = _folder(out)
     with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
         record, world = simulate(loaded, folder / "journal.jsonl", _now(), progress)
@@ -107,11 +107,11 @@ def run(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> No
     """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C."""
     import asyncio
 
-    from mission_service.config import load_scenario
+    from mission_service.config import flying, load_scenario
     from mission_service.daemon import serve
     from mission_service.outputs import write_outputs
 
-    scenario = load_scenario(config, overrides)
+    scenario = flying(load_scenario(config, overrides))
     folder = _folder(out)
     record, world = asyncio.run(
         serve(scenario, folder / "journal.jsonl", _now(), _reporter(as_json))
@@ -176,6 +176,69 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 
     count = write_plan(scenario, vehicle, output, overrides)
     click.echo(f"{output}: {count} items")
+
+
+@main.group()
+def fire() -> None:
+    """The fire model by itself."""
+
+
+@fire.command("run")
+@click.argument("scenario")
+@click.option(
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
+)
+@click.option(
+    "--front-every",
+    "front_every_s",
+    type=click.FloatRange(min=1.0),
+    default=3600.0,
+    show_default=True,
+    help="Seconds between the fronts that are written.",
+)
+@OVERRIDE
+@JSON
+def fire_run(
+    scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
+) -> None:
+    """Burn SCENARIO to its end: GeoTIFFs, fronts as GeoJSON, a map and a summary in DIR."""
+    from mission_service.config import load_scenario
+    from mission_service.fire_run import run_fire
+
+    loaded = load_scenario(scenario, overrides)
+    folder = _folder(out)
+    with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
+        summary = run_fire(loaded, folder, front_every_s, progress)
+    _echo(summary, as_json)
+
+
+@fire.command("info")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option("--crs", help="The CRS of rasters that have none, e.g. EPSG:32611.")
+@click.option("--nodata", type=float, help="The value of cells without data, if not in the file.")
+@click.option(
+    "--unit", "units", multiple=True, metavar="LAYER=UNIT", help="e.g. slope=degrees (repeatable)."
+)
+@JSON
+def fire_info(
+    files: tuple[str, ...],
+    crs: str | None,
+    nodata: float | None,
+    units: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """What is in a landscape or a file of shapes, and what is wrong with it (exit code 1 then).
+
+    FILE is a raster or a file of shapes, or LAYER=FILE for each layer of a landscape: fuel,
+    elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
+    """
+    from firemodel.info import in_text
+    from mission_service.fire_info import describe_files
+
+    found = describe_files(files, crs, nodata, units)
+    click.echo(json.dumps(found) if as_json else in_text(found))
+    if found["problems"]:
+        sys.exit(1)
 
 
 @main.group()

@@ -1,10 +1,11 @@
 """The scenario: one TOML file into frozen models that refuse what they do not know."""
 
 import tomllib
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from mission_service.errors import ScenarioError
 
@@ -19,6 +20,17 @@ Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 
+LAYER_KEYS = (
+    "fuel",
+    "elevation",
+    "slope",
+    "aspect",
+    "canopy_cover",
+    "canopy_height",
+    "canopy_base",
+)
+
+
 class Section(BaseModel):
     """A table of the file: read-only, unknown keys refused."""
 
@@ -26,28 +38,52 @@ class Section(BaseModel):
 
 
 class LandscapeSection(Section):
-    """Where the fire burns: the grid that ships with matplotlib, or two GeoTIFFs."""
+    """Where the fire burns: the grid that ships with matplotlib, or rasters on one grid.
 
-    source: Literal["jacksboro", "geotiff"] = "jacksboro"
+    Rasters are a file for each layer, or one ``file`` for all: an .lcp, or a stack whose bands say
+    what they are or are named in ``bands``.
+    """
+
+    source: Literal["jacksboro", "files"] = "jacksboro"
     rows: Annotated[int, Field(ge=20, le=4000)] = 200
     cols: Annotated[int, Field(ge=20, le=4000)] = 200
     cell_size_m: Positive = 30.0
+    file: Path | None = None
+    bands: dict[str, Annotated[int, Field(ge=1)]] = {}
     fuel: Path | None = None
     elevation: Path | None = None
+    slope: Path | None = None
+    aspect: Path | None = None
+    canopy_cover: Path | None = None
+    canopy_height: Path | None = None
+    canopy_base: Path | None = None
+    units: dict[str, str] = {}
+    missing: Literal["refuse", "unburnable"] = "refuse"
+    crs: str | None = None
+    nodata: float | None = None
+    barriers: tuple[Path, ...] = ()
+
+    @property
+    def layers(self) -> dict[str, Path]:
+        """The file of each layer that has one of its own."""
+        found = {name: getattr(self, name) for name in LAYER_KEYS}
+        return {name: path for name, path in found.items() if path is not None}
 
     @model_validator(mode="after")
     def _files_named(self) -> "LandscapeSection":
-        if self.source == "geotiff" and (self.fuel is None or self.elevation is None):
-            raise ValueError('source = "geotiff" needs both fuel and elevation (paths of GeoTIFFs)')
+        if self.source == "jacksboro":
+            if self.file or self.layers:
+                raise ValueError('rasters are given, so it must say source = "files"')
+        elif (self.file is None) == (not self.layers):
+            raise ValueError('source = "files" needs either file, or fuel and the other layers')
+        if self.bands and self.file is None:
+            raise ValueError("bands are those of a stack: it needs file")
         return self
 
 
-class WeatherEntry(Section):
-    """Weather from ``at_s`` on. Wind 6.1 m (20 ft) above the vegetation; moisture in percent."""
+class FuelMoisture(Section):
+    """Moisture of the fuels in percent of their dry weight."""
 
-    at_s: NotNegative
-    wind_speed_m_s: NotNegative
-    wind_from_deg: Bearing
     dead_1h_pct: Percent = 6.0
     dead_10h_pct: Percent = 8.0
     dead_100h_pct: Percent = 10.0
@@ -55,12 +91,63 @@ class WeatherEntry(Section):
     live_woody_pct: Percent = 100.0
 
 
-class Ignition(Section):
-    """A point that starts to burn ``at_s`` seconds of mission time."""
+class WeatherEntry(FuelMoisture):
+    """Weather from ``at_s`` on. Wind 6.1 m (20 ft) above the vegetation."""
 
-    lat_deg: Latitude
-    lon_deg: Longitude
+    at_s: NotNegative
+    wind_speed_m_s: NotNegative
+    wind_from_deg: Bearing
+
+
+class WeatherFile(FuelMoisture):
+    """A .raws, .wxs or .csv file; ``start`` is mission time 0 in the file's own time.
+
+    Moistures that the file does not have are those given here. With ``conditioned`` the dead ones
+    follow temperature, humidity and rain from these on.
+    """
+
+    path: Path
+    start: datetime | None = None
+    conditioned: bool = False
+
+
+class Ignition(Section):
+    """What starts to burn ``at_s`` seconds of mission time: a point, or the shapes of a file."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    file: Path | None = None
     at_s: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Ignition":
+        point = (self.lat_deg is not None, self.lon_deg is not None)
+        if any(point) != all(point) or (self.file is None) != all(point):
+            raise ValueError("needs either lat_deg and lon_deg, or file")
+        return self
+
+
+class FireSection(Section):
+    """How the fire spreads, and what of it burns already when the model takes over.
+
+    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` a raster of times of
+    arrival. ``p_spread`` and ``update_s`` are those of the probabilistic scheme.
+    """
+
+    scheme: Literal["anyangle", "devs8", "probabilistic"] = "anyangle"
+    wind_limit: bool = False
+    perimeter: Path | None = None
+    arrival: Path | None = None
+    arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"
+    burning_at_s: NotNegative = 0.0
+    p_spread: Annotated[float, Field(gt=0, le=1)] = 0.025
+    update_s: Positive = 60.0
+
+    @model_validator(mode="after")
+    def _one_fire(self) -> "FireSection":
+        if self.perimeter is not None and self.arrival is not None:
+            raise ValueError("give either perimeter or arrival, not both")
+        return self
 
 
 class PlannerSection(Section):
@@ -128,18 +215,24 @@ class VehicleSection(Section):
 
 
 class Scenario(Section):
-    """A whole scenario. Mission time 0 is when the clock of the fire starts."""
+    """A whole scenario. Mission time 0 is when the clock of the fire starts.
+
+    ``time_zero`` is that moment by the calendar, with its UTC offset, for files that are written.
+    """
 
     name: str
+    time_zero: AwareDatetime | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     start_s: NotNegative = 0.0
     duration_s: Positive
     deploy_at_s: NotNegative = 0.0
     clock: Literal["autopilot", "wall"] = "autopilot"
     landscape: LandscapeSection = LandscapeSection()
-    weather: Annotated[tuple[WeatherEntry, ...], Field(min_length=1)]
-    ignition: Annotated[tuple[Ignition, ...], Field(min_length=1)]
-    vehicles: Annotated[tuple[VehicleSection, ...], Field(min_length=1)]
+    fire: FireSection = FireSection()
+    weather: tuple[WeatherEntry, ...] = ()
+    weather_file: WeatherFile | None = None
+    ignition: tuple[Ignition, ...] = ()
+    vehicles: tuple[VehicleSection, ...] = ()
     planner: PlannerSection = PlannerSection()
     mission: MissionSection = MissionSection()
     link: LinkSection = LinkSection()
@@ -149,8 +242,12 @@ class Scenario(Section):
         names = [vehicle.name for vehicle in self.vehicles]
         if len(set(names)) != len(names):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
+        if (self.weather_file is None) == (not self.weather):
+            raise ValueError("it needs either weather entries or a weather_file")
+        if not (self.ignition or self.fire.perimeter or self.fire.arrival):
+            raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
         times = [entry.at_s for entry in self.weather]
-        if times != sorted(set(times)) or times[0] != 0:
+        if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and be later one by one")
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
@@ -187,21 +284,48 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
-    """Check a scenario given as a dictionary; relative raster paths count from the file."""
+    """Check a scenario given as a dictionary; relative paths count from the file."""
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(f"{path}: {_in_words(error)}") from None
-    land = scenario.landscape
-    found = {
-        key: (path.parent / value).resolve()
-        for key, value in (("fuel", land.fuel), ("elevation", land.elevation))
-        if value is not None
-    }
-    for key, raster in found.items():
-        if not raster.exists():
-            raise ScenarioError(f"{path}: landscape.{key}: no such file: {raster}")
-    return scenario.model_copy(update={"landscape": land.model_copy(update=found)})
+    found: Scenario = _with_paths(scenario, path, ())
+    return found
+
+
+def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:
+    """A section with all its paths counted from the scenario's folder; they must be there."""
+    if isinstance(section, Path):
+        found = (scenario_path.parent / section).resolve()
+        if not found.exists():
+            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: no such file: {found}")
+        return found
+    if isinstance(section, tuple):
+        return tuple(
+            _with_paths(part, scenario_path, (*keys, str(place)))
+            for place, part in enumerate(section)
+        )
+    if isinstance(section, Section):
+        names = type(section).model_fields
+        values = {
+            name: _with_paths(getattr(section, name), scenario_path, (*keys, name))
+            for name in names
+        }
+        return section.model_copy(update=values)
+    return section
+
+
+def flying(scenario: Scenario) -> Scenario:
+    """The scenario itself if vehicles can fly in it; raises ScenarioError saying what it lacks."""
+    if not scenario.vehicles:
+        raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
+    known = scenario.planner.ignition_known
+    if known and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
+        raise ScenarioError(
+            f"{scenario.name}: the planner has to know where the fire is: make the first ignition "
+            "a point, or set planner.ignition_known = false and reported_lat_deg, reported_lon_deg"
+        )
+    return scenario
 
 
 def _in_words(error: ValidationError) -> str:

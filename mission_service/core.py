@@ -303,17 +303,17 @@ def planner_of(
     row, col = landscape.row_col_of(*_fire_position(scenario, landscape))
     # An ignition is known as a cell; so is the centre the angles are counted from.
     centre = (float(round(float(row))), float(round(float(col))))
-    return PerimeterPlanner(settings, landscape.shape, centre, scenario.ignition[0].at_s)
+    return PerimeterPlanner(settings, landscape.shape, centre, _burns_from_s(scenario))
+
+
+def _burns_from_s(scenario: Scenario) -> float:
+    return scenario.ignition[0].at_s if scenario.ignition else scenario.fire.burning_at_s
 
 
 def _fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
     """Where the crew says the fire is: the ignition point, or a point reported inside the fire."""
     planner = scenario.planner
-    if (
-        planner.ignition_known
-        or planner.reported_lat_deg is None
-        or planner.reported_lon_deg is None
-    ):
+    if planner.ignition_known:
         first = scenario.ignition[0]
         return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)
     return landscape.xy_of_lat_lon(planner.reported_lat_deg, planner.reported_lon_deg)

@@ -12,11 +12,12 @@ from autopilot_bridge.connection import Connection
 from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.core import Core
+from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.gateway import Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
-from mission_service.world import FireWorld, fire_of, landscape_of
+from mission_service.world import FireWorld
 
 STATUS_EVERY_S = 0.2
 TELL_SILENCE_AFTER_US = 4_000_000

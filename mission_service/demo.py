@@ -11,14 +11,15 @@ from typing import Any
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.planfile import write_plan as write_plan_file
 from autopilot_bridge.stacks import stack_named
-from mission_service.config import Scenario, VehicleSection, load_scenario, scenario_path
+from mission_service.config import Scenario, VehicleSection, flying, load_scenario, scenario_path
 from mission_service.core import approach_mission
 from mission_service.daemon import serve
 from mission_service.errors import MissionServiceError, ScenarioError
+from mission_service.fire_setup import landscape_of
 from mission_service.outputs import write_outputs
 from mission_service.record import Record
 from mission_service.sim import mock_of
-from mission_service.world import FireWorld, landscape_of
+from mission_service.world import FireWorld
 
 Progress = Callable[[Record, FireWorld], None]
 
@@ -78,7 +79,7 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
 
 def mock_from_scenario(name: str, vehicle: str | None) -> MockAutopilot:
     """The mock of a scenario's vehicle."""
-    scenario = load_scenario(name)
+    scenario = flying(load_scenario(name))
     return mock_of(vehicle_of(scenario, vehicle), landscape_of(scenario))
 
 
@@ -99,7 +100,7 @@ def mock_by_hand(stack: str, kind: str, system_id: int, home: str) -> MockAutopi
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
     """Write a vehicle's first mission as a .plan file; returns the number of items."""
-    scenario = load_scenario(name, overrides)
+    scenario = flying(load_scenario(name, overrides))
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)
     items = approach_mission(scenario, section, landscape)

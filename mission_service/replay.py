@@ -10,8 +10,8 @@ from mission_service.commands import AnyCommand
 from mission_service.config import parse_scenario
 from mission_service.core import Core
 from mission_service.errors import JournalError
+from mission_service.fire_setup import landscape_of
 from mission_service.journal import Entry, JournalReader
-from mission_service.world import landscape_of
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
 from mission_service.config import LinkSection, Scenario, VehicleSection
 from mission_service.core import Core
+from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.gateway import Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
-from mission_service.world import FireWorld, fire_of, landscape_of
+from mission_service.world import FireWorld
 
 PROGRESS_EVERY_US = 60_000_000
 

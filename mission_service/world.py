@@ -9,42 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from autopilot_bridge.link import parse_link
-from firemodel.cellular import CellularFire
-from firemodel.default_landscape import jacksboro
+from firemodel.fire import Fire
 from firemodel.landscape import Landscape
-from firemodel.readers.rasters import read_landscape
-from firemodel.weather import Weather, WeatherStream
-from mission_service.config import Ignition, Scenario, VehicleSection
+from mission_service.config import Scenario, VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
-
-
-def landscape_of(scenario: Scenario) -> Landscape:
-    """The landscape a scenario names."""
-    section = scenario.landscape
-    if section.fuel is not None and section.elevation is not None:
-        return read_landscape({"fuel": section.fuel, "elevation": section.elevation})
-    return jacksboro(section.rows, section.cols, section.cell_size_m)
-
-
-def cell_of_ignition(ignition: Ignition, landscape: Landscape) -> tuple[int, int]:
-    """The cell that a scenario's ignition point lies in."""
-    x_m, y_m = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
-    if not landscape.contains(x_m, y_m):
-        raise ScenarioError(
-            f"ignition at lat {ignition.lat_deg}, lon {ignition.lon_deg} lies outside the landscape"
-        )
-    row, col = landscape.row_col_of(x_m, y_m)
-    return round(float(row)), round(float(col))
-
-
-def fire_of(scenario: Scenario, landscape: Landscape) -> CellularFire:
-    """The fire a scenario describes, not yet lit."""
-    weather = WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
-    ignitions = [
-        (*cell_of_ignition(ignition, landscape), ignition.at_s) for ignition in scenario.ignition
-    ]
-    return CellularFire(landscape, weather, ignitions)
+from mission_service.fire_setup import fire_of, landscape_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +31,7 @@ class Camera:
 class FireWorld:
     """The burning truth and what cameras see of it."""
 
-    def __init__(self, fire: CellularFire, landscape: Landscape) -> None:
+    def __init__(self, fire: Fire, landscape: Landscape) -> None:
         self.fire = fire
         self.landscape = landscape
 

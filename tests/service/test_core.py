@@ -19,7 +19,7 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.world import landscape_of
+from mission_service.fire_setup import landscape_of
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 

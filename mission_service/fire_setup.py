@@ -1,0 +1,136 @@
+"""From a scenario to the landscape, the weather and the fire it describes."""
+
+from pathlib import Path
+
+import numpy as np
+
+from firemodel.default_landscape import jacksboro
+from firemodel.fire import Burning, Fire
+from firemodel.fire import Ignition as CellIgnition
+from firemodel.fuels import NON_BURNABLE
+from firemodel.landscape import Landscape
+from firemodel.rothermel import Moisture
+from firemodel.weather import Weather, WeatherStream
+from mission_service.config import Ignition, LandscapeSection, Scenario, WeatherFile
+from mission_service.errors import ScenarioError
+
+
+def landscape_of(scenario: Scenario) -> Landscape:
+    """The landscape a scenario names, its barriers burned in."""
+    section = scenario.landscape
+    if section.source == "jacksboro":
+        found = jacksboro(section.rows, section.cols, section.cell_size_m)
+    else:
+        found = _from_rasters(section)
+    if section.barriers:
+        from firemodel.rasterise import with_barriers
+        from firemodel.readers.shapes import read_shapes
+
+        shapes = [shape for path in section.barriers for shape in read_shapes(path, found)]
+        found = with_barriers(found, shapes)
+    return found
+
+
+def _from_rasters(section: LandscapeSection) -> Landscape:
+    from firemodel.readers.rasters import read_landscape
+
+    files: Path | dict[str, Path] | dict[str, tuple[Path, int]] = section.layers
+    if section.file is not None:
+        files = section.file
+        if section.bands:
+            files = {layer: (section.file, band) for layer, band in section.bands.items()}
+    return read_landscape(
+        files,
+        units=section.units,
+        missing=section.missing,
+        crs=section.crs,
+        nodata=section.nodata,
+    )
+
+
+def weather_of(scenario: Scenario) -> WeatherStream:
+    """The weather a scenario gives, or that of the file it names."""
+    if scenario.weather_file is not None:
+        return _from_file(scenario.weather_file)
+    return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
+
+
+def _from_file(section: WeatherFile) -> WeatherStream:
+    from firemodel.readers.weather import read_weather
+
+    moisture = Moisture(
+        section.dead_1h_pct / 100.0,
+        section.dead_10h_pct / 100.0,
+        section.dead_100h_pct / 100.0,
+        section.live_herb_pct / 100.0,
+        section.live_woody_pct / 100.0,
+    )
+    return read_weather(
+        section.path, start=section.start, moisture=moisture, conditioned=section.conditioned
+    )
+
+
+def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
+    """The cells (row, column) that a scenario's ignition lights."""
+    if ignition.file is not None:
+        from firemodel.rasterise import cells_of
+        from firemodel.readers.shapes import read_shapes
+
+        cells = cells_of(read_shapes(ignition.file, landscape), landscape)
+        burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
+        if not burns.any():
+            raise ScenarioError(f"{ignition.file}: lies wholly on fuel that does not burn")
+        return [(int(row), int(col)) for row, col in cells[burns]]
+    x_m, y_m = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
+    if not landscape.contains(x_m, y_m):
+        raise ScenarioError(
+            f"ignition at lat {ignition.lat_deg}, lon {ignition.lon_deg} lies outside the landscape"
+        )
+    row, col = landscape.row_col_of(x_m, y_m)
+    return [(round(float(row)), round(float(col)))]
+
+
+def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
+    """What burns already when the model takes over."""
+    from firemodel.burning import burning_from_arrival, burning_from_perimeter
+
+    section = scenario.fire
+    if section.perimeter is not None:
+        from firemodel.readers.shapes import read_shapes
+
+        shapes = read_shapes(section.perimeter, landscape)
+        return burning_from_perimeter(shapes, landscape, section.burning_at_s)
+    if section.arrival is not None:
+        from firemodel.readers.rasters import read_arrival
+
+        arrival_s = read_arrival(section.arrival, landscape, unit=section.arrival_unit)
+        return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
+    return None
+
+
+def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
+    """The fire a scenario describes, not yet lit."""
+    from firemodel.devs8 import Devs8Fire
+    from firemodel.probabilistic import ProbabilisticFire
+
+    from firemodel.anyangle import AnyAngleFire
+
+    section, weather = scenario.fire, weather_of(scenario)
+    ignitions: list[CellIgnition] = [
+        (row, col, ignition.at_s)
+        for ignition in scenario.ignition
+        for row, col in cells_of_ignition(ignition, landscape)
+    ]
+    burning = burning_of(scenario, landscape)
+    if section.scheme == "probabilistic":
+        return ProbabilisticFire(
+            landscape,
+            weather,
+            ignitions,
+            burning,
+            p_spread=section.p_spread,
+            update_s=section.update_s,
+            generator=np.random.default_rng(scenario.seed),
+        )
+    scheme = AnyAngleFire if section.scheme == "anyangle" else Devs8Fire
+    return scheme(landscape, weather, ignitions, burning, wind_limit=section.wind_limit)
