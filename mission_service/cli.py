@@ -242,6 +242,23 @@ def fire_info(
 
 
 @main.group()
+def bench() -> None:
+    """How fast it is on this machine."""
+
+
+@bench.command("fire")
+@click.option("--largest", type=click.IntRange(min=200), default=4000, show_default=True)
+@JSON
+def bench_fire(largest: int, as_json: bool) -> None:
+    """The fire model: whole burns of 200², 1000² and 4000² cells, and steps of ten seconds."""
+    from mission_service.bench import bench_fire as run_bench
+
+    found = run_bench(largest, (lambda line: None) if as_json else click.echo)
+    if as_json:
+        click.echo(json.dumps(found))
+
+
+@main.group()
 def mission() -> None:
     """Move missions to and from one autopilot."""
 
