@@ -1,0 +1,61 @@
+"""What the any-angle scheme knows of each cell: when fire comes, and whence."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+
+Floats = NDArray[np.float64]
+
+
+class Labels(NamedTuple):
+    """What is known of when and whence fire comes; cells in one row (n)."""
+
+    arrival_s: Floats  # (n) infinity until it burns
+    best_s: Floats  # (n) earliest arrival found so far; minus infinity where nothing burns
+    source: NDArray[np.int32]  # (n) a cell, or n + place among the points; -1 if fire is not near
+
+
+class Heap(NamedTuple):
+    """Which cell fire comes to next (see ``heap``)."""
+
+    times: Floats
+    cells: NDArray[np.int32]
+    size: int
+
+
+class Ways(NamedTuple):
+    """Lines on which fire was under way when the weather last changed."""
+
+    target: NDArray[np.int32]  # (k) the cell it leads to
+    at: Floats  # (k, 2) where the fire was: row, column
+
+    def first(self, count: int) -> "Ways":
+        return Ways(self.target[:count].copy(), self.at[:count].copy())
+
+
+def empty_ways(room: int) -> Ways:
+    """Room for so many."""
+    return Ways(np.empty(room, dtype=np.int32), np.empty((room, 2)))
+
+
+@kernel
+def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
+    """Row, column and time of a source."""
+    n = labels.source.size
+    if source < n:
+        return float(source // cols), float(source % cols), labels.arrival_s[source]
+    return points[source - n, 0], points[source - n, 1], points[source - n, 2]
+
+
+@kernel
+def squeezes(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
+    """Whether a diagonal step leads between two cells that cannot burn."""
+    return (
+        row != to_row
+        and col != to_col
+        and best_s[row * cols + to_col] == -np.inf
+        and best_s[to_row * cols + col] == -np.inf
+    )
