@@ -21,12 +21,22 @@ from firemodel.fire import Burning, Fire, Ignition, check_ignitions
 from firemodel.heap import drop_first, push
 from firemodel.labels import Heap, Labels, Ways, empty_ways, place_of, squeezes
 from firemodel.landscape import Landscape
-from firemodel.lines import STEP_COL, STEP_ROW, cell_at, crossing_s, forget, ground_of, travel
+from firemodel.lines import (
+    STEP_COL,
+    STEP_ROW,
+    cell_at,
+    crossing_s,
+    forget,
+    from_piece,
+    ground_of,
+    travel,
+)
 from firemodel.rerate import set_out, under_way, ways_from
 from firemodel.weather import WeatherStream
 
 LONGEST_LINE_CELLS = 16  # over changing ground
 ROUNDING = 1e-12  # a way must be better by more than this part of the time
+WORTH_A_POINT = 0.002  # part of the time by which a new source must be better
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +68,7 @@ class AnyAngleFire(Fire):
         )
         self.arrival_time_s = self._labels.arrival_s.reshape(landscape.shape)
         self._heap = _empty_heap(1024)
-        self._points, self._used = np.empty((0, 3)), 0  # sources: row, column, time
+        self._points, self._used = np.empty((64, 3)), 0  # sources: row, column, time
         self._ways = empty_ways(0)
         self._entry = weather.index_at(self.time_s)
         self._since_s = self.time_s  # when the ways set out
@@ -90,14 +100,23 @@ class AnyAngleFire(Fire):
     def _burn(self, to_time_s: float) -> None:
         """With the weather as it is now."""
         while True:
-            size = _burn(
-                to_time_s, *self._heap, self._points, self._labels, self._ground, self._entry
+            size, self._used = _burn(
+                to_time_s,
+                *self._heap,
+                self._points,
+                self._used,
+                self._labels,
+                self._ground,
+                self._entry,
             )
             times, cells = self._heap.times, self._heap.cells
             self._heap = Heap(times, cells, size)
             if size == 0 or times[0] > to_time_s:
                 return
-            self._heap = Heap(np.resize(times, 2 * size), np.resize(cells, 2 * size), size)
+            if size + 8 > times.size:
+                self._heap = Heap(np.resize(times, 2 * size), np.resize(cells, 2 * size), size)
+            else:
+                self._points = np.resize(self._points, (2 * self._used, 3))
 
     def _ignite(self, at_s: float, cell: int) -> None:
         labels = self._labels
@@ -169,12 +188,15 @@ def _empty_heap(room: int) -> Heap:
 
 
 @kernel
-def _burn(to_time_s, times, cells, size, points, labels, ground, entry):  # type: ignore[no-untyped-def]
+def _burn(to_time_s, times, cells, size, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
     """Take cells off the heap until a time, or until it has no room; returns its new size."""
     arrival_s, best_s, sources = labels
     cols = ground.cols
-    rows = arrival_s.size // cols
-    while size > 0 and times[0] <= to_time_s and size + 8 <= times.size:
+    n = arrival_s.size
+    rows = n // cols
+    while size > 0 and times[0] <= to_time_s:
+        if size + 8 > times.size or used + 8 > points.shape[0]:
+            break
         now, cell = times[0], np.int64(cells[0])
         size = drop_first(times, cells, size)
         if arrival_s[cell] < np.inf:
@@ -198,8 +220,28 @@ def _burn(to_time_s, times, cells, size, points, labels, ground, entry):  # type
                 way_s, _ = travel(
                     from_row, from_col, float(to_row), float(to_col), limit_s, ground, entry
                 )
+                other = via
                 if way_s < limit_s:
                     best, via = max(from_s + way_s, now), source
+                if other >= n and source >= n and points[other - n, 2] == from_s:
+                    # Both set out from one front: perhaps better from between them.
+                    time, at_row, at_col = from_piece(
+                        from_row,
+                        from_col,
+                        points[other - n, 0],
+                        points[other - n, 1],
+                        target,
+                        ground,
+                        entry,
+                    )
+                    limit_s = best - from_s
+                    way_s, _ = travel(
+                        at_row, at_col, float(to_row), float(to_col), limit_s, ground, entry
+                    )
+                    if time < np.inf and way_s < limit_s - WORTH_A_POINT * (best - from_s):
+                        best, via = max(from_s + way_s, now), n + used
+                        points[used, 0], points[used, 1], points[used, 2] = at_row, at_col, from_s
+                        used += 1
             if source == cell or length > alike:
                 north, east = -STEP_ROW[side] * ground.cell_m, STEP_COL[side] * ground.cell_m
                 length2 = north * north + east * east
@@ -212,4 +254,4 @@ def _burn(to_time_s, times, cells, size, points, labels, ground, entry):  # type
                 best_s[target] = best
                 sources[target] = via if via >= 0 else cell
                 size = push(times, cells, size, best, target)
-    return size
+    return size, used

@@ -5,19 +5,16 @@ cells, those close together are joined: fire sets out from all along the front (
 single points, or else a fire that is slow against the changes would lose its shape.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from firemodel.heap import push
 from firemodel.labels import Ways, place_of, squeezes
-from firemodel.lines import STEP_COL, STEP_ROW, crossing_s, travel
+from firemodel.lines import STEP_COL, STEP_ROW, from_piece, travel
 
 NEAR_FRONT_CELLS = 2  # which cells a front that is given sets out for
 WINDOW_CELLS = 3  # how far away the piece of front may be from which fire comes to a cell
-LONGEST_PIECE_CELLS = 2.0
 
 Floats = NDArray[np.float64]
 
@@ -113,58 +110,30 @@ def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyp
     cols = ground.cols
     rows = sources.size // cols
     row, col = target // cols, target % cols
-    crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # so that its slowness is known
-    a, b_north, b_east = (
-        ground.slowness[target, 0],
-        ground.slowness[target, 1],
-        ground.slowness[target, 2],
-    )
-    g_north, g_east = np.float64(ground.rise[target, 6]), np.float64(ground.rise[target, 7])
     best, best_row, best_col = np.inf, np.nan, np.nan
-    if a == 0.0:
-        return best_row, best_col
     for near_row in range(max(row - WINDOW_CELLS, 0), min(row + WINDOW_CELLS + 1, rows)):
         for near_col in range(max(col - WINDOW_CELLS, 0), min(col + WINDOW_CELLS + 1, cols)):
             tip = -2 - sources[near_row * cols + near_col]
-            if tip < 0 or tips.at[tip, 0] != tips.at[tip, 0]:
+            if tip < 0:
                 continue
             for side in range(4):  # each pair of neighbours once
                 other_row, other_col = near_row + STEP_ROW[side], near_col + STEP_COL[side]
                 if not (0 <= other_row < rows and 0 <= other_col < cols):
                     continue
                 other = -2 - sources[other_row * cols + other_col]
-                if other < 0 or tips.at[other, 0] != tips.at[other, 0]:
+                if other < 0:
                     continue
-                # The piece d from the tip on, the way w from the tip to the cell.
-                d_north, d_east = (
-                    tips.at[tip, 0] - tips.at[other, 0],
-                    tips.at[other, 1] - tips.at[tip, 1],
-                )
-                d2 = d_north * d_north + d_east * d_east
-                if d2 == 0.0 or d2 > LONGEST_PIECE_CELLS * LONGEST_PIECE_CELLS:
-                    continue
-                w_north, w_east = tips.at[tip, 0] - row, col - tips.at[tip, 1]
-                d_up, w_up = (
-                    g_north * d_north + g_east * d_east,
-                    g_north * w_north + g_east * w_east,
-                )
-                dd = d2 + d_up * d_up
-                dw = d_north * w_north + d_east * w_east + d_up * w_up
-                ww = w_north * w_north + w_east * w_east + w_up * w_up
-                k = (b_north * d_north + b_east * d_east) / (a * math.sqrt(dd))
-                beside = math.sqrt(max(ww - dw * dw / dd, 0.0))
-                share = (dw - k * beside * math.sqrt(dd) / math.sqrt(1.0 - k * k)) / dd
-                share = min(max(share, 0.0), 1.0)
-                way = math.sqrt(max(ww - 2.0 * share * dw + share * share * dd, 0.0))
-                time = (
-                    a * way
-                    - b_north * (w_north - share * d_north)
-                    - b_east * (w_east - share * d_east)
+                time, at_row, at_col = from_piece(
+                    tips.at[tip, 0],
+                    tips.at[tip, 1],
+                    tips.at[other, 0],
+                    tips.at[other, 1],
+                    target,
+                    ground,
+                    entry,
                 )
                 if time < best:
-                    best = time
-                    best_row = tips.at[tip, 0] - share * d_north
-                    best_col = tips.at[tip, 1] + share * d_east
+                    best, best_row, best_col = time, at_row, at_col
     return best_row, best_col
 
 
