@@ -27,7 +27,8 @@ def test_cells_inside_a_perimeter_have_burned_and_its_outline_is_the_front() -> 
     assert np.isinf(burning.arrival_s[~inside]).all()
     away_m = CELL_M * np.hypot(*(burning.front - 40.0).T)
     assert away_m == pytest.approx(310.0, abs=1.0)
-    assert np.hypot(*np.diff(burning.front, axis=0).T).max() <= 0.5
+    square = burning_from_perimeter([circle.envelope], LAND, 60.0)
+    assert np.hypot(*np.diff(square.front, axis=0).T).max() <= 0.5
 
 
 def test_a_circle_grows_from_its_outline() -> None:
