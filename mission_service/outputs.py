@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.cellular import CellularFire
+from firemodel.devs8 import Devs8Fire
 from firemodel.landscape import Landscape
 from firemodel.writers import write_perimeters
 from mission_service.config import Scenario
@@ -21,7 +21,7 @@ def front_times_s(end_s: float) -> list[float]:
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
-def summary_of(scenario: Scenario, record: Record, fire: CellularFire) -> dict[str, Any]:
+def summary_of(scenario: Scenario, record: Record, fire: Devs8Fire) -> dict[str, Any]:
     """The run in figures."""
     burned = int(np.count_nonzero(fire.arrival_time_s <= fire.time_s))
     return {
@@ -78,9 +78,7 @@ def tracks_geojson(record: Record) -> dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
 
 
-def write_outputs(
-    out: Path, scenario: Scenario, record: Record, fire: CellularFire
-) -> dict[str, Any]:
+def write_outputs(out: Path, scenario: Scenario, record: Record, fire: Devs8Fire) -> dict[str, Any]:
     """Write everything into ``out``; returns the summary."""
     summary = summary_of(scenario, record, fire)
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
@@ -96,7 +94,7 @@ def write_outputs(
     return summary
 
 
-def draw_map(path: Path, scenario: Scenario, record: Record, fire: CellularFire) -> None:
+def draw_map(path: Path, scenario: Scenario, record: Record, fire: Devs8Fire) -> None:
     """A north-up map: hillshade and fuel, the fire by hour of arrival, tracks and reversals."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -148,7 +146,7 @@ def _extent_km(land: Landscape) -> tuple[float, float, float, float]:
 
 
 def _frame_km(
-    land: Landscape, record: Record, fire: CellularFire
+    land: Landscape, record: Record, fire: Devs8Fire
 ) -> tuple[float, float, float, float]:
     """The part of the landscape where something happened, square, with a margin."""
     rows, cols = np.nonzero(fire.arrival_time_s <= fire.time_s)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from autopilot_bridge.link import parse_link
-from firemodel.cellular import CellularFire
 from firemodel.default_landscape import jacksboro
+from firemodel.devs8 import Devs8Fire
 from firemodel.landscape import Landscape
 from firemodel.readers.rasters import read_landscape
 from firemodel.weather import Weather, WeatherStream
@@ -38,13 +38,13 @@ def cell_of_ignition(ignition: Ignition, landscape: Landscape) -> tuple[int, int
     return round(float(row)), round(float(col))
 
 
-def fire_of(scenario: Scenario, landscape: Landscape) -> CellularFire:
+def fire_of(scenario: Scenario, landscape: Landscape) -> Devs8Fire:
     """The fire a scenario describes, not yet lit."""
     weather = WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
     ignitions = [
         (*cell_of_ignition(ignition, landscape), ignition.at_s) for ignition in scenario.ignition
     ]
-    return CellularFire(landscape, weather, ignitions)
+    return Devs8Fire(landscape, weather, ignitions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Camera:
 class FireWorld:
     """The burning truth and what cameras see of it."""
 
-    def __init__(self, fire: CellularFire, landscape: Landscape) -> None:
+    def __init__(self, fire: Devs8Fire, landscape: Landscape) -> None:
         self.fire = fire
         self.landscape = landscape
 
