@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from firemodel.cellular import CellularFire
 from firemodel.default_landscape import _elevation, jacksboro
+from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
 from firemodel.front import perimeter
 from firemodel.weather import Weather, WeatherStream
@@ -63,7 +63,7 @@ def test_six_hours_of_fire_stay_on_the_grid_and_are_uneven() -> None:
         Weather(3600.0 * hour, speed, wind_from, 6, 8, 10, 70, 100)
         for hour, (speed, wind_from) in enumerate(winds)
     ]
-    fire = CellularFire(land, WeatherStream(hours), [(80, 140, 0.0)])
+    fire = Devs8Fire(land, WeatherStream(hours), [(80, 140, 0.0)])
     lengths = []
     for hour in range(1, 7):
         fire.advance(3600.0 * hour)

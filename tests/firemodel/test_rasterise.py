@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely.geometry import GeometryCollection, LineString, MultiPoint, Point, Polygon
 
-from firemodel.cellular import CellularFire
+from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
 from firemodel.rasterise import cells_of, with_barriers
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, steady
@@ -89,7 +89,7 @@ def test_a_fire_inside_a_ring_stays_there() -> None:
     land = with_barriers(LAND, [ring])
     assert set(np.unique(land.fuel_model)) == {1, 99}
     np.testing.assert_array_equal(LAND.fuel_model, 1)
-    fire = CellularFire(land, steady(5.0, 240.0), [(20, 25, 0.0)])
+    fire = Devs8Fire(land, steady(5.0, 240.0), [(20, 25, 0.0)])
     fire.advance(86400.0)
     rows, cols = np.nonzero(fire.burned())
     assert rows.size > 150
