@@ -34,7 +34,9 @@ from firemodel.lines import (
 from firemodel.rerate import set_out, under_way, ways_from
 from firemodel.weather import WeatherStream
 
-LONGEST_LINE_CELLS = 16  # over changing ground
+LONGEST_LINE_CELLS = 32  # over changing ground
+KNIGHT_ROW = np.array([-2, -1, 1, 2, 2, 1, -1, -2])
+KNIGHT_COL = np.array([1, 2, 2, 1, -1, -2, -2, -1])
 ROUNDING = 1e-12  # a way must be better by more than this part of the time
 WORTH_A_POINT = 0.002  # part of the time by which a new source must be better
 
@@ -113,7 +115,7 @@ class AnyAngleFire(Fire):
             self._heap = Heap(times, cells, size)
             if size == 0 or times[0] > to_time_s:
                 return
-            if size + 8 > times.size:
+            if size + 16 > times.size:
                 self._heap = Heap(np.resize(times, 2 * size), np.resize(cells, 2 * size), size)
             else:
                 self._points = np.resize(self._points, (2 * self._used, 3))
@@ -195,7 +197,7 @@ def _burn(to_time_s, times, cells, size, points, used, labels, ground, entry):  
     n = arrival_s.size
     rows = n // cols
     while size > 0 and times[0] <= to_time_s:
-        if size + 8 > times.size or used + 8 > points.shape[0]:
+        if size + 16 > times.size or used + 8 > points.shape[0]:
             break
         now, cell = times[0], np.int64(cells[0])
         size = drop_first(times, cells, size)
@@ -206,6 +208,7 @@ def _burn(to_time_s, times, cells, size, points, used, labels, ground, entry):  
         source = sources[cell]
         from_row, from_col, from_s = place_of(source, points, labels, cols)
         alike = ground.reach[cell_at(from_row, from_col, cols)] - 0.5
+        reachable = max(alike, LONGEST_LINE_CELLS)
         for side in range(8):
             to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
             if not (0 <= to_row < rows and 0 <= to_col < cols):
@@ -215,7 +218,7 @@ def _burn(to_time_s, times, cells, size, points, used, labels, ground, entry):  
                 continue
             best, via = best_s[target], sources[target]
             length = max(abs(to_row - from_row), abs(to_col - from_col))
-            if source != cell and source != via and length <= max(alike, LONGEST_LINE_CELLS):
+            if source != cell and source != via and length <= reachable:
                 limit_s = best - from_s
                 way_s, _ = travel(
                     from_row, from_col, float(to_row), float(to_col), limit_s, ground, entry
@@ -254,4 +257,21 @@ def _burn(to_time_s, times, cells, size, points, used, labels, ground, entry):  
                 best_s[target] = best
                 sources[target] = via if via >= 0 else cell
                 size = push(times, cells, size, best, target)
+        # Where a cell becomes the source of most of what is ahead, also the knight's moves: with
+        # eight directions alone a thin ellipse would be late between two of them.
+        if source != cell and max(abs(row - from_row), abs(col - from_col)) + 1.0 <= reachable:
+            continue
+        for side in range(8):
+            to_row, to_col = row + KNIGHT_ROW[side], col + KNIGHT_COL[side]
+            if not (0 <= to_row < rows and 0 <= to_col < cols):
+                continue
+            target = to_row * cols + to_col
+            if best_s[target] > now:
+                limit_s = best_s[target] * (1.0 - ROUNDING) - now
+                way_s, _ = travel(
+                    float(row), float(col), float(to_row), float(to_col), limit_s, ground, entry
+                )
+                if way_s < limit_s:
+                    best_s[target], sources[target] = now + way_s, cell
+                    size = push(times, cells, size, now + way_s, target)
     return size, used

@@ -93,6 +93,7 @@ class Devs8Fire(Fire):
             )
         self.landscape = landscape
         self.weather = weather
+        self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
         check_ignitions(landscape, ignitions, self.time_s)
         self._ground = Ground(

@@ -69,7 +69,7 @@ def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dic
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
     }
     progress(
-        f"whole burn  {found['cells']:>9} {found['fuel']:<8} {found['cells_per_s'] / 1e6:6.2f} "
+        f"whole burn  {found['cells']:>9} {found['fuel']:<8} {burned / took_s / 1e6:6.2f} "
         f"million cells/s, peak memory of the process {found['peak_memory_mib']} MiB"
     )
     return found
