@@ -4,15 +4,16 @@ import hashlib
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
 
 from firemodel.errors import FireModelError
 from firemodel.fuels import check_codes
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +24,10 @@ ROWS_AT_ONCE = 256
 
 
 @lru_cache(maxsize=8)
-def transformers(crs: str) -> tuple[Transformer, Transformer]:
+def transformers(crs: str) -> "tuple[Transformer, Transformer]":
     """From a CRS to WGS84 (longitude, latitude) and back."""
+    from pyproj import Transformer
+
     return (
         Transformer.from_crs(crs, "EPSG:4326", always_xy=True),
         Transformer.from_crs("EPSG:4326", crs, always_xy=True),
@@ -34,6 +37,9 @@ def transformers(crs: str) -> tuple[Transformer, Transformer]:
 @lru_cache(maxsize=8)
 def check_crs(crs: str, where: str) -> None:
     """Raise FireModelError unless ``crs`` names a projection in metres."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
     try:
         found = CRS.from_user_input(crs)
     except CRSError as error:
@@ -47,6 +53,8 @@ def check_crs(crs: str, where: str) -> None:
 
 def crs_label(crs: str) -> str:
     """A CRS in few words: its code if it is given by one, else its name."""
+    from pyproj import CRS
+
     return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
 
 
