@@ -136,13 +136,14 @@ def test_rain_stops_the_fire_and_dry_weather_lets_it_go_on() -> None:
 def test_one_advance_and_many_give_the_same_bits() -> None:
     land = jacksboro(80, 80)
     stream = WeatherStream([weather(2.0, 40.0), weather(6.0, 50.0, 3600.0), weather(4.0, 9.0, 7e3)])
-    ignitions = [(20, 60, 1000.0), (40, 40, 0.0), (70, 60, 3600.0)]
+    ignitions = [(20, 60, 1000.0), (40, 40, 0.0), (70, 60, 3600.0), (5, 5, 8000.0)]
     whole = Devs8Fire(land, stream, ignitions)
     whole.advance(10_000.0)
     cut = Devs8Fire(land, stream, ignitions)
     for time_s in sorted({*np.linspace(0.0, 10_000.0, 277), 3600.0, 7e3, 7e3 + 1e-9}):
         cut.advance(float(time_s))
     assert whole.burned().sum() > 300
+    assert [whole.arrival_time_s[row, col] for row, col, _ in ignitions] == [1000, 0, 3600, 8000]
     assert np.array_equal(whole.arrival_time_s, cut.arrival_time_s)
 
 
@@ -261,6 +262,17 @@ def test_the_front_lies_where_the_fire_was_at_that_time() -> None:
     assert fire.front(at_s).equals_exact(now, 1e-6)
     with pytest.raises(FireModelError, match="not known at"):
         fire.front(fire.time_s + 1.0)
+
+
+def test_the_front_knows_nothing_of_ignitions_to_come() -> None:
+    still = float(spread_fields(landscape(), weather())[0][0, 0])
+    alone, with_one_ahead = (
+        Devs8Fire(landscape(), steady(), [MIDDLE, *more])
+        for more in ([], [(20, 27, 6.8 * CELL_M / still)])
+    )
+    for fire in (alone, with_one_ahead):
+        fire.advance(6.75 * CELL_M / still)
+    assert with_one_ahead.front(alone.time_s).equals(alone.front(alone.time_s))
 
 
 def test_a_fire_already_there_goes_on_from_its_outermost_cells() -> None:
