@@ -10,12 +10,16 @@ DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
 def data_folder(name: str, doc: str | None) -> Path:
-    """The folder of that name below ``--data``; ends the program in one line if it is not there."""
+    """The folder of that name below ``--data``, the only option."""
     parser = argparse.ArgumentParser(description=doc)
     parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
-    folder: Path = parser.parse_args().data / name
+    return check_folder(parser.parse_args().data / name)
+
+
+def check_folder(folder: Path) -> Path:
+    """The folder; ends the program in one line if it is not there."""
     if not folder.is_dir():
-        sys.exit(f"{folder}: no such folder; give the one that holds {name} with --data")
+        sys.exit(f"{folder}: no such folder; give the one that holds {folder.name} with --data")
     return folder
 
 
