@@ -43,13 +43,12 @@ def landscapes(cells: int, finer: int = 1) -> dict[str, Landscape]:
 
     ``finer`` is how many cells a side are made of each.
     """
-    cells *= finer
-    place = np.arange(cells) * CELL_M / finer
+    place = np.arange(cells * finer) * CELL_M / finer
     hills = 200.0 * np.sin(place / 900.0)[:, None] * np.cos(place / 1100.0) + 0.02 * place
-    fuels = {"uniform": np.ones((cells, cells))}
+    fuels = {"uniform": np.ones((place.size, place.size))}
     for name, patch in PATCH_CELLS.items():
         some = np.random.default_rng(1).choice(FUELS, (-(-cells // patch),) * 2)
-        fuels[name] = np.kron(some, np.ones((patch * finer,) * 2))[:cells, :cells]
+        fuels[name] = np.kron(some, np.ones((patch * finer,) * 2))[: place.size, : place.size]
     return {
         name: Landscape(
             "EPSG:32616",
