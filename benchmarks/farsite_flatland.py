@@ -12,10 +12,13 @@ the ellipses of each stretch of time. The lines differ in one thing each:
 - held: moistures stay as they were at first
 - hourly: conditioned as ``read_weather`` does, for each record
 - 5 min: the same, but followed every 5 minutes
-- point, line: 5 min, with acceleration of 0.115 or 0.3 per minute (McAlpine & Wakimoto 1991)
+- point, line: hourly or 5 min, with acceleration of 0.115 or 0.3 per minute (McAlpine & Wakimoto
+  1989, as FARSITE has it)
 - implied: moisture of each hour such that FARSITE's head comes as far as it did with a steady wind;
   and how much further out this exact answer reaches than FARSITE's, every 22.5 degrees from north
   (the corners of the polygon that is lit point north, east, south and west)
+
+At the top of each case is FARSITE's fastest spread in cells that caught fire in those minutes.
 """
 
 import math
@@ -23,6 +26,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,7 +42,7 @@ from firemodel.burning import burning_from_perimeter
 from firemodel.landscape import Landscape
 from firemodel.local_spread import spread_fields
 from firemodel.moisture import HOUR_S, TIME_LAGS_H, after_time_lag, equilibrium_moisture_pct
-from firemodel.readers.rasters import read_landscape
+from firemodel.readers.rasters import read_arrival, read_landscape
 from firemodel.readers.shapes import read_shapes
 from firemodel.readers.weather import read_weather
 from firemodel.rothermel import Moisture
@@ -56,6 +60,7 @@ STEP_S = 300.0
 HOURS = 7
 NORMALS_RAD = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
 POINT_PER_MIN, LINE_PER_MIN = 0.115, 0.3
+BINS_MIN = (5, 10, 20, 30, *range(60, 421, 60))
 
 Floats = NDArray[np.float64]
 
@@ -180,6 +185,19 @@ def farsites(folder: Path, case: str, landscape: Landscape) -> list[BaseGeometry
     return [Polygon(line.coords) for line in read_shapes(path, landscape, crs=landscape.crs)]
 
 
+def fastest_m_min(folder: Path, case: str, landscape: Landscape) -> list[float]:
+    """The largest value of FARSITE's grid of spread between two of the times ``BINS_MIN``."""
+    name = f"flatland_centerIgnit_{case}_RAWS"
+    arrival, rate = (
+        read_arrival(folder / "Outputs" / f"{name}_{grid}.asc", landscape, crs=landscape.crs)
+        for grid in ("ArrivalTime", "SpreadRate")
+    )
+    rate = np.where(np.isfinite(rate), rate, 0.0)  # none where it was lit
+    return [
+        float(rate[(arrival > begin) & (arrival <= end)].max()) for begin, end in pairwise(BINS_MIN)
+    ]
+
+
 def read_case(folder: Path, case: str, *, conditioned: bool) -> WeatherStream:
     """A case's weather, which ends an hour after its last record."""
     path = folder / "Inputs" / "d_weatherFiles" / f"flatland_{case}.raws"
@@ -202,19 +220,28 @@ def main() -> None:
     followed_pct = [
         entry.dead_1h_pct for entry in read_case(folder, STEADY, conditioned=True).entries
     ]
+    steady, *_ = stretches_of(landscape, read_case(folder, STEADY, conditioned=False))
+    sys.stdout.write(
+        f"head at the first moistures: {steady.head_m / steady.upto_s * 60:.2f} m/min\n"
+    )
     sys.stdout.write(row("1-h moisture, implied", implied, 2))
     sys.stdout.write(row("1-h moisture, hourly", followed_pct, 2))
     for case in CASES:
         held = read_case(folder, case, conditioned=False)
+        hourly = read_case(folder, case, conditioned=True)
         minutes = followed(held)
         theirs = farsites(folder, case, landscape)
         sys.stdout.write(f"{case}\n")
+        sys.stdout.write(row("  minutes, up to", BINS_MIN[1:], 0))
+        sys.stdout.write(row("  FARSITE, m/min", fastest_m_min(folder, case, landscape), 2))
         lines: dict[str, tuple[WeatherStream, float | None]] = {
             "held": (held, None),
-            "hourly": (read_case(folder, case, conditioned=True), None),
+            "hourly": (hourly, None),
             "5 min": (minutes, None),
-            "point": (minutes, POINT_PER_MIN),
-            "line": (minutes, LINE_PER_MIN),
+            "hourly, point": (hourly, POINT_PER_MIN),
+            "hourly, line": (hourly, LINE_PER_MIN),
+            "5 min, point": (minutes, POINT_PER_MIN),
+            "5 min, line": (minutes, LINE_PER_MIN),
             "implied": (with_moisture(held, implied), None),
         }
         for name, (stream, per_min) in lines.items():
