@@ -43,13 +43,12 @@ def landscapes(cells: int, finer: int = 1) -> dict[str, Landscape]:
 
     ``finer`` is how many cells a side are made of each.
     """
-    cells *= finer
-    place = np.arange(cells) * CELL_M / finer
+    place = np.arange(cells * finer) * CELL_M / finer
     hills = 200.0 * np.sin(place / 900.0)[:, None] * np.cos(place / 1100.0) + 0.02 * place
-    fuels = {"uniform": np.ones((cells, cells))}
+    fuels = {"uniform": np.ones((place.size, place.size))}
     for name, patch in PATCH_CELLS.items():
         some = np.random.default_rng(1).choice(FUELS, (-(-cells // patch),) * 2)
-        fuels[name] = np.kron(some, np.ones((patch * finer,) * 2))[:cells, :cells]
+        fuels[name] = np.kron(some, np.ones((patch * finer,) * 2))[: place.size, : place.size]
     return {
         name: Landscape(
             "EPSG:32616",
@@ -78,9 +77,11 @@ def ours(landscape: Landscape, duration_min: float) -> tuple[float, Floats]:
     return time.perf_counter() - began, fire.arrival_time_s
 
 
-def theirs(python: Path, landscape: Landscape, duration_min: float) -> tuple[float, Floats]:
-    """(wall s, arrival s) of pyretechnics."""
-    dead_1h, dead_10h, dead_100h, herb, woody = WEATHER.moisture.classes
+def answer_of(
+    python: Path, landscape: Landscape, weather: Weather, **more: Any
+) -> dict[str, NDArray[Any]]:
+    """What pyretechnics finds for a landscape, its trees left out (see ``pyretechnics_worker``)."""
+    dead_1h, dead_10h, dead_100h, herb, woody = weather.moisture.classes
     with tempfile.TemporaryDirectory() as folder:
         case, answer = Path(folder) / "case.npz", Path(folder) / "answer.npz"
         np.savez(
@@ -88,20 +89,25 @@ def theirs(python: Path, landscape: Landscape, duration_min: float) -> tuple[flo
             slope=landscape.slope_tan,
             aspect=landscape.aspect_deg,
             fuel_model=landscape.fuel_model,
-            wind_speed_10m=WEATHER.wind_speed_m_s * WIND_10M_OVER_20FT * 3.6,
-            upwind_direction=WEATHER.wind_from_deg,
+            wind_speed_10m=weather.wind_speed_m_s * WIND_10M_OVER_20FT * 3.6,
+            upwind_direction=weather.wind_from_deg,
             fuel_moisture_dead_1hr=dead_1h,
             fuel_moisture_dead_10hr=dead_10h,
             fuel_moisture_dead_100hr=dead_100h,
             fuel_moisture_live_herbaceous=herb,
             fuel_moisture_live_woody=woody,
-            ignition=ignition(landscape),
             cell_m=landscape.cell_size_m,
-            duration_min=duration_min,
+            **more,
         )
         subprocess.run([python, WORKER, case, answer], check=True)
-        found = np.load(answer)
-        return float(found["wall_s"]), np.nan_to_num(found["arrival_min"] * 60.0, nan=np.inf)
+        return dict(np.load(answer))
+
+
+def theirs(python: Path, landscape: Landscape, duration_min: float) -> tuple[float, Floats]:
+    """(wall s, arrival s) of pyretechnics."""
+    more = {"ignition": ignition(landscape), "duration_min": duration_min}
+    found = answer_of(python, landscape, WEATHER, **more)
+    return float(found["wall_s"]), np.nan_to_num(found["arrival_min"] * 60.0, nan=np.inf)
 
 
 def environment(folder: Path) -> Path:

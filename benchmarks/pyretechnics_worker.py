@@ -1,14 +1,18 @@
-"""Pyretechnics' side of ``pyretechnics_compare``; runs in its own environment, without firemodel.
+"""Pyretechnics' side of two benchmarks; runs in its own environment, without firemodel.
 
-``python pyretechnics_worker.py case.npz answer.npz``. Rows are turned round on the way in and out,
-because pyretechnics counts them from the south.
+``python pyretechnics_worker.py case.npz answer.npz``. With a duration it burns one fire, else it
+gives the fastest spread of each cell. Rows are turned round on the way in and out, because
+pyretechnics counts them from the south.
 """
 
 import sys
 import time
-from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pyretechnics.burn_cells import (  # type: ignore[import-not-found]
+    burn_all_cells_as_head_fire,
+)
 from pyretechnics.eulerian_level_set import (  # type: ignore[import-not-found]
     SpreadState,
     spread_fire_with_phi_field,
@@ -16,47 +20,59 @@ from pyretechnics.eulerian_level_set import (  # type: ignore[import-not-found]
 from pyretechnics.space_time_cube import SpaceTimeCube  # type: ignore[import-not-found]
 
 RASTERS = ("slope", "aspect", "fuel_model")
+NUMBERS = ("wind", "upwind", "fuel_moisture")  # how their names begin
 NO_TREES = ("canopy_cover", "canopy_height", "canopy_base_height", "canopy_bulk_density")
+
+Case = dict[str, Any]
 
 
 def main() -> None:
-    """Burn the case twice, first a little of it, and write when each cell caught fire."""
-    case = dict(np.load(sys.argv[1]))
+    """The fire is burned twice, first a little of it, and the second run is timed."""
+    case: Case = dict(np.load(sys.argv[1]))
+    if "duration_min" not in case:
+        found = burn_all_cells_as_head_fire(cubes(case), 0, use_wind_limit=False)
+        np.savez(sys.argv[2], rate_m_min=found["spread_rate"][::-1])
+        return
     burn(case, min(1.0, float(case["duration_min"])))  # what is only done once
     began = time.perf_counter()
     arrival_min = burn(case, float(case["duration_min"]))
-    np.savez(Path(sys.argv[2]), wall_s=time.perf_counter() - began, arrival_min=arrival_min[::-1])
+    np.savez(sys.argv[2], wall_s=time.perf_counter() - began, arrival_min=arrival_min[::-1])
 
 
-def burn(case: dict[str, np.ndarray], duration_min: float) -> np.ndarray:
-    """Minutes (y, x) from the south, NaN where it has not burned.
-
-    The weather does not change, so one band in time holds for all of it and nothing is read again;
-    step, band width and length over width are pyretechnics' defaults.
-    """
-    rows, cols = case["fuel_model"].shape
-    shape = (1, rows, cols)
-    cell_m, band_min = float(case["cell_m"]), float(case["duration_min"]) + 1.0
+def cubes(case: Case) -> dict[str, Any]:
+    """The inputs; one band in time holds for all of it, since the weather does not change."""
+    shape = (1, *case["fuel_model"].shape)
     constants = dict.fromkeys(NO_TREES, 0.0) | {"foliar_moisture": 1.0}
-    cubes = {name: SpaceTimeCube(shape, value) for name, value in constants.items()}
+    found = {name: SpaceTimeCube(shape, value) for name, value in constants.items()}
     for name, value in case.items():
         if name in RASTERS:
             raster = np.ascontiguousarray(value[::-1], dtype=np.float32)
-            cubes[name] = SpaceTimeCube(shape, raster)
-        elif name.startswith(("wind", "upwind", "fuel_moisture")):
-            cubes[name] = SpaceTimeCube(shape, float(value))
-    state = SpreadState(shape)
+            found[name] = SpaceTimeCube(shape, raster)
+        elif name.startswith(NUMBERS):
+            found[name] = SpaceTimeCube(shape, float(value))
+    return found
+
+
+def burn(case: Case, duration_min: float) -> Any:
+    """Minutes (y, x) from the south, NaN where it has not burned.
+
+    Time step, width of the band and length over width are pyretechnics' defaults.
+    """
+    rows, cols = case["fuel_model"].shape
+    cell_m, band_min = float(case["cell_m"]), float(case["duration_min"]) + 1.0
+    state = SpreadState((1, rows, cols))
     row, col = (int(value) for value in case["ignition"])
     state.ignite_cell((rows - 1 - row, col))
     found = spread_fire_with_phi_field(
-        cubes,
+        cubes(case),
         state,
         cube_resolution=(band_min, cell_m, cell_m),
         start_time=0.0,
         max_duration=duration_min,
         use_wind_limit=False,
     )
-    return np.array(found["spread_state"].get_full_matrices(["time_of_arrival"])["time_of_arrival"])
+    return found["spread_state"].get_full_matrices(["time_of_arrival"])["time_of_arrival"]
 
 
-main()
+if __name__ == "__main__":
+    main()

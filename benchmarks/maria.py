@@ -1,0 +1,170 @@
+"""From each mapped perimeter of the Maria fire to the next: ``python -m benchmarks.maria``.
+
+2019, California: airborne-infrared perimeters with the weather noted on each (moistures, and wind,
+taken as of 20 ft unless ``--wind-10m``) and LANDFIRE layers. For each pair in a row the fire of
+this package is started all along the first perimeter and burns under the weather noted there until
+the time of the second. Beside it stands persistence: that nothing changes.
+
+Printed are intersection over union with the second perimeter, of the whole and of what newly
+burned, and the areas predicted over observed, for the whole and the new. The wind is turned from
+true north to the grid's north, which is 14 degrees away there.
+"""
+
+import argparse
+import math
+import sys
+from dataclasses import replace
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from benchmarks.shared import DATA, check_folder, overlap
+from firemodel.anyangle import AnyAngleFire
+from firemodel.burning import burning_from_perimeter
+from firemodel.landscape import Landscape
+from firemodel.readers.rasters import read_landscape
+from firemodel.readers.shapes import into_crs
+from firemodel.rothermel import M_S_PER_MPH
+from firemodel.weather import Weather, WeatherStream, wind_20ft_from_10m
+
+LAYERS = {
+    "fuel": "fuel",
+    "elevation": "elevation",
+    "slope": "slope",
+    "aspect": "aspect",
+    "canopy_cover": "cover",
+    "canopy_height": "height",
+    "canopy_base": "base",
+}
+UNITS = {
+    "slope": "degrees",
+    "canopy_cover": "percent",
+    "canopy_height": "m*10",
+    "canopy_base": "m*10",
+}
+FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
+LIVE = ("herb", "woody")
+GROWN = 1.1  # from one perimeter to the next
+
+
+class Mapped(NamedTuple):
+    """A perimeter and the weather noted on it."""
+
+    at: datetime
+    area: BaseGeometry  # in the landscape's CRS
+    weather: Weather  # wind by true north
+
+
+class Scores(NamedTuple):
+    """Of one interval, as printed."""
+
+    whole: float
+    persistence: float
+    new: float
+    bias: float
+    new_bias: float
+
+
+def read_maria(folder: Path) -> tuple[Landscape, list[Mapped]]:
+    """The landscape and its perimeters in order of time, of doubles one."""
+    files = {layer: folder / f"Maria2019-{name}.tif" for layer, name in LAYERS.items()}
+    landscape = read_landscape(files, units=UNITS)
+    return landscape, read_perimeters(folder / "firis_perimeters.shp", landscape)
+
+
+def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
+    """Those that were flown; the one that a newspaper's map gave is left out."""
+    import pyogrio
+
+    meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
+    names = list(meta["fields"])
+    found: dict[datetime, Mapped] = {}
+    for number, wkb in enumerate(shapes):
+        of = {name: column[number] for name, column in zip(names, columns, strict=True)}
+        if of["type"] != "perim":
+            continue
+        at = datetime.strptime(f"{of['YYYYMMDD']} {of['24_HHMMSS']}", "%Y%m%d %H:%M:%S")  # noqa: DTZ007
+        area = into_crs(shapely.make_valid(shapely.from_wkb(wkb)), meta["crs"], landscape.crs)
+        moistures = (float(of[name]) for name in (*FIELDS[-3:], *LIVE))
+        weather = Weather(0.0, of["windspeed"] * M_S_PER_MPH, float(of["winddirec"]), *moistures)
+        found[at] = Mapped(at, area, weather)
+    return [found[at] for at in sorted(found)]
+
+
+def grid_north_deg(landscape: Landscape, area: BaseGeometry) -> float:
+    """Where true north points in the grid, clockwise from the grid's north, around an area."""
+    x_m, y_m = area.centroid.x, area.centroid.y
+    lat, lon = landscape.lat_lon_of(x_m, y_m)
+    north_x_m, north_y_m = landscape.xy_of_lat_lon(lat + 0.01, lon)
+    return math.degrees(math.atan2(north_x_m - x_m, north_y_m - y_m))
+
+
+def predict(landscape: Landscape, now: Mapped, weather: Weather, for_s: float) -> BaseGeometry:
+    """The burned area some time after a perimeter."""
+    burning = burning_from_perimeter([now.area], landscape, 0.0)
+    fire = AnyAngleFire(landscape, WeatherStream([weather]), [], burning)
+    fire.advance(for_s)
+    # The perimeter's own edge counts where it did not move.
+    area: BaseGeometry = fire.front(for_s).buffer(0.0).union(now.area)
+    return area
+
+
+def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores:
+    """Of a prediction of ``then`` from ``now``."""
+    new, found_new = then.difference(now), found.difference(now)
+    return Scores(
+        overlap(found, then),
+        overlap(now, then),
+        overlap(found_new, new),
+        found.area / then.area,
+        found_new.area / new.area,
+    )
+
+
+def main() -> None:
+    """Print a line for each interval, then the means."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
+    parser.add_argument("--wind-10m", action="store_true", help="the wind noted is that at 10 m")
+    parser.add_argument("--wind-factor", type=float, default=1.0, help="what to multiply it by")
+    parser.add_argument("--grid-wind", action="store_true", help="take it by the grid's north")
+    given = parser.parse_args()
+    landscape, mapped = read_maria(check_folder(given.data / "maria_2019"))
+    turn_deg = 0.0 if given.grid_wind else grid_north_deg(landscape, mapped[0].area)
+    sys.stdout.write(f"true north is {turn_deg:.1f} degrees from the grid's\n")
+    sys.stdout.write("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias\n")
+    found: list[Scores] = []
+    for now, then in pairwise(mapped):
+        wind_m_s = float(now.weather.wind_speed_m_s * given.wind_factor)
+        weather = replace(
+            now.weather,
+            wind_speed_m_s=float(wind_20ft_from_10m(wind_m_s)) if given.wind_10m else wind_m_s,
+            wind_from_deg=(now.weather.wind_from_deg + turn_deg) % 360.0,
+        )
+        for_s = (then.at - now.at).total_seconds()
+        one = scores(now.area, then.area, predict(landscape, now, weather, for_s))
+        found.append(one)
+        sys.stdout.write(
+            f"{now.at:%m-%d %H:%M} {for_s / 60:6.0f} {then.area.area / 1e6:6.2f} "
+            f"{then.area.difference(now.area).area / 1e6:6.2f} {one.whole:7.3f} "
+            f"{one.persistence:7.3f} {one.new:8.3f} {one.bias:7.2f} {one.new_bias:8.2f}\n"
+        )
+    for name, some in (
+        ("all", found),
+        ("grown by a tenth", [one for one in found if one.persistence < 1.0 / GROWN]),
+        ("the others", [one for one in found if one.persistence >= 1.0 / GROWN]),
+    ):
+        mean = Scores(*np.mean(some, axis=0))
+        sys.stdout.write(
+            f"mean of {len(some):2}, {name:20} {mean.whole:7.3f} {mean.persistence:7.3f} "
+            f"{mean.new:8.3f} {mean.bias:7.2f} {mean.new_bias:8.2f}\n"
+        )
+
+
+if __name__ == "__main__":
+    main()
