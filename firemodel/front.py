@@ -89,7 +89,7 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
     """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
 
     The edge is where the time between two cells' centres, drawn straight, is the one asked for;
-    halfway to a cell that fire does not come to, and at the edge of the landscape. In its CRS.
+    at most halfway to a cell that fire does not come to, and to the edge of the landscape.
     """
     from contourpy import FillType, contour_generator
     from shapely.geometry import MultiPolygon, Polygon
@@ -112,17 +112,16 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
 def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
     """How long after a time fire comes, in a window and the cells around it.
 
-    Where it never comes, as long as it is ago in the cells beside, so that the edge lies halfway.
+    Where it never comes, as long as it is ago at most in the cells beside, so that the edge lies
+    halfway and never further.
     """
     wider = slice(window[0].start, window[0].stop + 2), slice(window[1].start, window[1].stop + 2)
     ahead_s = padded_s[wider] - time_s
     inside = np.pad(ahead_s <= 0.0, 1)
     ago_s = np.where(inside, -np.pad(ahead_s, 1), 0.0)
     rows, cols = ahead_s.shape
-    total, count = np.zeros((2, rows, cols))
+    longest_s = np.full((rows, cols), SMALLEST_S)
     for row, col in _AROUND:
         beside = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
-        total += ago_s[beside]
-        count += inside[beside]
-    halfway_s = np.maximum(total / np.maximum(count, 1.0), SMALLEST_S)
-    return np.where(np.isfinite(ahead_s), ahead_s, halfway_s)
+        np.maximum(longest_s, ago_s[beside], out=longest_s)
+    return np.where(np.isfinite(ahead_s), ahead_s, longest_s)

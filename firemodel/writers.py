@@ -14,6 +14,7 @@ from firemodel.fire import Fire
 from firemodel.landscape import Landscape
 
 M2_PER_ACRE = 4046.8564224
+SMALLEST_DEG = 1e-7  # a centimetre
 
 
 def write_geotiff(
@@ -47,18 +48,19 @@ def fronts_geojson(
     the status says that nobody approved them. ``time_zero`` is 0 s by the calendar, if known.
     Raises FireModelError for a time that the fire has not come to.
     """
-    from shapely import transform
+    from shapely import get_parts, set_precision, transform
     from shapely.geometry import MultiPolygon, mapping
     from shapely.geometry.polygon import orient
 
     def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         lat, lon = fire.landscape.lat_lon_of(*xy_m.T)
-        return np.round(np.stack([lon, lat], axis=1), 7)
+        return np.stack([lon, lat], axis=1)
 
     features = []
     for time_s in times_s:
         area = fire.front(time_s)
-        shape = MultiPolygon([orient(transform(region, to_lon_lat)) for region in area.geoms])
+        rounded = set_precision(transform(area, to_lon_lat), SMALLEST_DEG)
+        shape = MultiPolygon([orient(region) for region in get_parts(rounded)])
         properties = {
             "IncidentName": name,
             "FeatureCategory": "Wildfire Daily Fire Perimeter",

@@ -1,4 +1,4 @@
-"""The perimeter as a loop of cells, and the polygons."""
+"""The perimeter as a loop of cells, and the front between their centres."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from firemodel.front import largest_region, perimeter, polygons
+from firemodel.front import front_polygons, largest_region, perimeter
 from tests.firemodel.grids import CELL_M, landscape
 
 Mask = NDArray[np.bool_]
@@ -75,9 +75,39 @@ def test_every_perimeter_is_a_closed_loop_of_exactly_the_outer_boundary(burned: 
     assert signed_area(loop) >= 0.0
 
 
-def test_polygons_keep_holes_and_lie_where_the_cells_lie() -> None:
-    burned = drawn("###.. #.#.. ###.# .....")
-    found = sorted(polygons(burned, landscape(shape=(4, 5))), key=lambda region: region.area)
-    assert [region.area for region in found] == [CELL_M**2, 8 * CELL_M**2]
-    assert found[0].bounds == (500_120.0, 3_999_910.0, 500_150.0, 3_999_940.0)
-    assert len(found[1].interiors) == 1
+def test_a_front_lies_where_the_fire_was_at_that_time() -> None:
+    rows, cols = np.indices((41, 41))
+    arrival_s = 10.0 * np.hypot(rows - 20.0, cols - 20.0)  # a cell in ten seconds
+    land = landscape()
+    area = front_polygons(arrival_s, 123.0, land)
+    assert area.area == pytest.approx(np.pi * (12.3 * CELL_M) ** 2, rel=0.01)
+    assert np.ravel(area.centroid.coords) == pytest.approx(land.xy_of(20, 20))
+
+
+def test_a_front_ends_at_what_does_not_burn_and_keeps_its_holes() -> None:
+    never = np.inf
+    arrival_s = np.array(
+        [
+            [5.0, 3.0, 5.0, never, 90.0],
+            [3.0, never, 3.0, never, 90.0],
+            [5.0, 3.0, 0.0, never, 90.0],
+        ]
+    )
+    land = landscape(shape=(3, 5))
+    area = front_polygons(arrival_s, 5.0, land)
+    (polygon,) = area.geoms
+    assert len(polygon.interiors) == 1
+    left, bottom, right, top = polygon.bounds
+    x_m, y_m = land.xy_of(np.array([0, 2]), np.array([0, 2]))
+    assert left >= x_m[0] - CELL_M / 2
+    assert right <= x_m[1] + CELL_M
+    assert (bottom, top) == pytest.approx(
+        (y_m[1] - CELL_M / 2, y_m[0] + CELL_M / 2), abs=CELL_M / 2
+    )
+    assert not front_polygons(arrival_s, -1.0, land).geoms
+
+
+def test_fires_apart_have_fronts_apart() -> None:
+    arrival_s = np.full((5, 9), np.inf)
+    arrival_s[2, 1] = arrival_s[2, 7] = 0.0
+    assert len(front_polygons(arrival_s, 10.0, landscape(shape=(5, 9))).geoms) == 2

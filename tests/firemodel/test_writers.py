@@ -1,6 +1,7 @@
 """Files for other programs."""
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -9,27 +10,30 @@ import pytest
 import rasterio
 from shapely.geometry import shape
 
-from firemodel.writers import perimeters_geojson, write_geotiff, write_perimeters
-from tests.firemodel.grids import CRS, landscape
+from firemodel.anyangle import AnyAngleFire
+from firemodel.map import draw_map, frame_around
+from firemodel.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
+from tests.firemodel.grids import CRS, landscape, steady
 
 LAND = landscape(shape=(6, 7))
-ARRIVAL_S = np.full((6, 7), np.inf)
-ARRIVAL_S[1:4, 1:4] = 100.0
-ARRIVAL_S[2, 2] = 300.0  # burns later than all around it
-ARRIVAL_S[2, 4] = 200.0
+
+
+def around_a_rock() -> AnyAngleFire:
+    """A fire on 20 by 20 cells that has come round one that does not burn."""
+    codes = np.full((20, 20), 1, dtype=np.int16)
+    codes[9, 12] = 99
+    fire = AnyAngleFire(landscape(codes), steady(), [(9, 9, 0.0)])
+    fire.advance(15_000.0)
+    return fire
 
 
 def test_a_geotiff_lies_on_the_grid(tmp_path: Path) -> None:
-    values = np.where(np.isinf(ARRIVAL_S), -1.0, ARRIVAL_S)
-    write_geotiff(tmp_path / "arrival.tif", values, LAND, nodata=-1.0)
-    with rasterio.open(tmp_path / "arrival.tif") as file:
+    values = np.arange(42.0).reshape(6, 7)
+    write_geotiff(tmp_path / "values.tif", values, LAND, nodata=-1.0)
+    with rasterio.open(tmp_path / "values.tif") as file:
         assert (file.crs.to_string(), file.nodata) == (CRS, -1.0)
         assert file.transform == LAND.transform()
         assert np.array_equal(file.read(1), values)
-
-
-def rings(feature: dict[str, Any]) -> list[Any]:
-    return [ring for polygon in feature["geometry"]["coordinates"] for ring in polygon]
 
 
 def signed_area(ring: Any) -> float:
@@ -37,23 +41,69 @@ def signed_area(ring: Any) -> float:
     return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
 
 
-def test_perimeters_are_rfc_7946(tmp_path: Path) -> None:
-    path = tmp_path / "perimeters.geojson"
-    write_perimeters(path, ARRIVAL_S, LAND, [0.0, 100.0, 300.0])
+def test_fronts_are_rfc_7946(tmp_path: Path) -> None:
+    path = tmp_path / "fronts.geojson"
+    write_fronts(path, around_a_rock(), [0.0, 15_000.0], "rock")
     found = json.loads(path.read_text(encoding="utf-8"))
     assert found["type"] == "FeatureCollection"
-    nothing, ring, all_burned = found["features"]
-    assert nothing["geometry"] == {"type": "MultiPolygon", "coordinates": []}
-    outer, hole = rings(ring)
+    for feature in found["features"]:
+        assert shape(feature["geometry"]).is_valid
+    (polygon,) = found["features"][1]["geometry"]["coordinates"]
+    outer, hole = polygon
     assert signed_area(outer) > 0 > signed_area(hole)  # right-hand rule
     assert outer[0] == outer[-1]
-    assert len(rings(all_burned)) == 1
-    for feature in (ring, all_burned):
-        assert shape(feature["geometry"]).is_valid
     lon_deg, lat_deg = outer[0]
     assert (lon_deg, lat_deg) == pytest.approx((-87.0, 36.14), abs=0.01)
 
 
-def test_perimeters_tell_time_and_area() -> None:
-    ten_cells = perimeters_geojson(ARRIVAL_S, LAND, [300.0])["features"][0]["properties"]
-    assert ten_cells == {"time_s": 300.0, "area_ha": 0.9, "GISAcres": 2.22}
+def test_fronts_tell_time_area_and_that_nobody_approved_them() -> None:
+    fire = around_a_rock()
+    zero = datetime(2026, 8, 1, 12, 0, tzinfo=UTC)
+    (feature,) = fronts_geojson(fire, [15_000.0], "rock", zero)["features"]
+    area_m2 = fire.front(15_000.0).area
+    assert feature["properties"] == {
+        "IncidentName": "rock",
+        "FeatureCategory": "Wildfire Daily Fire Perimeter",
+        "MapMethod": "Modeled",
+        "FeatureStatus": "Proposed",
+        "GISAcres": round(area_m2 / 4046.8564224, 2),
+        "area_ha": round(area_m2 / 1e4, 2),
+        "time_s": 15_000.0,
+        "PolygonDateTime": 1_785_585_600_000 + 15_000_000,
+    }
+    assert area_m2 == pytest.approx(np.count_nonzero(fire.burned()) * 900.0, rel=0.05)
+    assert "PolygonDateTime" not in fronts_geojson(fire, [0.0], "rock")["features"][0]["properties"]
+
+
+def test_rasters_hold_what_burned(tmp_path: Path) -> None:
+    fire = around_a_rock()
+    paths = write_rasters(tmp_path, fire)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "arrival_time_s.tif",
+        "fireline_intensity_kw_m.tif",
+        "flame_length_m.tif",
+        "spread_rate_m_s.tif",
+        "spread_toward_deg.tif",
+    ]
+    for path in paths.values():
+        with rasterio.open(path) as file:
+            assert np.array_equal(file.read_masks(1) > 0, fire.burned())
+    with rasterio.open(paths["arrival_time_s"]) as file:
+        burned = fire.burned()
+        np.testing.assert_allclose(file.read(1)[burned], fire.arrival_time_s[burned], rtol=1e-6)
+
+
+def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    fire = around_a_rock()
+    none = np.full(fire.landscape.shape, np.inf)
+    one = none.copy()
+    one[3, 4] = 0.0
+    for number, arrival_s in enumerate((fire.arrival_time_s, one, none)):
+        path = tmp_path / f"{number}.png"
+        draw_map(path, fire.landscape, arrival_s, "a fire")
+        assert imread(path).std() > 0.05
+    west, east, south, north = frame_around(fire.landscape, one)
+    assert west < 0.135 < east  # the cell's centre in km
+    assert south < 0.495 < north
