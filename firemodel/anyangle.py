@@ -10,6 +10,7 @@ When the weather changes, each line under way is cut where the fire is on it, an
 the source of the rest: what has not burned is rated anew, and no way already covered is lost.
 """
 
+import bisect
 import math
 from collections.abc import Sequence
 
@@ -60,9 +61,11 @@ class AnyAngleFire(Fire):
         self.weather = weather
         self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
+        self.start_area = burning.area if burning else None
         check_ignitions(landscape, ignitions, self.time_s)
         n, cols = landscape.fuel_model.size, landscape.shape[1]
-        self._ground = ground_of(landscape, weather.entries, wind_limit)
+        changes = weather.changes()
+        self._ground = ground_of(landscape, changes, wind_limit)
         self._labels = Labels(
             np.full(n, np.inf),
             np.where(self._ground.terrain.fuel < 0, -np.inf, np.inf),
@@ -72,9 +75,9 @@ class AnyAngleFire(Fire):
         self._heap = _empty_heap(1024)
         self._points, self._used = np.empty((64, 3)), 0  # sources: row, column, time
         self._ways = empty_ways(0)
-        self._entry = weather.index_at(self.time_s)
+        self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
+        self._entry = bisect.bisect_right(self._changes_s, self.time_s)
         self._since_s = self.time_s  # when the ways set out
-        self._changes_s = [*weather.change_times(), math.inf]
         self._ignitions = sorted((time_s, row * cols + col) for row, col, time_s in ignitions)
         self._ignitions.reverse()  # the next one last
         if burning:

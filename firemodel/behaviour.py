@@ -25,7 +25,7 @@ class Behaviour(NamedTuple):
     """Of the front as it came to each cell, float32 (y, x), NaN where it has not come."""
 
     spread_rate_m_s: NDArray[np.float32]  # along the slope
-    toward_deg: NDArray[np.float32]  # which way the front moved, clockwise from north
+    toward_deg: NDArray[np.float32]  # which way the front moved, clockwise from true north
     intensity_kw_m: NDArray[np.float32]  # Byram's
     flame_length_m: NDArray[np.float32]
 
@@ -35,17 +35,18 @@ def behaviour_of(fire: Fire) -> Behaviour:
 
     Where fire was lit, they are those of the head.
     """
-    land, entries = fire.landscape, fire.weather.entries
+    land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
     heat = np.empty((len(entries), len(burnable_codes(land))))
     for number, entry in enumerate(entries):
         for place, code in enumerate(burnable_codes(land)):
             bed = rothermel.fuel_bed(FUEL_MODELS[code], entry.moisture)
             heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
-    began_s = np.array([-math.inf, *fire.weather.change_times()])
+    began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
     way = fire.ways().reshape(2, -1)
     rate, toward_deg, intensity = _behaviour(arrival_s, way, began_s, heat, terrain, tables)
+    toward_deg = (toward_deg + land.grid_convergence_deg) % 360.0
     flame_m = rothermel.flame_length_m(intensity)
     found = (rate, toward_deg, intensity, flame_m)
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))

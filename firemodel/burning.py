@@ -39,7 +39,7 @@ def burning_from_perimeter(
     inside = rasterize(
         [area], out_shape=landscape.shape, transform=landscape.transform(), dtype=np.uint8
     )
-    return Burning(at_s, np.where(inside > 0, at_s, np.inf), front)
+    return Burning(at_s, np.where(inside > 0, at_s, np.inf), front, area)
 
 
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
@@ -54,8 +54,8 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
             f"burning: no cell has an arrival by {at_s} s (the first is at {arrival_s.min()} s); "
             "take a later time"
         )
-    front = _front_on(front_polygons(arrival_s, at_s, landscape), landscape)
-    return Burning(at_s, np.where(burned, arrival_s, np.inf), front)
+    area = front_polygons(arrival_s, at_s, landscape)
+    return Burning(at_s, np.where(burned, arrival_s, np.inf), _front_on(area, landscape), area)
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:

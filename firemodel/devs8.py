@@ -95,6 +95,7 @@ class Devs8Fire(Fire):
         self.weather = weather
         self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
+        self.start_area = None  # it has cells only
         check_ignitions(landscape, ignitions, self.time_s)
         self._ground = Ground(
             landscape.shape[1],

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.front import earliest_neighbour, front_polygons, neighbours_of
+from firemodel.front import earliest_neighbour, front_polygons, multipolygon, neighbours_of
 from firemodel.fuels import NON_BURNABLE
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
@@ -25,6 +25,7 @@ class Burning(NamedTuple):
     at_s: float
     arrival_s: Floats  # (y, x) infinity where it has not burned
     front: Floats  # (k, 2) points on the front as float (row, column), no further apart than a cell
+    area: Any  # the burned area as a shapely geometry in the landscape's CRS
 
 
 class Fire(ABC):
@@ -38,6 +39,7 @@ class Fire(ABC):
     weather: WeatherStream
     wind_limit: bool
     time_s: float
+    start_area: Any  # of a fire taken over, burned from the start
     arrival_time_s: Floats
 
     @abstractmethod
@@ -77,7 +79,8 @@ class Fire(ABC):
         FireModelError for a time that the fire has not come to.
         """
         self._check_past(time_s)
-        return front_polygons(self._expected_s(), time_s, self.landscape)
+        found = front_polygons(self._expected_s(), time_s, self.landscape)
+        return found if self.start_area is None else multipolygon(found.union(self.start_area))
 
     def ways(self) -> Floats:
         """Metres towards north and east (2, y, x) of the last straight way by which fire came.

@@ -85,6 +85,14 @@ def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
     return step_row, step_col
 
 
+def multipolygon(area: Any) -> Any:
+    """The polygons of a shapely geometry as one MultiPolygon."""
+    from shapely import get_parts
+    from shapely.geometry import MultiPolygon
+
+    return MultiPolygon([part for part in get_parts(area) if part.geom_type == "Polygon"])
+
+
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
     """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
 

@@ -3,7 +3,7 @@
 import hashlib
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -168,6 +168,15 @@ class Landscape:
         north, east = self.gradient
         falls: Floats = np.arctan2(-east, -north, dtype=np.float64)
         return np.rad2deg(falls) % 360.0
+
+    @cached_property
+    def grid_convergence_deg(self) -> float:
+        """Direction of the grid's north at the middle of it, clockwise from true north."""
+        from pyproj import Proj
+
+        rows, cols = self.shape
+        lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
+        return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
 
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Projected x, y in metres of grid positions."""

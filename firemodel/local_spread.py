@@ -37,7 +37,7 @@ class Tables(NamedTuple):
     """What it depends on besides, for each entry of the weather."""
 
     terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
-    wind: Floats  # (entries, 3): speed m/s at 20 ft, the direction it blows to (north, east)
+    wind: Floats  # (entries, 3): speed m/s at 20 ft, where it blows to (grid north, east; unit)
 
 
 def terrain_of(landscape: Landscape) -> Terrain:
@@ -76,12 +76,15 @@ def burnable_codes(landscape: Landscape) -> list[int]:
 
 
 def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
-    """The terms of the landscape's fuels under each entry; ``wind_limit`` as in ``rothermel``."""
+    """The terms of the landscape's fuels under each entry; ``wind_limit`` as in ``rothermel``.
+
+    The wind, given from true north, is turned to the grid's.
+    """
     codes = burnable_codes(landscape)
     terms = np.empty((len(entries), len(codes), 6))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
-        toward = math.radians(entry.wind_from_deg + 180.0)
+        toward = math.radians(entry.wind_from_deg + 180.0 - landscape.grid_convergence_deg)
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
         for place, code in enumerate(codes):
             bed = fuel_bed(FUEL_MODELS[code], entry.moisture)
@@ -159,7 +162,7 @@ def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 
 def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Floats, Floats]:
-    """Of each cell (y, x): fastest spread (m/s), its direction (rad from north), eccentricity.
+    """Of each cell (y, x): fastest spread (m/s), its direction (rad from the grid's north), eccentricity.
 
     Cells that do not burn have rate 0.
     """

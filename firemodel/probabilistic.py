@@ -77,7 +77,9 @@ class ProbabilisticFire(Fire):
         _check(p_spread, step_s, burning_steps)
         self.landscape = landscape
         self.weather = weather
+        self.wind_limit = False
         self.time_s = self._start_s = burning.at_s if burning else 0.0
+        self.start_area = None  # it has cells only
         check_ignitions(landscape, ignitions, self.time_s)
         self._p_spread, self._step_s, self._rng = p_spread, step_s, rng
         self._burning_steps = burning_steps or 0

@@ -3,7 +3,7 @@
 import bisect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,9 +74,11 @@ class WeatherStream:
         """The entry that holds at a time."""
         return self.entries[self.index_at(time_s)]
 
-    def change_times(self) -> tuple[float, ...]:
-        """When the weather changes."""
-        return tuple(self._times[1:])
+    def changes(self) -> tuple[Weather, ...]:
+        """The first entry and those that are not like the one before."""
+        pairs = zip(self.entries[1:], self.entries[:-1], strict=True)
+        others = [new for new, old in pairs if replace(new, at_s=0.0) != replace(old, at_s=0.0)]
+        return (self.entries[0], *others)
 
 
 def _check(number: int, entry: Weather) -> None:

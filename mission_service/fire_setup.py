@@ -129,8 +129,8 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
             ignitions,
             burning,
             p_spread=section.p_spread,
-            update_s=section.update_s,
-            generator=np.random.default_rng(scenario.seed),
+            step_s=section.update_s,
+            rng=np.random.default_rng(scenario.seed),
         )
     scheme = AnyAngleFire if section.scheme == "anyangle" else Devs8Fire
     return scheme(landscape, weather, ignitions, burning, wind_limit=section.wind_limit)
