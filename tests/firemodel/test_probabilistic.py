@@ -168,7 +168,7 @@ def test_a_cell_lit_between_updates_spreads_from_the_next_one_on() -> None:
     fire = fire_of(1.0, 1, ((20, 20, 13.0), (5, 5, 20.0), (20, 21, 50.0)))
     fire.advance(12.9)
     assert size(fire) == 0
-    fire.advance(40.0)
+    fire.advance(60.0)  # the last one was lit where all had burned
     assert [fire.arrival_time_s[20, col] for col in (20, 21, 22, 23)] == [13.0, 20.0, 30.0, 40.0]
     assert [fire.arrival_time_s[5, col] for col in (5, 6, 7)] == [20.0, 30.0, 40.0]
 
