@@ -11,7 +11,6 @@ true north to the grid's north, which is 14 degrees away there.
 """
 
 import argparse
-import math
 import sys
 from dataclasses import replace
 from datetime import datetime
@@ -96,14 +95,6 @@ def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
     return [found[at] for at in sorted(found)]
 
 
-def grid_north_deg(landscape: Landscape, area: BaseGeometry) -> float:
-    """Where true north points in the grid, clockwise from the grid's north, around an area."""
-    x_m, y_m = area.centroid.x, area.centroid.y
-    lat, lon = landscape.lat_lon_of(x_m, y_m)
-    north_x_m, north_y_m = landscape.xy_of_lat_lon(lat + 0.01, lon)
-    return math.degrees(math.atan2(north_x_m - x_m, north_y_m - y_m))
-
-
 def predict(landscape: Landscape, now: Mapped, weather: Weather, for_s: float) -> BaseGeometry:
     """The burned area some time after a perimeter."""
     burning = burning_from_perimeter([now.area], landscape, 0.0)
@@ -132,11 +123,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
     parser.add_argument("--wind-10m", action="store_true", help="the wind noted is that at 10 m")
     parser.add_argument("--wind-factor", type=float, default=1.0, help="what to multiply it by")
-    parser.add_argument("--grid-wind", action="store_true", help="take it by the grid's north")
     given = parser.parse_args()
     landscape, mapped = read_maria(check_folder(given.data / "maria_2019"))
-    turn_deg = 0.0 if given.grid_wind else grid_north_deg(landscape, mapped[0].area)
-    sys.stdout.write(f"true north is {turn_deg:.1f} degrees from the grid's\n")
     sys.stdout.write("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias\n")
     found: list[Scores] = []
     for now, then in pairwise(mapped):
@@ -144,7 +132,6 @@ def main() -> None:
         weather = replace(
             now.weather,
             wind_speed_m_s=float(wind_20ft_from_10m(wind_m_s)) if given.wind_10m else wind_m_s,
-            wind_from_deg=(now.weather.wind_from_deg + turn_deg) % 360.0,
         )
         for_s = (then.at - now.at).total_seconds()
         one = scores(now.area, then.area, predict(landscape, now, weather, for_s))

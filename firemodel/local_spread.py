@@ -162,9 +162,9 @@ def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 
 def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Floats, Floats]:
-    """Of each cell (y, x): fastest spread (m/s), its direction (rad from the grid's north), eccentricity.
+    """Of each cell (y, x): fastest spread (m/s), its direction (rad), eccentricity.
 
-    Cells that do not burn have rate 0.
+    The direction is clockwise from the grid's north. Cells that do not burn have rate 0.
     """
     tables = tables_of(landscape, [weather])
     rate, north, east, e = _heads(0, terrain_of(landscape), tables).reshape(4, *landscape.shape)

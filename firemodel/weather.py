@@ -74,6 +74,10 @@ class WeatherStream:
         """The entry that holds at a time."""
         return self.entries[self.index_at(time_s)]
 
+    def change_times(self) -> tuple[float, ...]:
+        """When the weather changes."""
+        return tuple(self._times[1:])
+
     def changes(self) -> tuple[Weather, ...]:
         """The first entry and those that are not like the one before."""
         pairs = zip(self.entries[1:], self.entries[:-1], strict=True)

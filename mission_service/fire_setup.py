@@ -110,10 +110,9 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
     """The fire a scenario describes, not yet lit."""
+    from firemodel.anyangle import AnyAngleFire
     from firemodel.devs8 import Devs8Fire
     from firemodel.probabilistic import ProbabilisticFire
-
-    from firemodel.anyangle import AnyAngleFire
 
     section, weather = scenario.fire, weather_of(scenario)
     ignitions: list[CellIgnition] = [

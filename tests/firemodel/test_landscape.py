@@ -159,3 +159,16 @@ def test_impossible_landscapes_are_refused() -> None:
     for arguments, message in cases:
         with pytest.raises(FireModelError, match=message):
             Landscape(*arguments)
+
+
+def test_the_grid_s_north_is_not_everywhere_the_true_one() -> None:
+    flat = np.zeros((4, 4), dtype=np.float32)
+    fuel = np.ones((4, 4), dtype=np.int16)
+    east_of_its_meridian = Landscape("EPSG:32616", 700_000.0, 4_000_000.0, 30.0, fuel, flat)
+    found = east_of_its_meridian.grid_convergence_deg
+    x_m, y_m = east_of_its_meridian.xy_of(1.5, 1.5)
+    lat_deg, lon_deg = east_of_its_meridian.lat_lon_of(x_m, y_m)
+    to_x_m, to_y_m = east_of_its_meridian.xy_of_lat_lon(lat_deg + 1e-3, lon_deg)
+    # True north lies to the left of the grid's there.
+    assert found == pytest.approx(-np.rad2deg(np.arctan2(to_x_m - x_m, to_y_m - y_m)), abs=1e-3)
+    assert found == pytest.approx(1.3, abs=0.1)

@@ -96,3 +96,10 @@ def test_canopies_in_percent_are_refused() -> None:
 
 def test_wind_at_20_feet_is_less_than_at_10_metres() -> None:
     assert wind_20ft_from_10m(11.5) == pytest.approx(10.0)
+
+
+def test_entries_like_the_one_before_are_no_changes() -> None:
+    entries = [weather(3.0, 10.0, 600.0 * number) for number in range(4)]
+    entries[2] = weather(3.5, 10.0, 1200.0)
+    found = WeatherStream(entries).changes()
+    assert [entry.at_s for entry in found] == [0.0, 1200.0, 1800.0]

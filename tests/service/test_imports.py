@@ -12,12 +12,14 @@ MAY_IMPORT = {
     "autopilot_bridge": {"autopilot_bridge"},
     "mission_service": set(PACKAGES),
 }
-IMPURE = {"time", "datetime", "random", "asyncio", "socket", "selectors", "threading"}
+IMPURE = {"time", "random", "asyncio", "socket", "selectors", "threading"}
+CLOCKS = {"now", "utcnow", "today", "fromtimestamp"}
 # The thin shell: what touches clocks, sockets and processes.
 SHELL = {
     "autopilot_bridge/connection.py",
     "autopilot_bridge/link.py",  # a seeded random.Random, given as a seed
     "autopilot_bridge/mock/process.py",
+    "mission_service/bench.py",
     "mission_service/cli.py",
     "mission_service/daemon.py",
     "mission_service/demo.py",
@@ -47,6 +49,14 @@ def test_imports_run_one_way_and_the_core_is_pure(path: Path) -> None:
     assert found & set(PACKAGES) <= MAY_IMPORT[name.split("/")[0]]
     if name not in SHELL:
         assert not found & IMPURE, f"{name} imports {sorted(found & IMPURE)}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_only_the_shell_asks_what_time_it_is(path: Path) -> None:
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    asked = {node.attr for node in nodes if isinstance(node, ast.Attribute)} & CLOCKS
+    if str(path.relative_to(ROOT)) not in SHELL:
+        assert not asked, f"{path} asks for {sorted(asked)}"
 
 
 def test_the_packages_are_found() -> None:
