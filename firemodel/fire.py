@@ -25,9 +25,7 @@ class Burning(NamedTuple):
     at_s: float
     arrival_s: Floats  # (y, x) infinity where it has not burned
     front: Floats  # (k, 2) points on the front as float (row, column), no further apart than a cell
-    area: Any = (
-        None  # the burned area, if known better, as a shapely geometry in the landscape's CRS
-    )
+    area: Any = None  # what has burned, if known better than by cells; shapely, landscape's CRS
 
 
 class Fire(ABC):

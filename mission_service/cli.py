@@ -206,10 +206,10 @@ def fire_run(
     from mission_service.fire_run import run_fire
 
     loaded = load_scenario(scenario, overrides)
-    folder = _folder(out)
-    with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
-        summary = run_fire(loaded, folder, front_every_s, progress)
+    summary = run_fire(loaded, _folder(out), front_every_s)
     _echo(summary, as_json)
+    if not as_json:
+        click.echo(f"GeoTIFFs, fronts.geojson, map.png and summary.json in {out}/")
 
 
 @fire.command("info")

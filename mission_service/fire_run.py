@@ -1,7 +1,6 @@
 """A fire by itself: burn a scenario to its end and write what it did."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +9,29 @@ import numpy as np
 from firemodel.map import draw_map
 from firemodel.writers import write_fronts, write_rasters
 from mission_service.config import Scenario
+from mission_service.errors import ScenarioError
 from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.report import fire_progress
 
 STEPS = 200  # of progress
 
 
-def run_fire(
-    scenario: Scenario, folder: Path, front_every_s: float, progress: Callable[[float], None]
-) -> dict[str, Any]:
-    """Write rasters, fronts, map and summary into a folder; returns the summary."""
+def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
+    """Write rasters, fronts, map and summary into a folder; returns the summary.
+
+    Raises ScenarioError if the fire is taken over after the scenario's end.
+    """
     landscape = landscape_of(scenario)
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
-    for time_s in np.linspace(start_s, scenario.duration_s, STEPS + 1)[1:]:
-        fire.advance(float(time_s))
-        progress(float(time_s))
+    if start_s >= scenario.duration_s:
+        raise ScenarioError(
+            f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
+        )
+    with fire_progress(scenario.name, start_s, scenario.duration_s) as progress:
+        for time_s in np.linspace(start_s, scenario.duration_s, STEPS + 1)[1:]:
+            fire.advance(float(time_s))
+            progress(float(time_s))
     write_rasters(folder, fire)
     times_s = [
         *np.arange(start_s + front_every_s, scenario.duration_s, front_every_s).tolist(),

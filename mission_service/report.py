@@ -1,6 +1,8 @@
 """What a person sees while a run goes on: a bar on a terminal, plain lines elsewhere."""
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
@@ -105,3 +107,13 @@ class SimProgress:
             self._next_us = record.at_us + self._every_us
             for line in lines:
                 self._console.print(f"{clock_text(record.at_us)}  {line}", markup=False)
+
+
+@contextmanager
+def fire_progress(name: str, from_s: float, to_s: float) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal for a fire by itself; call it with the time the fire has come to."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=to_s - from_s)
+        yield lambda time_s: bar.update(task, completed=time_s - from_s)
