@@ -16,12 +16,14 @@ MOST_ISOCHRONES = 12
 
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
     """Draw the fire alone. Times (y, x), infinity where it did not come."""
-    figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s))
+    figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
     axes.set_title(title)
     figure.savefig(path)
 
 
-def start_map(land: Landscape, arrival_s: Floats, frame: Frame) -> tuple[Any, Any]:
+def start_map(
+    land: Landscape, arrival_s: Floats, frame: Frame, *, isochrones: bool = False
+) -> tuple[Any, Any]:
     """A figure and its axes with everything but what others add; km from the south-west corner."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -44,7 +46,8 @@ def start_map(land: Landscape, arrival_s: Floats, frame: Frame) -> tuple[Any, An
     if hours.count():
         burned = axes.imshow(hours, cmap="autumn_r", extent=extent, alpha=0.75)
         figure.colorbar(burned, ax=axes, label="time of arrival of the fire (h)", shrink=0.7)
-        _draw_isochrones(axes, hours, extent)
+        if isochrones:
+            _draw_isochrones(axes, hours, extent)
     axes.set(
         xlabel="east of the west edge (km)",
         ylabel="north of the south edge (km)",
