@@ -76,7 +76,7 @@ def test_on_even_ground_it_is_the_exact_ellipse(
     assert fire.front(time_s).area == pytest.approx(burned.sum() * CELL_M**2, rel=0.01)
 
 
-@pytest.mark.parametrize(("length_to_width", "worst"), [(1.2, 0.002), (2.3, 0.01), (4.1, 0.04)])
+@pytest.mark.parametrize(("length_to_width", "worst"), [(1.2, 0.001), (2.3, 0.01), (4.1, 0.04)])
 @pytest.mark.parametrize("wind_from_deg", [0.0, 20.0, 45.0])
 def test_where_no_two_cells_are_alike_it_is_nearly_that_ellipse(
     length_to_width: float, worst: float, wind_from_deg: float
@@ -249,6 +249,57 @@ def test_what_was_too_wet_burns_on_when_it_is_dry() -> None:
         differs = (found.burned() ^ expected.burned()).sum() / expected.burned().sum()
         assert differs <= 0.01
     assert expected.burned().sum() > 500
+
+
+def test_what_is_lit_in_the_wet_burns_when_it_is_dry() -> None:
+    wet = Weather(0.0, 3.0, 270.0, 40.0, 40.0, 40.0, 60.0, 90.0)
+    land = mixed(5)
+    later = WeatherStream([wet, weather(3.0, 270.0, 7200.0)])
+    found = AnyAngleFire(land, later, [(20, 20, 0.0)])
+    expected = AnyAngleFire(land, steady(3.0, 270.0), [(20, 20, 0.0)])
+    found.advance(7200.0)
+    assert found.burned().sum() == 1
+    found.advance(20_000.0)
+    expected.advance(12_800.0)
+    assert expected.burned().sum() > 200
+    differs = (found.burned() ^ expected.burned()).sum() / expected.burned().sum()
+    assert differs <= 0.01
+
+
+def test_a_way_that_is_not_the_best_loses_nothing_either() -> None:
+    codes = np.full((3, 9), 98, dtype=np.int16)
+    codes[1, 3:6] = 8  # from both ends to the middle
+    entries = [weather(4.0, 270.0), weather(4.0, 90.0, 1800.0), weather(4.0, 270.0, 3600.0)]
+    land = landscape(codes)
+    fire = AnyAngleFire(land, WeatherStream(entries), [(1, 3, 0.0), (1, 5, 0.0)])
+    ahead, back = (
+        float(ellipse_s(landscape(8, shape=(1, 3)), weather(4.0, from_deg), 0, 1)[0, 2])
+        for from_deg in (270.0, 90.0)
+    )
+    assert ahead < back
+    # Eastwards fire runs ahead in the first half hour and from the second hour on, westwards
+    # in between; each way is covered by the sum of its parts.
+    eastwards = westwards = 0.0
+    time_s, step_s = 0.0, 0.5
+    while max(eastwards, westwards) < 1.0:
+        from_west = not 1800.0 <= time_s < 3600.0
+        eastwards += step_s / (ahead if from_west else back)
+        westwards += step_s / (back if from_west else ahead)
+        time_s += step_s
+    assert time_s > 1800.0
+    fire.advance(1e5)
+    assert fire.arrival_time_s[1, 4] == pytest.approx(time_s, abs=1.0)
+
+
+def test_a_gale_does_not_change_the_past() -> None:
+    land = mixed(3, 80)
+    gales = WeatherStream([weather(30.0, 25.0), weather(30.0, 205.0, 900.0)])
+    fire = AnyAngleFire(land, gales, [(40, 40, 0.0)])
+    while fire.time_s < 3000.0:
+        burned, since_s = fire.burned(), fire.time_s
+        fire.advance(since_s + 7.0)
+        assert (fire.arrival_time_s[~burned] > since_s).all()
+    assert fire.burned().sum() > 200
 
 
 def test_a_cell_lit_later_burns_from_then_on() -> None:
