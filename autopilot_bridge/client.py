@@ -5,7 +5,6 @@ Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next
 """
 
 from collections import deque
-from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -25,12 +24,11 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.command import CommandSequence
-from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.jobs import Begin, Job, Jobs
 from autopilot_bridge.stacks import Stack, Step, stack_of
-from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, same_mission
-from autopilot_bridge.upload import MissionUpload
+from autopilot_bridge.transfer import Kind, TransferResult, TransferTiming
 
 HEARTBEAT_EVERY_US = 1_000_000
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -40,18 +38,6 @@ RATES_HZ = (
     (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 4.0),
     (mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
 )
-Transfer = MissionUpload | MissionDownload | MissionClear | SetCurrent
-
-
-@dataclass
-class _Job:
-    """A transfer asked for: what is under way for it now, and what it needs to end well."""
-
-    transfer_id: int
-    kind: str
-    items: tuple[MissionItem, ...] = ()
-    under_way: Transfer | None = None
-    wire_items: tuple[MissionItem, ...] = ()
 
 
 class VehicleClient:
@@ -81,30 +67,40 @@ class VehicleClient:
         self._boot_ms = 0
         self._current: int | None = None
         self._reached: int | None = None
-        self._next_transfer_id = 1
-        self._job: _Job | None = None
-        self._queue: list[_Job] = []
+        self._jobs = Jobs(self._own, self._timing, self._report)
         self._sequences: list[CommandSequence] = []
 
     # What the user asks for -------------------------------------------------------------------
 
-    def upload(self, items: tuple[MissionItem, ...], now_us: int) -> int:
-        """Replace the mission; the outcome comes as TransferFinished with the id returned.
+    def upload(
+        self,
+        items: tuple[MissionItem, ...],
+        now_us: int,
+        kind: Kind = "mission",
+        begin: Begin = "restart",
+        check: bool = False,
+    ) -> int:
+        """Replace the mission, fence or rally points; TransferFinished with the id tells how.
 
-        A later upload takes the place of one that has not begun yet.
+        ``begin`` is the item of a new mission to fly next: its first, the one of the same number
+        as now, or a number from 0. ``check`` reads back what was accepted. A later upload takes
+        the place of one of its kind that has not begun yet.
         """
-        for waiting in [job for job in self._queue if job.kind == "upload"]:
-            self._queue.remove(waiting)
-            self._report(waiting, TransferResult("superseded", "a newer mission came"), now_us)
-        return self._enqueue("upload", items, now_us)
+        job = Job(0, "upload", kind, tuple(items), begin, check)
+        return self._add(job, now_us)
 
-    def download(self, now_us: int) -> int:
-        """Read the mission; the result carries the items."""
-        return self._enqueue("download", (), now_us)
+    def download(self, now_us: int, kind: Kind = "mission") -> int:
+        """Read the mission, fence or rally points; the result carries the items."""
+        return self._add(Job(0, "download", kind), now_us)
 
-    def clear(self, now_us: int) -> int:
-        """Remove the mission."""
-        return self._enqueue("clear", (), now_us)
+    def clear(self, now_us: int, kind: Kind = "mission") -> int:
+        """Remove the mission, fence or rally points."""
+        return self._add(Job(0, "clear", kind), now_us)
+
+    def cancel(self, transfer_id: int, now_us: int) -> None:
+        """End a transfer; it is reported as cancelled when the autopilot has ended it too."""
+        self._send(*self._jobs.cancel(transfer_id, self._known_stack(), now_us))
+        self._go_on(now_us)
 
     def start_mission(self, now_us: int) -> None:
         """Fly the mission: arm and change mode where needed; outcome as CommandFinished."""
@@ -144,8 +140,9 @@ class VehicleClient:
         timers = [self._heartbeat_due_us]
         if self._heard_us is not None and not self._lost:
             timers.append(self._heard_us + self._heartbeat_timeout_us)
-        if self._job is not None and self._job.under_way is not None:
-            timers.append(self._job.under_way.next_timer())
+        transfer_timer = self._jobs.next_timer()
+        if transfer_timer is not None:
+            timers.append(transfer_timer)
         timers.extend(sequence.next_timer() for sequence in self._sequences[:1])
         return min(timers)
 
@@ -163,9 +160,8 @@ class VehicleClient:
             if silent_us >= self._heartbeat_timeout_us:
                 self._lost = True
                 self._events.append(LinkLost(now_us, silent_us))
-        if self._job is not None and self._job.under_way is not None:
-            self._send(*self._job.under_way.handle_timer(now_us))
-            self._step_job(now_us)
+        self._send(*self._jobs.handle_timer(now_us))
+        self._go_on(now_us)
         if self._sequences:
             self._send(*self._sequences[0].handle_timer(now_us))
             self._step_sequences(now_us)
@@ -196,9 +192,8 @@ class VehicleClient:
                 self._events.append(Text(now_us, message.severity, message.text))
             case _:
                 pass
-        if self._job is not None and self._job.under_way is not None:
-            self._send(*self._job.under_way.receive(message, now_us))
-            self._step_job(now_us)
+        self._send(*self._jobs.receive(message, now_us))
+        self._go_on(now_us)
         if self._sequences:
             self._send(*self._sequences[0].receive(message, now_us))
             self._step_sequences(now_us)
@@ -219,7 +214,7 @@ class VehicleClient:
         if (armed, message.custom_mode) != (self.armed, self.custom_mode):
             self.armed, self.custom_mode = armed, message.custom_mode
             self._events.append(ModeChanged(now_us, message.custom_mode, armed))
-        self._begin_next(now_us)
+        self._go_on(now_us)
 
     def _ask_for_rates(self) -> None:
         for message_id, rate_hz in RATES_HZ:
@@ -260,85 +255,26 @@ class VehicleClient:
         """Items the user does not know of: ArduPilot's home."""
         return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
-    # Transfers ----------------------------------------------------------------------------------
-
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT
 
-    def _enqueue(self, kind: str, items: tuple[MissionItem, ...], now_us: int) -> int:
-        job = _Job(self._next_transfer_id, kind, items)
-        self._next_transfer_id += 1
-        self._queue.append(job)
-        self._begin_next(now_us)
-        return job.transfer_id
+    # Transfers ----------------------------------------------------------------------------------
 
-    def _begin_next(self, now_us: int) -> None:
-        if self._job is not None or not self._queue or self.stack is None:
+    def _add(self, job: Job, now_us: int) -> int:
+        transfer_id = self._jobs.add(job, now_us)
+        self._go_on(now_us)
+        return transfer_id
+
+    def _go_on(self, now_us: int) -> None:
+        """End what has ended, begin what comes after it."""
+        if self.stack is None:
             return
-        job = self._job = self._queue.pop(0)
-        address = Address(self._own, self._target())
-        match job.kind:
-            case "upload":
-                hidden = self._hidden_items()
-                job.wire_items = (*job.items[:hidden], *job.items)
-                self._begin(MissionUpload(address, job.wire_items, hidden, self._timing), now_us)
-            case "download":
-                self._begin(MissionDownload(address, self._timing), now_us)
-            case _:
-                self._begin(MissionClear(address, self._timing), now_us)
+        self._send(*self._jobs.step(self.stack, self._target(), now_us))
+        self._send(*self._jobs.begin_next(self.stack, self._target(), self._current, now_us))
 
-    def _begin(self, transfer: Transfer, now_us: int) -> None:
-        assert self._job is not None
-        self._job.under_way = transfer
-        self._send(*transfer.start(now_us))
-
-    def _step_job(self, now_us: int) -> None:
-        """See whether what is under way has ended, and what comes after it."""
-        job = self._job
-        if job is None or job.under_way is None or job.under_way.result is None:
-            return
-        result = job.under_way.result
-        following = self._after(job, job.under_way, result)
-        if isinstance(following, TransferResult):
-            self._job = None
-            self._report(job, following, now_us)
-            self._begin_next(now_us)
-        else:
-            self._begin(following, now_us)
-
-    def _after(
-        self, job: _Job, ended: Transfer, result: TransferResult
-    ) -> Transfer | TransferResult:
-        """The next part of a job, or its result."""
-        address = Address(self._own, self._target())
-        hidden = self._hidden_items()
-        if job.kind == "download" and result.items is not None:
-            return TransferResult("accepted", result.reason, items=result.items[hidden:])
-        if job.kind != "upload":
-            return result
-        match ended:
-            case MissionUpload() if result.outcome == "unknown":
-                return MissionDownload(address, self._timing)  # never guess: read it back
-            case MissionUpload() if result.outcome == "accepted" and job.items:
-                # ArduPilot flies its old target on until told; PX4 may begin elsewhere.
-                return SetCurrent(address, hidden, self._timing)
-            case MissionDownload() if result.items is None:
-                return TransferResult("unknown", f"no acknowledgement came, and {result.reason}")
-            case MissionDownload():
-                if not same_mission(job.wire_items, result.items or (), hidden == 1):
-                    return TransferResult("failed", "the vehicle holds another mission")
-                return SetCurrent(address, hidden, self._timing)
-            case SetCurrent() if result.outcome == "accepted":
-                return TransferResult("accepted", "accepted", items=job.items)
-            case SetCurrent():
-                return TransferResult(
-                    "failed", "the vehicle holds the mission but did not begin it"
-                )
-            case _:
-                return result
-
-    def _report(self, job: _Job, result: TransferResult, now_us: int) -> None:
-        self._events.append(TransferFinished(now_us, job.transfer_id, job.kind, result))
+    def _report(self, job: Job, result: TransferResult, now_us: int) -> None:
+        ended = TransferFinished(now_us, job.transfer_id, job.action, result, job.kind)
+        self._events.append(ended)
 
     # Commands -----------------------------------------------------------------------------------
 

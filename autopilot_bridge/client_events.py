@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from autopilot_bridge.stacks import Stack
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.transfer import Kind, TransferResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,9 @@ class TransferFinished:
 
     at_us: int
     transfer_id: int
-    kind: str
+    action: str  # upload, download, clear
     result: TransferResult
+    kind: Kind = "mission"
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,11 @@ class _Asking:
         self._deadline_us = now_us + self._timing.timeout_us
         return [question]
 
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """Ask no more."""
+        self.result = TransferResult("cancelled", "cancelled")
+        return []
+
     def next_timer(self) -> int:
         """When to call ``handle_timer``."""
         return self._deadline_us
@@ -47,8 +52,6 @@ class _Asking:
 
 class MissionDownload(_Asking):
     """One download; the result carries the items."""
-
-    kind = "download"
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         super().__init__(address, timing)
@@ -103,8 +106,6 @@ class MissionDownload(_Asking):
 class MissionClear(_Asking):
     """Removes the mission."""
 
-    kind = "clear"
-
     def start(self, now_us: int) -> list[Message]:
         """Ask for it."""
         return self._ask(
@@ -126,8 +127,6 @@ class MissionClear(_Asking):
 
 class SetCurrent(_Asking):
     """Makes the vehicle fly an item now; done when MISSION_CURRENT confirms it."""
-
-    kind = "set current"
 
     def __init__(self, address: Address, seq: int, timing: TransferTiming) -> None:
         super().__init__(address, timing)

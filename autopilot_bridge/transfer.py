@@ -9,7 +9,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
 
-Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded"]
+Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded", "cancelled"]
+# What the vehicle holds after a transfer, in words that programs can compare.
+Holds = Literal["the new one", "the old one", "a mixture", "one of both", "not known"]
+Kind = Literal["mission", "fence", "rally"]
+MISSION_TYPES: dict[Kind, int] = {
+    "mission": mavlink.MAV_MISSION_TYPE_MISSION,
+    "fence": mavlink.MAV_MISSION_TYPE_FENCE,
+    "rally": mavlink.MAV_MISSION_TYPE_RALLY,
+}
 
 REASONS = {
     mavlink.MAV_MISSION_ERROR: "the autopilot reports an error",
@@ -58,6 +66,8 @@ class TransferResult:
 
     ``rejected``: the autopilot said no (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
     it asked for). ``unknown``: all was sent, no answer came. ``failed``: the transfer broke off.
+    ``cancelled``: it was asked to end. ``holds`` says which mission the vehicle has now, and
+    ``items`` are its items where they were read.
     """
 
     outcome: Outcome
@@ -65,6 +75,7 @@ class TransferResult:
     code: int | None = None
     seq: int | None = None
     items: tuple[MissionItem, ...] | None = None
+    holds: Holds = "not known"
 
 
 def rejected(code: int, seq: int | None) -> TransferResult:

@@ -4,6 +4,8 @@ idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
 sending: items are sent only when asked for; the autopilot asks again for what got lost
 any --MISSION_ACK--> ended
+any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
+cancelling: nothing is sent any more; PX4 forgets the transfer when told, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -18,18 +20,17 @@ from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, r
 class MissionUpload:
     """One upload; ``result`` is set when it has ended."""
 
-    kind = "upload"
-
     def __init__(
         self, address: Address, items: tuple[MissionItem, ...], first: int, timing: TransferTiming
     ) -> None:
         """``items`` go out as they are; ``first`` is the one to be flown first (current = 1)."""
         self.items = items
+        self.touched = False  # whether the autopilot may have changed anything for it
         self.result: TransferResult | None = None
         self._address = address
         self._first = first
         self._timing = timing
-        self._state: Literal["counted", "sending"] = "counted"
+        self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
         self._asked: int | None = None
         self._all_sent = False
@@ -58,7 +59,8 @@ class MissionUpload:
         return self._requested(message.seq, now_us)
 
     def _requested(self, seq: int, now_us: int) -> list[Message]:
-        if not 0 <= seq < len(self.items):
+        self.touched = True
+        if not 0 <= seq < len(self.items) or self._state == "cancelling":
             return []
         self._state = "sending"
         self._tries = 0
@@ -69,9 +71,25 @@ class MissionUpload:
         item = self.items[seq]
         return [item_message(self._address.target, seq, item, current, self._address.mission_type)]
 
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """End it: at once, or when an autopilot that does not listen has given up by itself."""
+        if not cancels_after_us:
+            self.result = TransferResult("cancelled", "cancelled")
+        self._state = "cancelling"
+        self._deadline_us = now_us + cancels_after_us + self._timing.timeout_us
+        code = mavlink.MAV_MISSION_OPERATION_CANCELLED
+        return [
+            mavlink.MAVLink_mission_ack_message(
+                *self._address.target, code, self._address.mission_type
+            )
+        ]
+
     def _acknowledged(self, code: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
             return  # ArduPilot says so of a duplicate and carries on
+        if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
+            self.result = TransferResult("cancelled", "cancelled", code, self._asked)
+            return
         if code != mavlink.MAV_MISSION_ACCEPTED:
             self.result = rejected(code, self._asked)
         elif self._all_sent or not self.items:
@@ -85,10 +103,14 @@ class MissionUpload:
         """Ask again, wait on, or give up."""
         if self.result is not None or now_us < self._deadline_us:
             return []
+        if self._state == "cancelling":
+            self.result = TransferResult("cancelled", "cancelled, and the autopilot fell silent")
+            return []
         self._tries += 1
         self._deadline_us = now_us + self._timing.timeout_us
         if self._tries <= self._timing.retries:
             return [self._count()] if self._state == "counted" else []
+        self.touched = True  # a lost MISSION_COUNT cannot be told from a lost answer to it
         if self._all_sent:
             self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
         elif self._state == "counted":

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.client_events import MissionProgress
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.link import MemoryLink
@@ -144,17 +145,33 @@ links: st.SearchStrategy[dict[str, Any]] = st.builds(
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from(STACKS), links, links, st.integers(1, 15))
-def test_over_any_link_an_upload_ends_and_success_means_the_mission_is_held(
-    stack: Stack, up: dict[str, Any], down: dict[str, Any], count: int
+@given(st.sampled_from(STACKS), links, links, st.integers(1, 15), st.booleans())
+def test_over_any_link_an_upload_ends_and_tells_what_the_vehicle_holds(
+    stack: Stack, up: dict[str, Any], down: dict[str, Any], count: int, check: bool
 ) -> None:
-    pair = Pair(mock_of(stack), MemoryLink(**up), MemoryLink(**down))
-    pair.run_for(20.0)
-    transfer_id = pair.client.upload(line_of(count), pair.now_us)
+    old, new = line_of(7, first=3), line_of(count)
+    pair = connected(stack)
+    pair.result_of(pair.client.upload(old, pair.now_us))
+    pair.up, pair.down = MemoryLink(**up), MemoryLink(**down)
+    transfer_id = pair.client.upload(new, pair.now_us, check=check)
     result = pair.result_of(transfer_id, within_s=300.0)
-    assert result.outcome in ("accepted", "rejected", "failed", "unknown")
-    if result.outcome == "accepted":
-        assert held(pair) == line_of(count)
+    pair.run_for(10.0)  # what is still under way must not change it either
+    match result.holds:
+        case "the new one":
+            assert held(pair) == new
+        case "the old one":
+            assert result.outcome != "accepted"
+            assert held(pair) == old
+        case "one of both":
+            assert result.outcome in ("unknown", "failed", "rejected")
+            assert held(pair) in (old, new)
+        case "a mixture":
+            assert result.outcome in ("failed", "rejected")
+            assert result.items == held(pair)
+            assert set(held(pair)) <= {*old, *new}
+        case _:
+            assert result.outcome in ("unknown", "failed", "rejected")
+            assert not stack.atomic_upload
 
 
 @settings(max_examples=60, deadline=None)
@@ -209,6 +226,53 @@ def test_a_stray_acknowledgement_ends_nothing(
     pair.client.receive_data(stray(Codec(*source), target, mission_type), pair.now_us)
     pair.run_for(0.5)
     assert all("Transfer" not in type(event).__name__ for event in pair.events)
+
+
+@each_stack
+@pytest.mark.parametrize("after_items", [0, 1, 4])
+def test_a_cancelled_upload_has_really_ended(stack: Stack, after_items: int) -> None:
+    items = 0
+
+    def cut(name: str) -> bool:
+        nonlocal items
+        items += name == "MISSION_ITEM_INT"
+        return name == "MISSION_ITEM_INT" and items > after_items
+
+    pair = connected(stack)
+    old, new = line_of(6, first=5), line_of(6)
+    pair.result_of(pair.client.upload(old, pair.now_us))
+    pair.up = Choosy(cut)
+    transfer_id = pair.client.upload(new, pair.now_us)
+    pair.run_for(0.2)
+    pair.up = MemoryLink()
+    pair.client.cancel(transfer_id, pair.now_us)
+    result = pair.result_of(transfer_id, within_s=20.0)
+    assert result.outcome == "cancelled"
+    before = held(pair)
+    pair.run_for(15.0)
+    assert held(pair) == before
+    assert (result.holds == "the old one") == stack.atomic_upload
+    assert before == (result.items or old)
+    # The next one finds nothing in its way.
+    assert pair.result_of(pair.client.upload(new, pair.now_us), within_s=5.0).holds == "the new one"
+
+
+def test_a_transfer_that_waits_is_cancelled_at_once() -> None:
+    pair = connected(PX4)
+    pair.client.upload(line_of(5), pair.now_us)
+    waiting = pair.client.download(pair.now_us)
+    pair.client.cancel(waiting, pair.now_us)
+    assert pair.result_of(waiting, within_s=2.0).outcome == "cancelled"
+
+
+@each_stack
+@pytest.mark.parametrize(("begin", "expected"), [("restart", 0), ("keep", 3), (2, 2), (99, 5)])
+def test_a_new_mission_begins_where_it_is_told_to(stack: Stack, begin: Any, expected: int) -> None:
+    pair = connected(stack)
+    pair.result_of(pair.client.upload(line_of(6), pair.now_us, begin=3))
+    pair.result_of(pair.client.upload(line_of(6, first=2), pair.now_us, begin=begin))
+    pair.run_for(2.0)
+    assert pair.of(MissionProgress)[-1].current_seq == expected
 
 
 def test_a_newer_mission_takes_the_place_of_one_that_waits() -> None:

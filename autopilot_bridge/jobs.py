@@ -1,0 +1,213 @@
+"""Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
+
+| job | parts |
+|---|---|
+| upload | upload; read back if a check is asked for, or to say what the vehicle holds where the |
+|        | upload's end does not tell; set the current item |
+| download, clear | itself |
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.stacks import Stack
+from autopilot_bridge.transfer import (
+    MISSION_TYPES,
+    Address,
+    Holds,
+    Kind,
+    TransferResult,
+    TransferTiming,
+    same_mission,
+)
+from autopilot_bridge.upload import MissionUpload
+
+Begin = Literal["restart", "keep"] | int
+Transfer = MissionUpload | MissionDownload | MissionClear | SetCurrent
+
+
+@dataclass
+class Job:
+    """A transfer asked for: what is under way for it, and what it needs to end well."""
+
+    transfer_id: int
+    action: Literal["upload", "download", "clear"]
+    kind: Kind
+    items: tuple[MissionItem, ...] = ()
+    begin: Begin = "restart"  # which item of a new mission is flown next
+    check: bool = False
+    under_way: Transfer | None = None
+    wire_items: tuple[MissionItem, ...] = ()
+    hidden: int = 0  # items the user does not know of: ArduPilot's home
+    uploaded: TransferResult | None = None  # how the upload itself ended
+
+
+class Jobs:
+    """The transfers of one vehicle: one at a time."""
+
+    def __init__(
+        self,
+        own: tuple[int, int],
+        timing: TransferTiming,
+        report: Callable[[Job, TransferResult, int], None],
+    ) -> None:
+        """``report`` is told how each job ended, and when."""
+        self._own = own
+        self._timing = timing
+        self._report = report
+        self._next_id = 1
+        self._job: Job | None = None
+        self._queue: list[Job] = []
+
+    def add(self, job: Job, now_us: int) -> int:
+        """Queue a job; an upload takes the place of one of its kind that has not begun."""
+        job.transfer_id = self._next_id
+        self._next_id += 1
+        for waiting in list(self._queue):
+            if job.action == "upload" and (waiting.action, waiting.kind) == ("upload", job.kind):
+                self._queue.remove(waiting)
+                ended = TransferResult("superseded", "a newer one came", holds="the old one")
+                self._report(waiting, ended, now_us)
+        self._queue.append(job)
+        return job.transfer_id
+
+    def cancel(self, transfer_id: int, stack: Stack, now_us: int) -> list[Message]:
+        """End a job; its outcome is reported when it has really ended."""
+        for waiting in list(self._queue):
+            if waiting.transfer_id == transfer_id:
+                self._queue.remove(waiting)
+                ended = TransferResult("cancelled", "it had not begun", holds="the old one")
+                self._report(waiting, ended, now_us)
+        job = self._job
+        if job is None or job.transfer_id != transfer_id or job.under_way is None:
+            return []
+        return job.under_way.cancel(stack.cancels_after_us, now_us)
+
+    def begin_next(
+        self, stack: Stack, target: tuple[int, int], current: int | None, now_us: int
+    ) -> list[Message]:
+        """Begin what waits if nothing is under way. ``current`` is the item flown now."""
+        if self._job is not None or not self._queue:
+            return []
+        job = self._job = self._queue.pop(0)
+        is_mission = job.kind == "mission"
+        job.hidden = 1 if stack.item_0_is_home and is_mission else 0
+        if job.begin == "keep":
+            job.begin = max((current or 0) - job.hidden, 0)
+        job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
+        return self._begin(job, self._first(job, target), now_us)
+
+    def _first(self, job: Job, target: tuple[int, int]) -> Transfer:
+        address = self._address(job, target)
+        if job.action == "download":
+            return MissionDownload(address, self._timing)
+        if job.action == "clear":
+            return MissionClear(address, self._timing)
+        job.wire_items = (*job.items[: job.hidden], *job.items)
+        return MissionUpload(address, job.wire_items, self._seq(job), self._timing)
+
+    def _address(self, job: Job, target: tuple[int, int]) -> Address:
+        return Address(self._own, target, MISSION_TYPES[job.kind])
+
+    def _seq(self, job: Job) -> int:
+        assert isinstance(job.begin, int)
+        return job.hidden + job.begin
+
+    def _begin(self, job: Job, transfer: Transfer, now_us: int) -> list[Message]:
+        job.under_way = transfer
+        return transfer.start(now_us)
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Hand a message to what is under way."""
+        if self._job is None or self._job.under_way is None:
+            return []
+        return self._job.under_way.receive(message, now_us)
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        if self._job is None or self._job.under_way is None:
+            return None
+        return self._job.under_way.next_timer()
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Do what is due."""
+        if self._job is None or self._job.under_way is None:
+            return []
+        return self._job.under_way.handle_timer(now_us)
+
+    def step(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
+        """See whether what is under way has ended, and begin what comes after it."""
+        job = self._job
+        if job is None or job.under_way is None or job.under_way.result is None:
+            return []
+        following = self._after(job, job.under_way, job.under_way.result, stack, target)
+        if not isinstance(following, TransferResult):
+            return self._begin(job, following, now_us)
+        self._job = None
+        self._report(job, following, now_us)
+        return []
+
+    def _after(
+        self,
+        job: Job,
+        ended: Transfer,
+        result: TransferResult,
+        stack: Stack,
+        target: tuple[int, int],
+    ) -> Transfer | TransferResult:
+        """The next part of a job, or its result."""
+        if job.action == "download" and result.items is not None:
+            return replace(result, items=result.items[job.hidden :])
+        if job.action != "upload":
+            return result
+        address = self._address(job, target)
+        if isinstance(ended, SetCurrent):
+            if result.outcome == "accepted":
+                return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+            words = "the vehicle holds the mission but did not begin it"
+            return TransferResult("failed", words, items=job.items, holds="the new one")
+        if isinstance(ended, MissionUpload):
+            job.uploaded = result
+            holds = held_after(ended, result, stack)
+            if result.outcome == "accepted" and not job.check:
+                return self._set_current(job, address)
+            if result.outcome == "accepted" or holds in ("one of both", "not known"):
+                return MissionDownload(address, self._timing)  # never guess: read it back
+            return replace(result, holds=holds)
+        assert job.uploaded is not None
+        if result.items is None:  # nothing can be read either
+            words = f"{job.uploaded.reason}; and reading it back: {result.reason}"
+            outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
+            holds = "one of both" if stack.atomic_upload else "not known"
+            return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
+        if same_mission(job.wire_items, result.items, job.hidden == 1):
+            if job.uploaded.outcome == "cancelled":
+                return replace(job.uploaded, items=job.items, holds="the new one")
+            return self._set_current(job, address)
+        read = result.items[job.hidden :]
+        read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
+        if job.uploaded.outcome in ("accepted", "unknown"):
+            words = "the vehicle holds another mission"
+            return TransferResult("failed", words, items=read, holds=read_holds)
+        return replace(job.uploaded, items=read, holds=read_holds)
+
+    def _set_current(self, job: Job, address: Address) -> Transfer | TransferResult:
+        # ArduPilot flies its old target on until told; PX4 may begin elsewhere.
+        if job.kind == "mission" and job.items:
+            return SetCurrent(address, self._seq(job), self._timing)
+        return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+
+
+def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
+    """What the vehicle holds after an upload, as far as its end alone tells."""
+    if result.outcome == "accepted":
+        return "the new one"
+    if not ended.touched:
+        return "the old one"
+    if not stack.atomic_upload:
+        return "not known"
+    return "one of both" if result.outcome in ("unknown", "cancelled") else "the old one"
