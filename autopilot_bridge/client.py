@@ -26,7 +26,7 @@ from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.command import CommandSequence
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.jobs import Begin, Job, Jobs
+from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
 from autopilot_bridge.stacks import Stack, Step, stack_of
 from autopilot_bridge.transfer import Kind, TransferResult, TransferTiming
 
@@ -79,14 +79,17 @@ class VehicleClient:
         kind: Kind = "mission",
         begin: Begin = "restart",
         check: bool = False,
+        holds_first: bool = False,
     ) -> int:
         """Replace the mission, fence or rally points; TransferFinished with the id tells how.
 
         ``begin`` is the item of a new mission to fly next: its first, the one of the same number
-        as now, or a number from 0. ``check`` reads back what was accepted. A later upload takes
-        the place of one of its kind that has not begun yet.
+        as now, or a number from 0. ``check`` reads back what was accepted. With ``holds_first`` a
+        vehicle that flies its mission holds meanwhile if its autopilot would fly a list that is
+        half overwritten; if the upload breaks off it stays there. A later upload takes the place
+        of one of its kind that has not begun yet.
         """
-        job = Job(0, "upload", kind, tuple(items), begin, check)
+        job = Job(0, "upload", kind, tuple(items), begin, check, holds_first)
         return self._add(job, now_us)
 
     def download(self, now_us: int, kind: Kind = "mission") -> int:
@@ -269,8 +272,9 @@ class VehicleClient:
         """End what has ended, begin what comes after it."""
         if self.stack is None:
             return
-        self._send(*self._jobs.step(self.stack, self._target(), now_us))
-        self._send(*self._jobs.begin_next(self.stack, self._target(), self._current, now_us))
+        seen = Seen(self.stack, self._target(), self._current, self.armed, self.custom_mode)
+        self._send(*self._jobs.step(seen, now_us))
+        self._send(*self._jobs.begin_next(seen, now_us))
 
     def _report(self, job: Job, result: TransferResult, now_us: int) -> None:
         ended = TransferFinished(now_us, job.transfer_id, job.action, result, job.kind)

@@ -11,7 +11,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, rejected
 
 
-class _Asking:
+class Asking:
     """Repeats its last question until answered or out of tries."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
@@ -50,7 +50,7 @@ class _Asking:
         return []
 
 
-class MissionDownload(_Asking):
+class MissionDownload(Asking):
     """One download; the result carries the items."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
@@ -103,7 +103,7 @@ class MissionDownload(_Asking):
         )
 
 
-class MissionClear(_Asking):
+class MissionClear(Asking):
     """Removes the mission."""
 
     def start(self, now_us: int) -> list[Message]:
@@ -125,7 +125,7 @@ class MissionClear(_Asking):
         return []
 
 
-class SetCurrent(_Asking):
+class SetCurrent(Asking):
     """Makes the vehicle fly an item now; done when MISSION_CURRENT confirms it."""
 
     def __init__(self, address: Address, seq: int, timing: TransferTiming) -> None:

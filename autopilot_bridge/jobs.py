@@ -1,19 +1,20 @@
 """Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
 
-| job | parts |
-|---|---|
-| upload | upload; read back if a check is asked for, or to say what the vehicle holds where the |
-|        | upload's end does not tell; set the current item |
-| download, clear | itself |
+upload: [hold] -> upload -> [read back] -> [set current] -> [fly on]
+download, clear: themselves
+
+It holds where the autopilot would otherwise fly a list that is half overwritten. It reads back if a
+check is asked for, and to say what the vehicle holds where the upload's end does not tell.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from autopilot_bridge.codec import Message
 from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mode import SetMode
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import (
     MISSION_TYPES,
@@ -27,7 +28,22 @@ from autopilot_bridge.transfer import (
 from autopilot_bridge.upload import MissionUpload
 
 Begin = Literal["restart", "keep"] | int
-Transfer = MissionUpload | MissionDownload | MissionClear | SetCurrent
+Transfer = MissionUpload | MissionDownload | MissionClear | SetCurrent | SetMode
+
+
+class Seen(NamedTuple):
+    """What is known of the vehicle."""
+
+    stack: Stack
+    target: tuple[int, int]
+    current: int | None  # MISSION_CURRENT.seq
+    armed: bool
+    custom_mode: int
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether it flies its mission."""
+        return self.armed and self.custom_mode == self.stack.mission_mode
 
 
 @dataclass
@@ -40,9 +56,11 @@ class Job:
     items: tuple[MissionItem, ...] = ()
     begin: Begin = "restart"  # which item of a new mission is flown next
     check: bool = False
+    holds_first: bool = False  # rather than fly a list that is being overwritten
     under_way: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
     hidden: int = 0  # items the user does not know of: ArduPilot's home
+    paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
 
 
@@ -87,31 +105,33 @@ class Jobs:
             return []
         return job.under_way.cancel(stack.cancels_after_us, now_us)
 
-    def begin_next(
-        self, stack: Stack, target: tuple[int, int], current: int | None, now_us: int
-    ) -> list[Message]:
-        """Begin what waits if nothing is under way. ``current`` is the item flown now."""
+    def begin_next(self, seen: Seen, now_us: int) -> list[Message]:
+        """Begin what waits if nothing is under way."""
         if self._job is not None or not self._queue:
             return []
         job = self._job = self._queue.pop(0)
         is_mission = job.kind == "mission"
-        job.hidden = 1 if stack.item_0_is_home and is_mission else 0
+        job.hidden = 1 if seen.stack.item_0_is_home and is_mission else 0
         if job.begin == "keep":
-            job.begin = max((current or 0) - job.hidden, 0)
+            job.begin = max((seen.current or 0) - job.hidden, 0)
         job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
-        return self._begin(job, self._first(job, target), now_us)
+        job.wire_items = (*job.items[: job.hidden], *job.items)
+        return self._begin(job, self._first(job, seen), now_us)
 
-    def _first(self, job: Job, target: tuple[int, int]) -> Transfer:
-        address = self._address(job, target)
+    def _first(self, job: Job, seen: Seen) -> Transfer:
+        address = self._address(job, seen)
         if job.action == "download":
             return MissionDownload(address, self._timing)
         if job.action == "clear":
             return MissionClear(address, self._timing)
-        job.wire_items = (*job.items[: job.hidden], *job.items)
+        job.paused = job.holds_first and job.kind == "mission" and seen.in_mission
+        if job.paused and not seen.stack.atomic_upload:
+            return SetMode(address, seen.stack, seen.stack.hold_mode, self._timing)
+        job.paused = False
         return MissionUpload(address, job.wire_items, self._seq(job), self._timing)
 
-    def _address(self, job: Job, target: tuple[int, int]) -> Address:
-        return Address(self._own, target, MISSION_TYPES[job.kind])
+    def _address(self, job: Job, seen: Seen) -> Address:
+        return Address(self._own, seen.target, MISSION_TYPES[job.kind])
 
     def _seq(self, job: Job) -> int:
         assert isinstance(job.begin, int)
@@ -139,12 +159,12 @@ class Jobs:
             return []
         return self._job.under_way.handle_timer(now_us)
 
-    def step(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
+    def step(self, seen: Seen, now_us: int) -> list[Message]:
         """See whether what is under way has ended, and begin what comes after it."""
         job = self._job
         if job is None or job.under_way is None or job.under_way.result is None:
             return []
-        following = self._after(job, job.under_way, job.under_way.result, stack, target)
+        following = self._after(job, job.under_way, job.under_way.result, seen)
         if not isinstance(following, TransferResult):
             return self._begin(job, following, now_us)
         self._job = None
@@ -152,20 +172,20 @@ class Jobs:
         return []
 
     def _after(
-        self,
-        job: Job,
-        ended: Transfer,
-        result: TransferResult,
-        stack: Stack,
-        target: tuple[int, int],
+        self, job: Job, ended: Transfer, result: TransferResult, seen: Seen
     ) -> Transfer | TransferResult:
         """The next part of a job, or its result."""
+        stack = seen.stack
         if job.action == "download" and result.items is not None:
             return replace(result, items=result.items[job.hidden :])
         if job.action != "upload":
             return result
-        address = self._address(job, target)
+        address = self._address(job, seen)
+        if isinstance(ended, SetMode):
+            return self._after_mode(job, result, address)
         if isinstance(ended, SetCurrent):
+            if result.outcome == "accepted" and job.paused:
+                return SetMode(address, stack, stack.mission_mode, self._timing)
             if result.outcome == "accepted":
                 return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
             words = "the vehicle holds the mission but did not begin it"
@@ -194,6 +214,20 @@ class Jobs:
             words = "the vehicle holds another mission"
             return TransferResult("failed", words, items=read, holds=read_holds)
         return replace(job.uploaded, items=read, holds=read_holds)
+
+    def _after_mode(
+        self, job: Job, result: TransferResult, address: Address
+    ) -> Transfer | TransferResult:
+        """After the hold before an upload, or after flying on."""
+        if job.uploaded is None:
+            if result.outcome == "accepted":
+                return MissionUpload(address, job.wire_items, self._seq(job), self._timing)
+            words = f"it would not hold for the upload: {result.reason}"
+            return replace(result, reason=words, holds="the old one")
+        if result.outcome == "accepted":
+            return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+        words = f"the vehicle holds the mission but did not fly on: {result.reason}"
+        return TransferResult("failed", words, items=job.items, holds="the new one")
 
     def _set_current(self, job: Job, address: Address) -> Transfer | TransferResult:
         # ArduPilot flies its old target on until told; PX4 may begin elsewhere.

@@ -13,6 +13,7 @@ from autopilot_bridge.client_events import (
     Position,
     Rebooted,
 )
+from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
 from autopilot_bridge.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import HOME, Pair, flight_of, line_of, mock_of
@@ -125,3 +126,53 @@ def test_a_plane_joins_and_holds_a_circle(clockwise: bool) -> None:
         feed = (turn if clockwise else -turn) if near else 0.0
         step_plane(motion, course_around(motion, (0.0, 0.0), 120.0, clockwise), 100.0, limits, feed)
     assert math.hypot(motion.north_m, motion.east_m) == pytest.approx(120.0, abs=2.0)
+
+
+NEW = (*line_of(5, first=20)[:2], *line_of(6, first=30)[2:])
+
+
+class CutAfter(MemoryLink):
+    """Shares a count of frames with the other direction; dead for good when it is used up."""
+
+    left = 0
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        if CutAfter.left > 0:
+            CutAfter.left -= 1
+            super().send(datagram, now_us)
+
+
+def frames_of_a_reupload(stack: Stack) -> int:
+    """How many frames pass, both ways, from the call to its end."""
+    CutAfter.left = 10_000
+    pair = flying(stack)
+    pair.run_for(60.0)
+    pair.up, pair.down = CutAfter(), CutAfter()
+    result = pair.result_of(pair.client.upload(NEW, pair.now_us, holds_first=True))
+    assert (result.outcome, pair.mock.flight.mode) == ("accepted", "mission")
+    return 10_000 - CutAfter.left
+
+
+@each_stack
+def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(stack: Stack) -> None:
+    old = flight_of()
+    hidden = 1 if stack.item_0_is_home else 0
+    for frames in range(frames_of_a_reupload(stack)):
+        pair = flying(stack)
+        pair.run_for(60.0)
+        CutAfter.left = frames
+        pair.up, pair.down = CutAfter(), CutAfter()
+        transfer_id = pair.client.upload(NEW, pair.now_us, holds_first=True)
+        for _ in range(600):
+            pair.run_for(0.1)
+            flight = pair.mock.flight
+            if flight.mode == "mission":
+                # What it flies, and all that is still to come, is of one mission.
+                whole = tuple(flight.items[hidden:])
+                assert whole in (old, NEW), frames
+                assert flight.target is not None
+                assert flight.target.item in whole, frames
+            else:
+                assert flight.mode == "hold"
+        result = pair.result_of(transfer_id, within_s=60.0)
+        assert result.holds != "the old one" or tuple(pair.mock.flight.items[hidden:]) == old
