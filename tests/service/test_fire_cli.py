@@ -1,6 +1,7 @@
 """``fire run``, ``fire info`` and ``bench fire`` from files to files."""
 
 import json
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -292,3 +293,109 @@ def test_every_command_explains_itself(command: str) -> None:
     result = call(*command.split(), "--help")
     assert result.exit_code == 0
     assert "Usage:" in result.output
+
+
+def refused(scenario: Path, *options: str) -> str:
+    """What ``fire run`` says in one line when it ends with exit code 1."""
+    out = ("-o", str(scenario.parent / "out"))
+    result = call("fire", "run", str(scenario), *out, *options)
+    assert result.exit_code == 1, result.output
+    assert isinstance(result.exception, SystemExit)
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("Error: ")
+    return line
+
+
+@pytest.mark.parametrize(
+    ("landscape", "words"),
+    [
+        ("rows = 50", 'landscape: rows has no effect with source = "files"'),
+        ('units = {slop = "percent"}', "units: layer 'slop' is not known"),
+        ('units = {slope = "percent"}', "units: slope has one, but no band is that layer"),
+        ('units = {fuel = "m"}', "units: fuel has none"),
+        ("nodata = inf", "landscape.nodata"),
+        ('fuel = "."', "landscape.fuel: is a folder, not a file"),
+    ],
+)
+def test_a_landscape_that_is_not_as_meant_is_refused(
+    tmp_path: Path, landscape: str, words: str
+) -> None:
+    tables = TIFFS.replace('fuel = "fuel.tif"\n', "") if "fuel = " in landscape[:7] else TIFFS
+    assert words in refused(write_scenario(write_site(tmp_path), tables + landscape, CSV, POINT))
+
+
+def test_what_cannot_be_a_perimeter_is_refused(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    scenario = write_scenario(site, TIFFS, CSV, '[fire]\nperimeter = "area.geojson"\n')
+    drawn(site / "area.geojson", on_grid(30, 20).buffer(100.0), on_grid(30, 20))
+    assert "area.geojson: feature 2 has Point; a perimeter is of polygons alone" in refused(
+        scenario
+    )
+    drawn(site / "area.geojson", on_grid(30, 20).buffer(9000.0))
+    assert "no outline of the perimeter is on the landscape" in refused(scenario)
+
+
+def test_times_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
+    scenario = write_scenario(write_site(tmp_path))
+    late = refused(scenario, "--set", "ignition.0.at_s=3600")
+    assert "the first ignition is at_s = 3600, which must be before duration_s = 3600" in late
+    many = refused(scenario, "--set", "duration_s=10080", "--front-every", "1")
+    assert "10080 fronts until 10080 s, 10000 at most; make it 2 or more" in many
+
+
+def test_fronts_come_often_or_only_at_the_end(tmp_path: Path) -> None:
+    scenario = write_scenario(write_site(tmp_path))
+    burn(scenario, tmp_path / "out", "--front-every", "inf")
+    assert [front["properties"]["time_s"] for front in fronts(tmp_path / "out")] == [3600]
+    nan = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"), "--front-every", "nan")
+    assert nan.exit_code == 2
+    assert "give seconds" in nan.stderr
+
+
+def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
+    scenario = write_scenario(write_site(tmp_path))
+    options = ("-o", str(tmp_path / "out"), "--set")
+    quiet = call("fire", "run", str(scenario), *options, "duration_s=10800")
+    assert "Note" not in quiet.stderr
+    told = call("fire", "run", str(scenario), *options, "duration_s=14400")
+    assert told.exit_code == 0
+    assert "weather.csv: ends at 7200 s; its last record is taken to hold until" in told.stderr
+
+
+def test_a_folder_that_cannot_be_written_to_is_told_before_the_fire_burns(tmp_path: Path) -> None:
+    scenario = write_scenario(write_site(tmp_path))
+    told = call("fire", "run", str(scenario), "-o", "/proc")
+    assert told.exit_code == 1
+    assert "/proc: cannot be written to: " in told.stderr
+    for name in ("map.png", "arrival_time_s.tif", "fronts.geojson"):
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        (tmp_path / "out" / name).mkdir(parents=True)
+        line = refused(scenario)
+        assert f"{tmp_path / 'out'}" in line
+        assert "cannot be written: " in line
+
+
+def test_any_name_can_stand_on_the_map(tmp_path: Path) -> None:
+    burn(write_scenario(write_site(tmp_path)), tmp_path / "out", "--set", "name=costs $x_{$")
+
+
+def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
+    fuel, none = str(write_site(tmp_path) / "fuel.tif"), tmp_path / "none.geojson"
+    for words, told in (
+        ((fuel, fuel), "give one file by itself, or the layers of a landscape, each as LAYER=FILE"),
+        ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is given twice"),
+        (("fuel=", f"elevation={fuel}"), "files: fuel="),
+        ((fuel, "--unit", "slope"), "--unit: slope: write it as LAYER=UNIT"),
+    ):
+        result = call("fire", "info", *words)
+        assert result.exit_code == 1
+        assert told in result.stderr
+    unused = call("fire", "info", fuel, "--unit", "slop=percent")
+    assert unused.exit_code == 1
+    assert "problem: units: layer 'slop' is not known" in unused.stdout
+    none.write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
+    empty = call("fire", "info", str(none))
+    assert "none.geojson: has no features" in empty.stdout
+    assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
+    write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
+    assert "c.tif: holds complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
