@@ -11,6 +11,7 @@ from firemodel.errors import FireModelError
 from firemodel.fire import Burning
 from firemodel.front import front_polygons
 from firemodel.landscape import Landscape
+from firemodel.rasterise import cells_of
 
 APART_CELLS = 0.5  # points on a front, at most
 EDGE_CELLS = 1e-6  # what runs along the edge of the grid is no front
@@ -23,12 +24,11 @@ def burning_from_perimeter(
 ) -> Burning:
     """The fire whose burned area at a time is that of polygons in the landscape's CRS.
 
-    Cells (y, x) whose centre is inside count as burned at that time. The front is on all outlines,
-    those of unburned islands among them, where they are on the grid; where polygons meet there is
-    none. Raises FireModelError if no front is on the grid.
+    Cells (y, x) whose centre is inside count as burned at that time, and of a polygon that holds no
+    centre the cell it lies in. The front is on all outlines, those of unburned islands among them,
+    where they are on the grid; where polygons meet there is none. Raises FireModelError if no front
+    is on the grid.
     """
-    from rasterio.features import rasterize
-
     area = shapely.union_all(list(polygons))
     front = _front_on(area, landscape)
     if front.size == 0:
@@ -36,31 +36,74 @@ def burning_from_perimeter(
             "burning: no outline of the perimeter is on the landscape; check the CRS, or take a "
             "larger landscape"
         )
-    inside = rasterize(
-        [area], out_shape=landscape.shape, transform=landscape.transform(), dtype=np.uint8
-    )
-    return Burning(at_s, np.where(inside > 0, at_s, np.inf), front, area)
+    arrival_s = np.full(landscape.shape, np.inf)
+    arrival_s[tuple(cells_of([area], landscape).T)] = at_s
+    return Burning(at_s, arrival_s, front, area)
 
 
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
     """The fire as it was at a time, from arrival times (y, x; infinity where it never came).
 
     Later arrivals say only where between two cells the front was (``front.front_polygons``). Raises
-    FireModelError if nothing had burned by then.
+    FireModelError if nothing had burned by then, or everything.
     """
+    _check_shape(arrival_s, landscape)
     burned = arrival_s <= at_s
     if not burned.any():
         raise FireModelError(
             f"burning: no cell has an arrival by {at_s} s (the first is at {arrival_s.min()} s); "
             "take a later time"
         )
+    if burned.all():
+        raise FireModelError(
+            f"burning: every cell has an arrival by {at_s} s; take an earlier time, and leave "
+            "unburned cells without a value"
+        )
     area = front_polygons(arrival_s, at_s, landscape)
-    return Burning(at_s, np.where(burned, arrival_s, np.inf), _front_on(area, landscape), area)
+    extended = shapely.MultiPolygon([part for part in area.geoms if part.area > 0.0])
+    return Burning(at_s, np.where(burned, arrival_s, np.inf), _front_on(area, landscape), extended)
+
+
+def check_burning(burning: Burning, landscape: Landscape) -> None:
+    """Raise FireModelError unless a fire that is there already fits the landscape and its time."""
+    at_s, arrival_s, front, _ = burning
+    if not np.isfinite(at_s):
+        raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")
+    _check_shape(arrival_s, landscape)
+    wrong = ~((arrival_s <= at_s) | (arrival_s == np.inf)) | (arrival_s == -np.inf)
+    if wrong.any():
+        row, col = divmod(int(np.argmax(wrong)), landscape.shape[1])
+        raise FireModelError(
+            f"burning: arrival_s is {arrival_s[row, col]} at row {row}, column {col} "
+            f"({np.count_nonzero(wrong)} such cells); it must be a time by at_s = {at_s}, or "
+            "infinity where it has not burned"
+        )
+    if front.ndim != 2 or front.shape[1] != 2:
+        raise FireModelError(
+            f"burning: front is {front.shape}; it must be (points, 2): row, column"
+        )
+    off = ~(np.abs((front + 0.5) / landscape.shape - 0.5) <= 0.5).all(axis=1)
+    if off.any():
+        row, col = front[int(np.argmax(off))]
+        raise FireModelError(
+            f"burning: front has a point at row {row:g}, column {col:g}, off the landscape of "
+            f"{landscape.shape} cells; leave it out"
+        )
+
+
+def _check_shape(arrival_s: Floats, landscape: Landscape) -> None:
+    if arrival_s.shape != landscape.shape:
+        raise FireModelError(
+            f"burning: arrival is {arrival_s.shape} cells, the landscape {landscape.shape}; both "
+            "must be (rows, columns) of the same size"
+        )
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:
     """Points (k, 2) on all rings, as float (row, column), of which those on the grid."""
-    rings = shapely.segmentize(area.boundary, APART_CELLS * landscape.cell_size_m)
+    rings = shapely.get_parts(area.boundary)
+    drawn = shapely.length(rings) > 0.0  # the rest are points: cells that burn since just now
+    rings[drawn] = shapely.segmentize(rings[drawn], APART_CELLS * landscape.cell_size_m)
     x_m, y_m = shapely.get_coordinates(rings).T
     row, col = landscape.row_col_of(x_m, y_m)
     rows, cols = landscape.shape

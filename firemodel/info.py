@@ -24,7 +24,7 @@ from firemodel.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.readers.layers import LAYERS, layer_of, unit_of, value_problems
+from firemodel.readers.layers import LAYERS, layer_of, unit_of, unit_problems, value_problems
 from firemodel.readers.rasters import Sources, bands_for, gaps, misfits
 from firemodel.readers.shapes import (
     crs_problems,
@@ -74,6 +74,7 @@ def describe_rasters(
     if pairs:
         found |= _place_of(pairs[0][1], crs)
     problems += _grid_problems([band for _, band in pairs], crs)
+    problems += unit_problems([layer for layer, _ in pairs], units or {})
     found["bands"] = [
         _band_in_words(layer, band, units or {}, nodata, problems) for layer, band in pairs
     ]
@@ -110,7 +111,7 @@ def describe_shapes(
         "crs": their_crs and crs_label(their_crs),
         "features": len(shapes),
         "types": dict(Counter(_type(shape) for shape in shapes)),
-        "extent": _extent(tuple(shapely.total_bounds(shapes)), their_crs),
+        "extent": _extent(tuple(shapely.total_bounds(shapes)), their_crs) if shapes else None,
         "problems": problems,
     }
 
@@ -133,7 +134,8 @@ def in_text(found: Description) -> str:
         lines.append(f"  lat {south:.5f} to {north:.5f}, lon {west:.5f} to {east:.5f}")
     if "features" in found:
         kinds = ", ".join(f"{count} {kind}" for kind, count in found["types"].items())
-        lines.append(f"  {found['features']} features: {kinds}")
+        count = found["features"]
+        lines.append(f"  {count} feature{'s' * (count != 1)}{kinds and ': '}{kinds}")
     for band in found.get("bands", []):
         lines += _band_lines(band)
     lines += [f"  problem: {problem}" for problem in found["problems"]] or ["  no problems"]

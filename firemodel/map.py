@@ -17,7 +17,7 @@ MOST_ISOCHRONES = 12
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
     """Draw the fire alone. Times (y, x), infinity where it did not come."""
     figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
-    axes.set_title(title)
+    axes.set_title(title, parse_math=False)
     figure.savefig(path)
 
 

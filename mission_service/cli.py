@@ -1,6 +1,7 @@
 """The command line. Heavy imports wait until a command needs them."""
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -204,8 +205,13 @@ def fire_run(
     """Burn SCENARIO to its end: GeoTIFFs, fronts as GeoJSON, a map and a summary in DIR."""
     from mission_service.config import load_scenario
     from mission_service.fire_run import run_fire
+    from mission_service.fire_setup import notes_on
 
+    if math.isnan(front_every_s):
+        raise click.UsageError("--front-every nan: give seconds")
     loaded = load_scenario(scenario, overrides)
+    for note in notes_on(loaded):
+        click.echo(f"Note: {note}", err=True)
     summary = run_fire(loaded, _folder(out), front_every_s)
     _echo(summary, as_json)
     if not as_json:
@@ -350,12 +356,19 @@ def _now() -> str:
 
 
 def _folder(out: Path) -> Path:
+    from tempfile import TemporaryFile
+
     from mission_service.errors import MissionServiceError
 
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be made: {error.strerror}") from None
+    try:
+        with TemporaryFile(dir=out):  # told now, not after an hour of burning
+            pass
+    except OSError as error:
+        raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
     return out
 
 

@@ -1,5 +1,6 @@
 """The scenario: one TOML file into frozen models that refuse what they do not know."""
 
+import re
 import tomllib
 from datetime import datetime
 from pathlib import Path
@@ -11,6 +12,7 @@ from mission_service.errors import ScenarioError
 
 SHIPPED = Path(__file__).parent / "scenarios"
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
@@ -29,6 +31,9 @@ LAYER_KEYS = (
     "canopy_height",
     "canopy_base",
 )
+
+
+RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
 
 
 class Section(BaseModel):
@@ -60,7 +65,7 @@ class LandscapeSection(Section):
     units: dict[str, str] = {}
     missing: Literal["refuse", "unburnable"] = "refuse"
     crs: str | None = None
-    nodata: float | None = None
+    nodata: Finite | None = None
     barriers: tuple[Path, ...] = ()
 
     @property
@@ -74,11 +79,20 @@ class LandscapeSection(Section):
         if self.source == "jacksboro":
             if self.file or self.layers:
                 raise ValueError('rasters are given, so it must say source = "files"')
+            self._refuse(RASTER_KEYS)
         elif (self.file is None) == (not self.layers):
             raise ValueError('source = "files" needs either file, or fuel and the other layers')
+        else:
+            self._refuse(("rows", "cols", "cell_size_m"))
         if self.bands and self.file is None:
             raise ValueError("bands are those of a stack: it needs file")
         return self
+
+    def _refuse(self, keys: tuple[str, ...]) -> None:
+        """Raise for a key that would have no effect with this source."""
+        for key in keys:
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f'{key} has no effect with source = "{self.source}"; leave it out')
 
 
 class FuelMoisture(Section):
@@ -95,7 +109,7 @@ class WeatherEntry(FuelMoisture):
     """Weather from ``at_s`` on. Wind 6.1 m (20 ft) above the vegetation."""
 
     at_s: NotNegative
-    wind_speed_m_s: NotNegative
+    wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
     wind_from_deg: Bearing
 
 
@@ -297,8 +311,9 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
     """A section with all its paths counted from the scenario's folder; they must be there."""
     if isinstance(section, Path):
         found = (scenario_path.parent / section).resolve()
-        if not found.exists():
-            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: no such file: {found}")
+        if not found.is_file():
+            what = "is a folder, not a file" if found.is_dir() else "no such file"
+            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {what}: {found}")
         return found
     if isinstance(section, tuple):
         return tuple(
@@ -337,7 +352,10 @@ def _in_words(error: ValidationError) -> str:
     more = f"; and {others} more" if others else ""
     if first["type"] == "extra_forbidden":
         return f"{key}: unknown key{shown}{more}"
-    return f"{key}: {first['msg'].removeprefix('Value error, ')}{shown}{more}"
+    text = first["msg"].removeprefix("Value error, ")
+    text = text.replace("a valid tuple", "a list, as in [ ... ]")
+    text = re.sub(r"a valid dictionary.*", "a table", text)
+    return f"{key}: {text}{shown}{more}"
 
 
 def _apply(data: dict[str, Any], override: str) -> None:

@@ -5,6 +5,8 @@ from pathlib import Path
 from firemodel.info import Description, describe, describe_rasters
 from mission_service.errors import MissionServiceError
 
+HOW = "give one file by itself, or the layers of a landscape, each as LAYER=FILE"
+
 
 def describe_files(
     words: tuple[str, ...], crs: str | None, nodata: float | None, units: tuple[str, ...]
@@ -13,7 +15,7 @@ def describe_files(
 
     Raises MissionServiceError for words that are neither.
     """
-    pairs = _pairs(units, "--unit")
+    pairs = _pairs(units, "--unit", "write it as LAYER=UNIT")
     if len(words) == 1 and "=" not in words[0]:
         path = Path(words[0])
         return (
@@ -21,17 +23,17 @@ def describe_files(
             if pairs
             else describe(path, crs=crs, nodata=nodata)
         )
-    layers = {layer: Path(name) for layer, name in _pairs(words, "files").items()}
+    layers = {layer: Path(name) for layer, name in _pairs(words, "files", HOW).items()}
     return describe_rasters(layers, units=pairs, crs=crs, nodata=nodata)
 
 
-def _pairs(words: tuple[str, ...], where: str) -> dict[str, str]:
+def _pairs(words: tuple[str, ...], where: str, how: str) -> dict[str, str]:
     found = {}
     for word in words:
         name, equals, value = word.partition("=")
-        if not equals:
-            raise MissionServiceError(
-                f"{where}: {word}: give one file, or each as LAYER=FILE (units as LAYER=UNIT)"
-            )
+        if not (name and equals and value):
+            raise MissionServiceError(f"{where}: {word}: {how}")
+        if name in found:
+            raise MissionServiceError(f"{where}: {name} is given twice; give it once")
         found[name] = value
     return found

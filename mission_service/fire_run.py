@@ -1,11 +1,14 @@
 """A fire by itself: burn a scenario to its end and write what it did."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from firemodel.fire import Fire
+from firemodel.landscape import Landscape
 from firemodel.map import draw_map
 from firemodel.writers import write_fronts, write_rasters
 from mission_service.config import Scenario
@@ -14,13 +17,22 @@ from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.report import fire_progress
 
 STEPS = 200  # of progress
+MOST_FRONTS = 10_000
 
 
 def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
     """Write rasters, fronts, map and summary into a folder; returns the summary.
 
-    Raises ScenarioError if the fire is taken over after the scenario's end.
+    Raises ScenarioError if nothing is to burn by the scenario's end, if there would be more fronts
+    than ``MOST_FRONTS``, or if the folder cannot be written to.
     """
+    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
+    taken_over = scenario.fire.perimeter or scenario.fire.arrival
+    if first_s >= scenario.duration_s and not taken_over:
+        raise ScenarioError(
+            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
+            f"duration_s = {scenario.duration_s:g}"
+        )
     landscape = landscape_of(scenario)
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
@@ -28,15 +40,33 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
         raise ScenarioError(
             f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
         )
+    times_s = _times_s(start_s, scenario.duration_s, front_every_s)
     with fire_progress(scenario.name, start_s, scenario.duration_s) as progress:
         for time_s in np.linspace(start_s, scenario.duration_s, STEPS + 1)[1:]:
             fire.advance(float(time_s))
             progress(float(time_s))
+    try:
+        return _write(scenario, landscape, fire, folder, times_s)
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise ScenarioError(f"{error.filename or folder}: cannot be written: {reason}") from None
+
+
+def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
+    """When fronts are written: every so often after the start, and at the end."""
+    count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
+    if count > MOST_FRONTS:
+        raise ScenarioError(
+            f"--front-every {every_s:g}: that is {count} fronts until {end_s:g} s, {MOST_FRONTS} "
+            f"at most; make it {math.ceil((end_s - start_s) / MOST_FRONTS)} or more"
+        )
+    return [start_s + number * every_s for number in range(1, count)] + [end_s]
+
+
+def _write(
+    scenario: Scenario, landscape: Landscape, fire: Fire, folder: Path, times_s: list[float]
+) -> dict[str, Any]:
     write_rasters(folder, fire)
-    times_s = [
-        *np.arange(start_s + front_every_s, scenario.duration_s, front_every_s).tolist(),
-        scenario.duration_s,
-    ]
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
     hours = scenario.duration_s / 3600.0

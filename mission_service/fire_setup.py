@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
 from firemodel.default_landscape import jacksboro
 from firemodel.fire import Burning, Fire
@@ -13,6 +15,8 @@ from firemodel.rothermel import Moisture
 from firemodel.weather import Weather, WeatherStream
 from mission_service.config import Ignition, LandscapeSection, Scenario, WeatherFile
 from mission_service.errors import ScenarioError
+
+LASTING_S = 3600.0  # as long a record of weather may hold without more ado
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
@@ -99,13 +103,41 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
         from firemodel.readers.shapes import read_shapes
 
         shapes = read_shapes(section.perimeter, landscape)
+        _check_polygons(section.perimeter, shapes)
         return burning_from_perimeter(shapes, landscape, section.burning_at_s)
     if section.arrival is not None:
         from firemodel.readers.rasters import read_arrival
 
-        arrival_s = read_arrival(section.arrival, landscape, unit=section.arrival_unit)
+        arrival_s = read_arrival(
+            section.arrival, landscape, unit=section.arrival_unit, crs=scenario.landscape.crs
+        )
         return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
     return None
+
+
+def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
+    for number, shape in enumerate(shapes, start=1):
+        kinds = {part.geom_type for part in shapely.get_parts(shapely.get_parts(shape))}
+        if kinds != {"Polygon"}:
+            raise ScenarioError(
+                f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
+                "perimeter is of polygons alone: remove the rest, or light it as an ignition"
+            )
+
+
+def notes_on(scenario: Scenario) -> list[str]:
+    """What is no error and yet may not be as it was meant."""
+    if scenario.weather_file is None:
+        return []
+    entries = weather_of(scenario).entries
+    last_s = entries[-1].at_s
+    usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
+    if scenario.duration_s - last_s <= max(usual_s, LASTING_S):
+        return []
+    return [
+        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is taken to hold "
+        f"until {scenario.duration_s:g} s"
+    ]
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:

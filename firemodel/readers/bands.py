@@ -73,14 +73,20 @@ class Band:
         return f"{self.path}" if self.count == 1 else f"{self.path} band {self.number}"
 
 
+def check_file(path: Path) -> None:
+    """Raise FireModelError if there is no such file."""
+    if not path.is_file():
+        folder = path.is_dir()
+        raise FireModelError(f"{path}: {'is a folder; give a file' if folder else 'no such file'}")
+
+
 def bands_of(path: Path) -> tuple[Band, ...]:
     """The bands of a raster file. Raises FireModelError if it cannot be read as one."""
     import rasterio
     from rasterio.enums import MaskFlags
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
-    if not path.is_file():
-        raise FireModelError(f"{path}: no such file")
+    check_file(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # told by ``grid_problem``
@@ -172,7 +178,7 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
     if np.issubdtype(values.dtype, np.floating):
         return abs(value) <= float(np.finfo(values.dtype).max)
     kind = np.iinfo(values.dtype)
-    return value == int(value) and kind.min <= value <= kind.max
+    return kind.min <= value <= kind.max and value == int(value)
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
@@ -211,6 +217,8 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
         yield (
             f"{band.path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
         )
+    if band.dtype.startswith("complex"):
+        yield f"{band.name}: holds complex numbers; write real ones"
     if (band.scale, band.offset) != (1.0, 0.0):
         yield (
             f"{band.name}: values have scale {band.scale} and offset {band.offset}; write them "

@@ -1,7 +1,7 @@
 """What the layers of a landscape are called in files, and which units they come in."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -110,16 +110,27 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
         if layer in found:
             raise FireModelError(
                 f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; say which "
-                f'to take: {{"{layer}": (file, band), ...}}'
+                f"to take by numbers of bands ({layer} = {band.number}, ...)"
             )
         if layer:
             found[layer] = (path, band.number)
     if not found:
         raise FireModelError(
             f"{path}: no band's description names a layer ({', '.join(LAYERS)}); say which band "
-            'is which: {"fuel": (file, band), ...}'
+            "is which by numbers of bands (fuel = 1, ...)"
         )
     return found
+
+
+def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
+    """Units that are given for what is not there."""
+    for layer in units:
+        if layer not in LAYERS:
+            yield f"units: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
+        elif layer not in layers:
+            yield f"units: {layer} has one, but no band is that layer; leave it out"
+        elif not UNITS[layer]:
+            yield f"units: {layer} has none; leave it out"
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
@@ -137,7 +148,7 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
         return unit
     what = f"unit {written!r} of {layer} is not known" if written else f"unit of {layer} unknown"
     raise FireModelError(
-        f"{band.name}: {what}; give it: units={{{layer!r}: ...}}, one of {', '.join(choices)}"
+        f"{band.name}: {what}; give it in units ({layer} = ...), one of {', '.join(choices)}"
     )
 
 

@@ -27,6 +27,7 @@ from firemodel.readers.layers import (
     to_gradient,
     to_layer,
     unit_of,
+    unit_problems,
     value_problems,
 )
 
@@ -66,6 +67,7 @@ def read_landscape(
     grid = grid_of(bands["fuel"], crs)
     for band in bands.values():
         refuse(misfits(band, grid_of(band, crs), grid, str(bands["fuel"].path)))
+    refuse(unit_problems(bands, units or {}))
     kinds = {layer: unit_of(layer, band, units or {}) for layer, band in bands.items()}
 
     layers: dict[str, NDArray[Any]] = {}

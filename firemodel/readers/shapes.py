@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape, crs_label
-from firemodel.readers.bands import refuse
+from firemodel.readers.bands import check_file, refuse
 
 
 def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> list[BaseGeometry]:
@@ -51,8 +51,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 
-    if not path.is_file():
-        raise FireModelError(f"{path}: no such file")
+    check_file(path)
     if path.suffix.lower() == ".shp" and not _beside(path, ".shx"):
         raise FireModelError(
             f"{path}: the .shx file that belongs to it is missing; copy all files of the "

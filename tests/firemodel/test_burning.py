@@ -8,7 +8,8 @@ import shapely
 from shapely.geometry import LineString, Point
 
 from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_arrival, burning_from_perimeter
+from firemodel.burning import burning_from_arrival, burning_from_perimeter, check_burning
+from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
 from firemodel.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, steady, weather
@@ -79,3 +80,47 @@ def test_what_cannot_be_taken_over_is_refused() -> None:
     arrival_s[3, 4] = 60.0
     with pytest.raises(FireModelError, match=r"the first is at 60.0 s"):
         burning_from_arrival(arrival_s, LAND, 59.0)
+    with pytest.raises(FireModelError, match=r"every cell has an arrival by 59.0 s"):
+        burning_from_arrival(np.zeros(LAND.shape), LAND, 59.0)
+    with pytest.raises(
+        FireModelError, match=r"arrival is \(81, 80\) cells, the landscape \(81, 81"
+    ):
+        burning_from_arrival(arrival_s[:, 1:], LAND, 60.0)
+
+
+def test_a_perimeter_smaller_than_a_cell_burns_on_by_every_scheme() -> None:
+    corner = Point(WEST_M + 40.0 * CELL_M, NORTH_M - 40.0 * CELL_M)  # of four cells
+    both = burning_from_perimeter([corner.buffer(3.0), MIDDLE.buffer(100.0)], LAND, 0.0)
+    tiny = burning_from_perimeter([corner.buffer(3.0)], LAND, 0.0)
+    assert np.count_nonzero(tiny.arrival_s == 0.0) == 1
+    assert np.count_nonzero(both.arrival_s == 0.0) > 30
+    for scheme in (AnyAngleFire, Devs8Fire):
+        fire = scheme(LAND, steady(), [], tiny)
+        fire.advance(300.0 / RATE_M_S)
+        assert np.count_nonzero(fire.burned()) > 80
+
+
+def test_a_fire_can_be_taken_over_at_the_very_moment_it_was_lit() -> None:
+    whole = AnyAngleFire(LAND, steady(), [(40, 40, 0.0)])
+    whole.advance(1000.0)
+    rest = AnyAngleFire(LAND, steady(), [], burning_from_arrival(whole.arrival_time_s, LAND, 0.0))
+    rest.advance(1000.0)
+    assert rest.arrival_time_s == pytest.approx(whole.arrival_time_s, rel=0.02)
+    assert rest.front(0.0).area == 0.0
+
+
+def test_what_is_burning_has_to_fit_the_landscape_and_its_time() -> None:
+    good = burning_from_perimeter([MIDDLE.buffer(310.0)], LAND, 60.0)
+    check_burning(good, LAND)
+    later, lost = good.arrival_s.copy(), good.arrival_s.copy()
+    later[40, 41], lost[3, 4] = 61.0, np.nan
+    for changed, message in (
+        ({"arrival_s": good.arrival_s[1:]}, r"arrival is \(80, 81\) cells, the landscape"),
+        ({"arrival_s": later}, r"61.0 at row 40, column 41 \(1 such cells\); .* at_s = 60.0"),
+        ({"arrival_s": lost}, r"nan at row 3, column 4"),
+        ({"at_s": math.nan}, r"at_s = nan"),
+        ({"front": good.front.T}, r"front is \(2, "),
+        ({"front": np.array([[3.0, 4.0], [3.0, 80.6]])}, r"row 3, column 80.6, off the landscape"),
+    ):
+        with pytest.raises(FireModelError, match=message):
+            check_burning(good._replace(**changed), LAND)

@@ -1,0 +1,67 @@
+"""A small fire in files: rasters, weather, ignition, and the scenario that names them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.geometry import Point, mapping
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.landscape import Landscape
+from firemodel.readers.shapes import into_crs
+from firemodel.writers import write_geotiff
+from tests.firemodel.grids import landscape
+from tests.firemodel.test_shapes import geojson
+
+SIZE = 60
+ROW, COL = np.mgrid[:SIZE, :SIZE]
+HEIGHTS = (200.0 + 4.0 * np.abs(COL - 30) + 2.0 * ROW).astype(np.float32)
+LAND = landscape(np.where(ROW < 40, 2, 1), HEIGHTS)
+LIT = (30, 18)  # row, column
+FILES = '[landscape]\nsource = "files"\n'
+TIFFS = FILES + 'fuel = "fuel.tif"\nelevation = "dem.tif"\n'
+CSV = '[weather_file]\npath = "weather.csv"\nstart = 2024-07-01T12:00:00\n'
+POINT = '[[ignition]]\nfile = "lit.geojson"\n'
+HEAD = 'name = "small"\nseed = 5\nduration_s = 3600\n'
+# Two hours; moistures are in the file but for the live ones.
+WEATHER = """\
+time,wind_speed_m_s,wind_from_deg,dead_1h_pct,dead_10h_pct,dead_100h_pct
+2024-07-01T11:00,5,270,6,7,8
+2024-07-01T12:30,6,250,5,6,7
+2024-07-01T14:00,7,240,5,6,7
+"""
+
+
+def at(row: float, col: float) -> tuple[float, float]:
+    """Longitude and latitude of a place on the grid."""
+    lat, lon = LAND.lat_lon_of(*LAND.xy_of(row, col))
+    return lon, lat
+
+
+def drawn(path: Path, *shapes: BaseGeometry) -> Path:
+    """Shapes in the landscape's CRS as GeoJSON."""
+    return geojson(path, *(mapping(into_crs(shape, LAND.crs, "EPSG:4326")) for shape in shapes))
+
+
+def on_grid(row: float, col: float) -> Point:
+    """A place on the grid in the landscape's CRS."""
+    return Point(*LAND.xy_of(row, col))
+
+
+def write_site(folder: Path, land: Landscape = LAND, fuel: NDArray[Any] | None = None) -> Path:
+    """The files that ``TIFFS``, ``CSV`` and ``POINT`` name."""
+    write_geotiff(folder / "fuel.tif", land.fuel_model if fuel is None else fuel, land)
+    assert land.elevation_m is not None
+    write_geotiff(folder / "dem.tif", land.elevation_m, land)
+    (folder / "weather.csv").write_text(WEATHER, encoding="utf-8")
+    lat, lon = land.lat_lon_of(*land.xy_of(*LIT))
+    geojson(folder / "lit.geojson", {"type": "Point", "coordinates": [lon, lat]})
+    return folder
+
+
+def write_scenario(folder: Path, *parts: str, head: str = HEAD) -> Path:
+    """A scenario of these tables; without any, the usual ones."""
+    path = folder / "fire.toml"
+    path.write_text("\n".join([head, *(parts or (TIFFS, CSV, POINT))]), encoding="utf-8")
+    return path
