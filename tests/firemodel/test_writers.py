@@ -114,7 +114,7 @@ def test_isochrones_and_colours_of_a_fire_taken_over_start_with_it() -> None:
     row, col = np.indices(land.shape)
     away = np.hypot(row - 10, col - 10)
     arrival_s = np.where(away < 9, 1800.0 + 300.0 * np.maximum(away - 3, 0.0), np.inf)
-    _, axes = start_map(land, arrival_s, frame_around(land, arrival_s))
+    _, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
     (lines,) = (part for part in axes.collections if hasattr(part, "levels"))
     assert lines.levels[0] > 0.5 + 1e-6
     assert axes.images[-1].get_clim() == pytest.approx((0.5, arrival_s[away < 9].max() / 3600))
