@@ -17,16 +17,6 @@ from firemodel.landscape import Landscape
 from mission_service.config import VehicleSection
 
 Floats = NDArray[np.float64]
-SAME_PLACE_M = 1e-3
-
-
-def _apart(path_m: Floats) -> Floats:
-    """Without points on top of the one before; both ends stay. GEOS stumbles over such."""
-    kept = [path_m[0]]
-    for point in path_m[1:-1]:
-        if min(np.hypot(*(point - kept[-1])), np.hypot(*(path_m[-1] - point))) > SAME_PLACE_M:
-            kept.append(point)
-    return np.array([*kept, path_m[-1]])
 
 
 def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_m: float) -> Floats:
@@ -36,11 +26,12 @@ def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_
     fly-by turn at that corner needs (turn radius times the tangent of half the turn), is left out.
     The last point always stays.
     """
-    path_m = _apart(path_m)
     if len(path_m) < 3:
         return path_m
-    line = shapely.simplify(shapely.LineString(path_m), tolerance_m)
+    # To a micrometre: GEOS divides by zero where two points are less than that apart.
+    line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
     points = shapely.get_coordinates(line)
+    points[0], points[-1] = path_m[0], path_m[-1]
     kept = [points[0]]
     for index in range(1, len(points) - 1):
         leg = points[index] - kept[-1]
