@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from firemodel.fire import Burning, Fire, Ignition, check_ignitions
+from firemodel.fire import Burning, Fire, Ignition, check_burning, check_ignitions
 from firemodel.heap import drop_first, push
 from firemodel.labels import Heap, Labels, Ways, empty_ways, place_of, squeezes
 from firemodel.landscape import Landscape
@@ -62,6 +62,8 @@ class AnyAngleFire(Fire):
         self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
         self.start_area = burning.area if burning else None
+        if burning:
+            check_burning(burning, landscape)
         check_ignitions(landscape, ignitions, self.time_s)
         n, cols = landscape.fuel_model.size, landscape.shape[1]
         changes = weather.changes()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
-from firemodel.fire import Burning
+from firemodel.fire import Burning, check_shape
 from firemodel.front import front_polygons
 from firemodel.landscape import Landscape
 from firemodel.rasterise import cells_of
@@ -47,7 +47,7 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
     Later arrivals say only where between two cells the front was (``front.front_polygons``). Raises
     FireModelError if nothing had burned by then, or everything.
     """
-    _check_shape(arrival_s, landscape)
+    check_shape(arrival_s, landscape)
     burned = arrival_s <= at_s
     if not burned.any():
         raise FireModelError(
@@ -62,41 +62,6 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
     area = front_polygons(arrival_s, at_s, landscape)
     extended = shapely.MultiPolygon([part for part in area.geoms if part.area > 0.0])
     return Burning(at_s, np.where(burned, arrival_s, np.inf), _front_on(area, landscape), extended)
-
-
-def check_burning(burning: Burning, landscape: Landscape) -> None:
-    """Raise FireModelError unless a fire that is there already fits the landscape and its time."""
-    at_s, arrival_s, front, _ = burning
-    if not np.isfinite(at_s):
-        raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")
-    _check_shape(arrival_s, landscape)
-    wrong = ~((arrival_s <= at_s) | (arrival_s == np.inf)) | (arrival_s == -np.inf)
-    if wrong.any():
-        row, col = divmod(int(np.argmax(wrong)), landscape.shape[1])
-        raise FireModelError(
-            f"burning: arrival_s is {arrival_s[row, col]} at row {row}, column {col} "
-            f"({np.count_nonzero(wrong)} such cells); it must be a time by at_s = {at_s}, or "
-            "infinity where it has not burned"
-        )
-    if front.ndim != 2 or front.shape[1] != 2:
-        raise FireModelError(
-            f"burning: front is {front.shape}; it must be (points, 2): row, column"
-        )
-    off = ~(np.abs((front + 0.5) / landscape.shape - 0.5) <= 0.5).all(axis=1)
-    if off.any():
-        row, col = front[int(np.argmax(off))]
-        raise FireModelError(
-            f"burning: front has a point at row {row:g}, column {col:g}, off the landscape of "
-            f"{landscape.shape} cells; leave it out"
-        )
-
-
-def _check_shape(arrival_s: Floats, landscape: Landscape) -> None:
-    if arrival_s.shape != landscape.shape:
-        raise FireModelError(
-            f"burning: arrival is {arrival_s.shape} cells, the landscape {landscape.shape}; both "
-            "must be (rows, columns) of the same size"
-        )
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
-from firemodel.fire import Burning, Fire, Ignition, check_ignitions
+from firemodel.fire import Burning, Fire, Ignition, check_burning, check_ignitions
 from firemodel.front import neighbours_of
 from firemodel.fuels import FUEL_MODELS
 from firemodel.heap import drop_first, push
@@ -96,6 +96,8 @@ class Devs8Fire(Fire):
         self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
         self.start_area = None  # it has cells only
+        if burning:
+            check_burning(burning, landscape)
         check_ignitions(landscape, ignitions, self.time_s)
         self._ground = Ground(
             landscape.shape[1],

@@ -114,3 +114,39 @@ def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s:
                 f"ignition at row {row}, column {col}: fuel code "
                 f"{landscape.fuel_model[row, col]} does not burn"
             )
+
+
+def check_burning(burning: Burning, landscape: Landscape) -> None:
+    """Raise FireModelError unless a fire that is there already fits the landscape and its time."""
+    at_s, arrival_s, front, _ = burning
+    if not np.isfinite(at_s):
+        raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")
+    check_shape(arrival_s, landscape)
+    wrong = ~((arrival_s <= at_s) | (arrival_s == np.inf)) | (arrival_s == -np.inf)
+    if wrong.any():
+        row, col = divmod(int(np.argmax(wrong)), landscape.shape[1])
+        raise FireModelError(
+            f"burning: arrival_s is {arrival_s[row, col]} at row {row}, column {col} "
+            f"({np.count_nonzero(wrong)} such cells); it must be a time by at_s = {at_s}, or "
+            "infinity where it has not burned"
+        )
+    if front.ndim != 2 or front.shape[1] != 2:
+        raise FireModelError(
+            f"burning: front is {front.shape}; it must be (points, 2): row, column"
+        )
+    off = ~(np.abs((front + 0.5) / landscape.shape - 0.5) <= 0.5).all(axis=1)
+    if off.any():
+        row, col = front[int(np.argmax(off))]
+        raise FireModelError(
+            f"burning: front has a point at row {row:g}, column {col:g}, off the landscape of "
+            f"{landscape.shape} cells; leave it out"
+        )
+
+
+def check_shape(arrival_s: Floats, landscape: Landscape) -> None:
+    """Raise FireModelError if arrival times are not on the landscape's grid."""
+    if arrival_s.shape != landscape.shape:
+        raise FireModelError(
+            f"burning: arrival is {arrival_s.shape} cells, the landscape {landscape.shape}; both "
+            "must be (rows, columns) of the same size"
+        )

@@ -12,6 +12,7 @@ from firemodel.landscape import Landscape
 Floats = NDArray[np.float64]
 Frame = tuple[float, float, float, float]  # west, east, south, north in km from the SW corner
 MOST_ISOCHRONES = 12
+SHORTEST_H = 1 / 60  # of the scale of colours, though all may burn at once
 
 
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
@@ -44,7 +45,9 @@ def start_map(
     hours = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s / 3600.0, np.nan))
     hours = hours[window]
     if hours.count():
+        first, last = float(hours.min()), float(hours.max())
         burned = axes.imshow(hours, cmap="autumn_r", extent=extent, alpha=0.75)
+        burned.set_clim(first, max(last, first + SHORTEST_H))
         figure.colorbar(burned, ax=axes, label="time of arrival of the fire (h)", shrink=0.7)
         if isochrones:
             _draw_isochrones(axes, hours, extent)
@@ -86,7 +89,9 @@ def _window(land: Landscape, frame: Frame) -> tuple[tuple[slice, slice], Frame]:
 
 def _draw_isochrones(axes: Any, hours: Any, extent: Frame) -> None:
     step = _round_step(float(np.ptp(hours.compressed())), MOST_ISOCHRONES)
-    levels = np.arange(math.ceil(hours.min() / step), math.floor(hours.max() / step) + 1) * step
+    # None at the first time of all, which is no line but the cells of a fire taken over.
+    first = math.floor(hours.min() / step + 1e-9) + 1
+    levels = np.arange(first, math.floor(hours.max() / step) + 1) * step
     if min(hours.shape) < 2 or not len(levels):
         return
     lines = axes.contour(

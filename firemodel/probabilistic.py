@@ -35,6 +35,7 @@ from firemodel.fire import (
     Burning,
     Fire,
     Ignition,
+    check_burning,
     check_ignitions,
 )
 from firemodel.front import front_polygons
@@ -80,6 +81,8 @@ class ProbabilisticFire(Fire):
         self.wind_limit = False
         self.time_s = self._start_s = burning.at_s if burning else 0.0
         self.start_area = None  # it has cells only
+        if burning:
+            check_burning(burning, landscape)
         check_ignitions(landscape, ignitions, self.time_s)
         self._p_spread, self._step_s, self._rng = p_spread, step_s, rng
         self._burning_steps = burning_steps or 0

@@ -69,12 +69,11 @@ def _write(
     write_rasters(folder, fire)
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-    hours = scenario.duration_s / 3600.0
     draw_map(
         folder / "map.png",
         landscape,
         arrival_s,
-        f"{scenario.name}: {scenario.fire.scheme}, {hours:.3g} h",
+        f"{scenario.name}: {scenario.fire.scheme}, {_in_words(scenario.duration_s)}",
     )
     summary = {
         "scenario": scenario.name,
@@ -87,6 +86,10 @@ def _write(
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
+
+
+def _in_words(time_s: float) -> str:
+    return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"
 
 
 def _edge(cells: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -28,8 +28,10 @@ def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_
     """
     if len(path_m) < 3:
         return path_m
-    line = shapely.simplify(shapely.LineString(path_m), tolerance_m)
+    # To a micrometre: GEOS divides by zero where two points are less than that apart.
+    line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
     points = shapely.get_coordinates(line)
+    points[0], points[-1] = path_m[0], path_m[-1]
     kept = [points[0]]
     for index in range(1, len(points) - 1):
         leg = points[index] - kept[-1]

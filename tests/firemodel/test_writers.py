@@ -11,7 +11,7 @@ import rasterio
 from shapely.geometry import shape
 
 from firemodel.anyangle import AnyAngleFire
-from firemodel.map import draw_map, frame_around
+from firemodel.map import draw_map, frame_around, start_map
 from firemodel.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
 from tests.firemodel.grids import CRS, landscape, steady
 
@@ -107,3 +107,17 @@ def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:
     west, east, south, north = frame_around(fire.landscape, one)
     assert west < 0.135 < east  # the cell's centre in km
     assert south < 0.495 < north
+
+
+def test_isochrones_and_colours_of_a_fire_taken_over_start_with_it() -> None:
+    land = landscape(shape=(20, 20))
+    row, col = np.indices(land.shape)
+    away = np.hypot(row - 10, col - 10)
+    arrival_s = np.where(away < 9, 1800.0 + 300.0 * np.maximum(away - 3, 0.0), np.inf)
+    _, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
+    (lines,) = (part for part in axes.collections if hasattr(part, "levels"))
+    assert lines.levels[0] > 0.5 + 1e-6
+    assert axes.images[-1].get_clim() == pytest.approx((0.5, arrival_s[away < 9].max() / 3600))
+    at_once = np.where(away < 9, 0.0, np.inf)
+    _, axes = start_map(land, at_once, frame_around(land, at_once))
+    assert axes.images[-1].get_clim() == pytest.approx((0.0, 1 / 60))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firemodel.landscape import Landscape
@@ -74,6 +74,8 @@ coordinates = st.floats(-2000.0, 2000.0)
 
 
 @given(st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=60))
+@example([(0.0, 0.0), (0.0, 0.0), (0.0, 1.3e-174)])
+@example([(0.0, 0.0), (5.0, 0.0), (0.0, 1.3e-174)])
 def test_any_path_stays_a_path_between_its_ends(points: list[tuple[float, float]]) -> None:
     path = np.array(points)
     found = flyable(path, 60.0, 90.0, 15.0)
