@@ -19,23 +19,11 @@ class Framer:
 
     def __init__(self) -> None:
         self._rest = b""
+        self._in_step = True  # what comes next begins a frame, if nothing is wrong
 
     def feed(self, data: bytes) -> list[bytes]:
         """The frames that are whole now, in order. For streams: TCP, serial lines."""
-        data = self._rest + data
-        frames: list[bytes] = []
-        at = 0
-        while (start := _START.search(data, at)) is not None:
-            at = start.start()
-            length = _frame_length(data, at)
-            if length is None:
-                self._rest = data[at:]
-                return frames
-            if length:
-                frames.append(data[at : at + length])
-            at += length or 1
-        self._rest = b""
-        return frames
+        return self._scan(self._rest + data, all_is_here=False)
 
     def feed_datagram(self, data: bytes) -> list[bytes]:
         """As ``feed``, but a datagram that begins with a whole frame ends a torn one before it.
@@ -43,12 +31,33 @@ class Framer:
         Datagrams get lost, so the rest of a torn frame may never come; waiting for its length
         to fill up would hold back the frames behind it.
         """
-        if self._rest and data[:1] in (_STARTS[:1], _STARTS[1:]) and _frame_length(data, 0):
-            self._rest = b""
-        return self.feed(data)
+        before: list[bytes] = []
+        if self._rest and data[:1] in (_STARTS[:1], _STARTS[1:]) and _frame_length(data, 0, True):
+            before = self._scan(self._rest, all_is_here=True)
+        if not self._rest:
+            self._in_step = True
+        return before + self.feed(data)
+
+    def _scan(self, data: bytes, all_is_here: bool) -> list[bytes]:
+        frames: list[bytes] = []
+        at = 0
+        self._rest = b""
+        while (start := _START.search(data, at)) is not None:
+            self._in_step &= start.start() == at
+            at = start.start()
+            length = _frame_length(data, at, self._in_step)
+            if length is None and not all_is_here:
+                self._rest = data[at:]
+                return frames
+            self._in_step = bool(length)
+            if length:
+                frames.append(data[at : at + length])
+            at += length or 1
+        self._in_step &= at == len(data)
+        return frames
 
 
-def _frame_length(data: bytes, at: int) -> int | None:
+def _frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     """Length of the frame that starts here; 0 when none does, None when more bytes must tell."""
     have = len(data) - at
     marker = data[at]
@@ -73,7 +82,7 @@ def _frame_length(data: bytes, at: int) -> int | None:
         return 0  # MAVLink 1 knows no longer variants; saves most checksums of noise
     if have < length:
         return None
-    if known is None:  # of another dialect: believed when another frame or nothing follows
-        return length if have == length or data[at + length] in _STARTS else 0
+    if known is None:  # of another dialect, its checksum unknown: believed between frames only
+        return length if in_step and (have == length or data[at + length] in _STARTS) else 0
     checksum = mavlink.x25crc(data[at + 1 : at + end] + bytes((known.crc_extra,))).crc
     return length if checksum == int.from_bytes(data[at + end : at + end + 2], "little") else 0

@@ -362,7 +362,7 @@ def _socket(kind: socket.SocketKind) -> socket.socket:
 def _bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> None:
     try:
         sock.bind(where)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         sock.close()
         raise BridgeError(
             f"link {address}: cannot listen on it ({_reason(error)}); "
@@ -374,12 +374,14 @@ async def _look_up(address: LinkAddress) -> tuple[str, int]:
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise BridgeError(
             f"link {address}: host {address.host} is not known ({_reason(error)})"
         ) from None
     return cast(tuple[str, int], found[0][4])
 
 
-def _reason(error: OSError) -> str:
-    return error.strerror or str(error).splitlines()[0]
+def _reason(error: OSError | UnicodeError) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error).partition("\n")[0]
