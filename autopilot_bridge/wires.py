@@ -332,7 +332,12 @@ async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
     # asyncio's pipes read and write any character device, each with a file of its own to close.
     _, stream = await loop.connect_read_pipe(lambda: Stream(listener), port)
     writable = os.fdopen(os.dup(port.fileno()), "wb", buffering=0)
-    stream.out, _ = await loop.connect_write_pipe(lambda: _Writing(stream), writable)
+    try:
+        stream.out, _ = await loop.connect_write_pipe(lambda: _Writing(stream), writable)
+    except BaseException:
+        writable.close()
+        stream.writing_ended()
+        raise
     return stream
 
 
