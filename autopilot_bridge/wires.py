@@ -230,7 +230,7 @@ class StreamClient:
             except OSError as error:
                 raise BridgeError(
                     f"link {self._address}: cannot be opened ({_reason(error)}); is it plugged "
-                    "in, may you use it, and does no other program?"
+                    "in, may you read and write it, and is no other program using it?"
                 ) from None
         self._task = asyncio.create_task(self._stay_connected())
         self._task.add_done_callback(self._ended)
@@ -387,6 +387,8 @@ async def _look_up(address: LinkAddress) -> tuple[str, int]:
 
 
 def _reason(error: OSError | UnicodeError) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
+    if isinstance(error, socket.gaierror):
+        return str(error.strerror)
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)  # pyserial's text is the path and the number once more
     return str(error).partition("\n")[0]
