@@ -1,16 +1,14 @@
-"""The asyncio adapter: moves bytes between a UDP socket and a sans-IO peer, arms one timer."""
+"""The asyncio adapter: moves frames between a link and a sans-IO peer, arms one timer."""
 
 import asyncio
-import contextlib
-import socket
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self, cast
+from typing import Protocol, Self
 
-from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.link import parse_link
+from autopilot_bridge.tlog import Tlog
+from autopilot_bridge.wires import wire_of
 
-RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 SHORTEST_WAIT_S = 0.001
 
 
@@ -18,10 +16,10 @@ class Peer(Protocol):
     """Either side of a link: the ground station's client or the mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram."""
+        """Take in whole frames, all of one remote."""
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams to send."""
+        """Frames to send."""
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""
@@ -30,44 +28,34 @@ class Peer(Protocol):
         """Do what is due."""
 
 
-class Connection(asyncio.DatagramProtocol):
-    """One peer on one UDP socket while the context is open.
+class Connection:
+    """One peer on one link while the context is open.
 
     ``clock`` gives the peer's time in microseconds and runs ``rate`` times as fast as real time.
+    What is sent and received is recorded in ``tlog``, which the caller closes.
     """
 
-    def __init__(self, link: str, peer: Peer, clock: Callable[[], int], rate: float = 1.0) -> None:
-        self._address = parse_link(link)
+    def __init__(
+        self,
+        link: str,
+        peer: Peer,
+        clock: Callable[[], int],
+        rate: float = 1.0,
+        tlog: Tlog | None = None,
+    ) -> None:
+        self._wire = wire_of(parse_link(link), self)
         self._peer = peer
         self._clock = clock
         self._rate = rate
+        self._tlog = tlog
         self._news = asyncio.Event()
-        self._transport: asyncio.DatagramTransport | None = None
-        self._remote: tuple[str, int] | None = None
+        self._open = False
         self._timer: asyncio.TimerHandle | None = None
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
-        address = self._address
-        where = (address.host, address.port)
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        try:
-            if address.kind == "udpin":
-                sock.bind(where)
-            else:
-                sock.bind(("", 0))
-                self._remote = (socket.gethostbyname(address.host), address.port)
-        except OSError as error:
-            sock.close()
-            doing = "listen on" if address.kind == "udpin" else "reach"
-            raise BridgeError(
-                f"link {address.kind}:{address.host}:{address.port}: cannot {doing} it "
-                f"({error.strerror}); is another program using the port?"
-            ) from None
-        loop = asyncio.get_running_loop()
-        await loop.create_datagram_endpoint(lambda: self, sock=sock)
+        await self._wire.open()
+        self._open = True
         self._wake()
         return self
 
@@ -77,15 +65,16 @@ class Connection(asyncio.DatagramProtocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._open = False
         if self._timer is not None:
             self._timer.cancel()
-        if self._transport is not None:
-            self._transport.close()
+        await self._wire.close()
 
     async def wait(self) -> None:
         """Return when something arrived or was due since the last call.
 
         Raises what the peer raised: a defect ends the program instead of passing by in a log.
+        A lost connection raises nothing; the peer hears nothing, that is all.
         """
         await self._news.wait()
         self._news.clear()
@@ -94,17 +83,16 @@ class Connection(asyncio.DatagramProtocol):
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        datagrams = self._peer.data_to_send()
-        if self._transport is not None and self._remote is not None:
-            for datagram in datagrams:
-                self._transport.sendto(datagram, self._remote)
+        frames = self._peer.data_to_send()
+        if self._open and frames and self._wire.send(frames) and self._tlog is not None:
+            self._tlog.record(frames)
         self._arm()
 
     def _arm(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
         due_us = self._peer.next_timer()
-        if due_us is None or self._transport is None:
+        if due_us is None or not self._open:
             return
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
@@ -120,17 +108,16 @@ class Connection(asyncio.DatagramProtocol):
             self._failure = error
         self._news.set()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The socket is ready."""
-        self._transport = cast(asyncio.DatagramTransport, transport)
+    def frames_received(self, frames: list[bytes]) -> None:
+        """Hand the frames of one remote to the peer."""
+        self._guarded(lambda: self._take(frames))
 
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Hand a datagram to the peer; answer whoever spoke last."""
-        if self._address.kind == "udpin":
-            self._remote = addr
-        self._guarded(lambda: self._peer.receive_data(data, self._clock()))
+    def _take(self, frames: list[bytes]) -> None:
+        if self._tlog is not None:
+            self._tlog.record(frames)
+        self._peer.receive_data(b"".join(frames), self._clock())
 
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet (ICMP): the peer's own timeouts deal with silence."""
-        with contextlib.suppress(ConnectionRefusedError):
-            raise exc
+    def failed(self, error: Exception) -> None:
+        """The wire is at its end; ``wait`` raises it."""
+        self._failure = error
+        self._news.set()

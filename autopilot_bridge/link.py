@@ -3,29 +3,70 @@
 import heapq
 import random
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 from autopilot_bridge.errors import BridgeError
+
+NetworkKind = Literal["udpin", "udpout", "tcp", "tcpin"]
+# What the program at the other end of a link has to open.
+_OTHER_END = {"udpin": "udpout", "udpout": "udpin", "tcp": "tcpin", "tcpin": "tcp"}
+FIRST_WAIT_S = 0.25
+LONGEST_WAIT_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class LinkAddress:
-    """``udpin`` listens and answers whoever spoke last; ``udpout`` speaks first."""
+    """``udpin`` and ``tcpin`` listen and answer who speaks; ``udpout`` and ``tcp`` speak first."""
 
-    kind: Literal["udpin", "udpout"]
+    kind: NetworkKind
     host: str
     port: int
 
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
 
-def parse_link(text: str) -> LinkAddress:
-    """Read ``udpin:HOST:PORT`` or ``udpout:HOST:PORT``."""
+
+@dataclass(frozen=True, slots=True)
+class SerialAddress:
+    """A serial line, e.g. a telemetry radio."""
+
+    device: str
+    baud: int
+
+    def __str__(self) -> str:
+        return f"serial:{self.device}:{self.baud}"
+
+
+def parse_link(text: str) -> LinkAddress | SerialAddress:
+    """Read ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``."""
     kind, _, rest = text.partition(":")
-    host, _, port = rest.rpartition(":")
-    if kind not in ("udpin", "udpout") or not host or not port.isdigit():
-        raise BridgeError(f"link {text!r}: write it as udpin:HOST:PORT or udpout:HOST:PORT")
-    if not 0 < int(port) < 65536:
-        raise BridgeError(f"link {text!r}: port {port} is not between 1 and 65535")
-    return LinkAddress("udpin" if kind == "udpin" else "udpout", host, int(port))
+    where, _, number = rest.rpartition(":")
+    if kind not in (*_OTHER_END, "serial"):
+        kinds = ", ".join(_OTHER_END)
+        raise BridgeError(f"link {text!r}: begin it with {kinds} or serial, as in udpin:HOST:PORT")
+    form = "serial:DEVICE:BAUD" if kind == "serial" else f"{kind}:HOST:PORT"
+    if not where or not (number.isascii() and number.isdigit()):
+        raise BridgeError(f"link {text!r}: write it as {form}")
+    if kind == "serial":
+        if not 0 < int(number) <= 10_000_000:
+            raise BridgeError(f"link {text!r}: {number} is no baud rate; 57600 is usual")
+        return SerialAddress(where, int(number))
+    if not 0 < int(number) < 65536:
+        raise BridgeError(f"link {text!r}: port {number} is not between 1 and 65535")
+    return LinkAddress(cast(NetworkKind, kind), where, int(number))
+
+
+def other_end(link: str) -> str:
+    """The link a program at the other end opens, e.g. ``udpout:...`` for ``udpin:...``."""
+    address = parse_link(link)
+    if isinstance(address, SerialAddress):
+        raise BridgeError(f"link {link!r}: a serial line has no port to call; use udpin or tcpin")
+    return f"{_OTHER_END[address.kind]}:{address.host}:{address.port}"
+
+
+def reconnect_wait_s(failures: int) -> float:
+    """How long to wait before calling again, after so many calls in a row that brought nothing."""
+    return float(min(FIRST_WAIT_S * 2 ** min(failures, 16), LONGEST_WAIT_S))
 
 
 class MemoryLink:

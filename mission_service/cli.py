@@ -23,7 +23,12 @@ LINK = click.option(
     "--link",
     default="udpin:127.0.0.1:14550",
     show_default=True,
-    help="udpin:HOST:PORT (listen) or udpout:HOST:PORT.",
+    help="udpin, udpout, tcp or tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
+)
+TLOG = click.option(
+    "--tlog",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Add the link's traffic to this .tlog recording.",
 )
 TIMEOUT = click.option(
     "--timeout",
@@ -103,8 +108,11 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 @click.argument("config")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
 @OVERRIDE
+@TLOG
 @JSON
-def run(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+def run(
+    config: str, out: Path, overrides: tuple[str, ...], tlog: Path | None, as_json: bool
+) -> None:
     """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C."""
     import asyncio
 
@@ -115,7 +123,7 @@ def run(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> No
     scenario = flying(load_scenario(config, overrides))
     folder = _folder(out)
     record, world = asyncio.run(
-        serve(scenario, folder / "journal.jsonl", _now(), _reporter(as_json))
+        serve(scenario, folder / "journal.jsonl", _now(), _reporter(as_json), tlog_path=tlog)
     )
     _finish(write_outputs(folder, scenario, record, world.fire), out, as_json)
 
@@ -273,37 +281,44 @@ def mission() -> None:
 @click.argument("plan_file", type=click.Path(dir_okay=False, path_type=Path))
 @LINK
 @TIMEOUT
+@TLOG
 @JSON
-def mission_upload(plan_file: Path, link: str, timeout_s: float, as_json: bool) -> None:
+def mission_upload(
+    plan_file: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
+) -> None:
     """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight."""
     from autopilot_bridge.planfile import read_plan
     from mission_service.transfers import upload
 
     items = read_plan(plan_file)
-    _echo(upload(items, link, timeout_s), as_json)
+    _echo(upload(items, link, timeout_s, tlog), as_json)
 
 
 @mission.command("download")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True)
 @LINK
 @TIMEOUT
+@TLOG
 @JSON
-def mission_download(output: Path, link: str, timeout_s: float, as_json: bool) -> None:
+def mission_download(
+    output: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
+) -> None:
     """Write the autopilot's mission to a .plan file."""
     from mission_service.transfers import download
 
-    _echo(download(output, link, timeout_s), as_json)
+    _echo(download(output, link, timeout_s, tlog), as_json)
 
 
 @mission.command("clear")
 @LINK
 @TIMEOUT
+@TLOG
 @JSON
-def mission_clear(link: str, timeout_s: float, as_json: bool) -> None:
+def mission_clear(link: str, timeout_s: float, tlog: Path | None, as_json: bool) -> None:
     """Remove the autopilot's mission."""
     from mission_service.transfers import clear
 
-    _echo(clear(link, timeout_s), as_json)
+    _echo(clear(link, timeout_s, tlog), as_json)
 
 
 @main.command()

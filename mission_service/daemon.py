@@ -1,4 +1,4 @@
-"""The live service: vehicles over UDP, one TaskGroup. The only place with a real clock."""
+"""The live service: vehicles on their links, one TaskGroup. The only place with a real clock."""
 
 import asyncio
 import contextlib
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.connection import Connection
+from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.core import Core
@@ -28,17 +29,24 @@ def clock_us() -> int:
     return time.monotonic_ns() // 1000
 
 
+def wall_us() -> int:
+    """Microseconds since 1970, for the records of a .tlog."""
+    return time.time_ns() // 1000
+
+
 async def serve(
     scenario: Scenario,
     journal_path: Path,
     created: str,
     progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
     watch: Callable[[], None] = lambda: None,
+    tlog_path: Path | None = None,
 ) -> tuple[Record, FireWorld]:
     """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
 
     The vehicles keep the mission on board, which ends in a loiter. ``progress`` is called five
-    times a second; ``watch`` may raise to end the run (a child process that died, say).
+    times a second; ``watch`` may raise to end the run (a child process that died, say). The traffic
+    of all links is added to the .tlog, if one is named.
     """
     landscape = landscape_of(scenario)
     world = FireWorld(fire_of(scenario, landscape), landscape)
@@ -52,9 +60,10 @@ async def serve(
     async with contextlib.AsyncExitStack() as stack:
         # Links first: a port in use must not cost an earlier run its journal.
         connections = []
+        tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
         for section in scenario.vehicles:
             gateway = gateways[section.name]
-            connection = Connection(section.link, gateway.client, clock_us)
+            connection = Connection(section.link, gateway.client, clock_us, tlog=tlog)
             connections.append(await stack.enter_async_context(connection))
         journal = Journal(
             journal_path, header_of(scenario, landscape.digest(), created), durable=True

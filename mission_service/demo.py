@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from autopilot_bridge.link import other_end
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.planfile import write_plan as write_plan_file
 from autopilot_bridge.stacks import stack_named
@@ -49,10 +50,9 @@ def run_demo(
 @contextlib.contextmanager
 def _mock_process(section: VehicleSection, speedup: float) -> Iterator["subprocess.Popen[bytes]"]:
     """One mock autopilot that calls the port the daemon listens on."""
-    address = section.link.partition(":")[2]
     command = [
         *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path("demo"))),
-        *("--vehicle", section.name, "--speedup", str(speedup), "--link", f"udpout:{address}"),
+        *("--vehicle", section.name, "--speedup", str(speedup), "--link", other_end(section.link)),
     ]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:

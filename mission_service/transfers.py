@@ -1,6 +1,7 @@
 """Missions to and from one autopilot, for the command line: one transfer, then done."""
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,22 +11,25 @@ from autopilot_bridge.client_events import Connected, TransferFinished
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.transfer import TransferResult
-from mission_service.daemon import clock_us
+from mission_service.daemon import clock_us, wall_us
 from mission_service.errors import MissionServiceError
 
 Begin = Callable[[VehicleClient, int], int]
 
 
-def upload(items: tuple[MissionItem, ...], link: str, timeout_s: float) -> dict[str, Any]:
+def upload(
+    items: tuple[MissionItem, ...], link: str, timeout_s: float, tlog: Path | None = None
+) -> dict[str, Any]:
     """Replace the autopilot's mission; the flight is not started."""
-    _, result = _run(lambda client, now_us: client.upload(items, now_us), link, timeout_s)
+    _, result = _run(lambda client, now_us: client.upload(items, now_us), link, timeout_s, tlog)
     return {"result": result.outcome, "items": len(items)}
 
 
-def download(output: Path, link: str, timeout_s: float) -> dict[str, Any]:
+def download(output: Path, link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:
     """Write the autopilot's mission to a .plan file."""
-    client, result = _run(VehicleClient.download, link, timeout_s)
+    client, result = _run(VehicleClient.download, link, timeout_s, tlog)
     items = result.items or ()
     first = items[0] if items else None
     home = (first.x / 1e7, first.y / 1e7, first.z) if first else (0.0, 0.0, 0.0)
@@ -33,16 +37,21 @@ def download(output: Path, link: str, timeout_s: float) -> dict[str, Any]:
     return {"result": result.outcome, "items": len(items), "file": str(output)}
 
 
-def clear(link: str, timeout_s: float) -> dict[str, Any]:
+def clear(link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:
     """Remove the autopilot's mission."""
-    _, result = _run(VehicleClient.clear, link, timeout_s)
+    _, result = _run(VehicleClient.clear, link, timeout_s, tlog)
     return {"result": result.outcome}
 
 
-def _run(begin: Begin, link: str, timeout_s: float) -> tuple[VehicleClient, TransferResult]:
+def _run(
+    begin: Begin, link: str, timeout_s: float, tlog_path: Path | None
+) -> tuple[VehicleClient, TransferResult]:
     client = VehicleClient(target_system=None)
     try:
-        result = asyncio.run(asyncio.wait_for(_transfer(client, begin, link), timeout_s))
+        with contextlib.ExitStack() as stack:
+            tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
+            transfer = _transfer(client, begin, link, tlog)
+            result = asyncio.run(asyncio.wait_for(transfer, timeout_s))
     except TimeoutError:
         heard = "the transfer did not end" if client.stack else "no autopilot was heard"
         raise MissionServiceError(
@@ -53,8 +62,10 @@ def _run(begin: Begin, link: str, timeout_s: float) -> tuple[VehicleClient, Tran
     return client, result
 
 
-async def _transfer(client: VehicleClient, begin: Begin, link: str) -> TransferResult:
-    async with Connection(link, client, clock_us) as connection:
+async def _transfer(
+    client: VehicleClient, begin: Begin, link: str, tlog: Tlog | None
+) -> TransferResult:
+    async with Connection(link, client, clock_us, tlog=tlog) as connection:
         while True:
             await connection.wait()
             while (event := client.next_event()) is not None:

@@ -1,4 +1,4 @@
-"""The mock over UDP: simulation time runs ``speedup`` times as fast as the clock."""
+"""The mock on a link of any kind: simulation time runs ``speedup`` times as fast as the clock."""
 
 from collections.abc import Callable
 

@@ -13,7 +13,14 @@ from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import Connected, TransferFinished
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.link import LinkAddress, MemoryLink, parse_link
+from autopilot_bridge.link import (
+    LinkAddress,
+    MemoryLink,
+    SerialAddress,
+    other_end,
+    parse_link,
+    reconnect_wait_s,
+)
 from autopilot_bridge.mock.process import serve
 from autopilot_bridge.planfile import read_plan, write_plan
 from autopilot_bridge.stacks import stack_named
@@ -34,10 +41,35 @@ def free_port() -> int:
 
 def test_link_strings_are_read() -> None:
     assert parse_link("udpin:0.0.0.0:14550") == LinkAddress("udpin", "0.0.0.0", 14550)
+    for kind in ("udpin", "udpout", "tcp", "tcpin"):
+        assert parse_link(f"{kind}:host:5760") == LinkAddress(kind, "host", 5760)
+    by_path = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0"  # udev's names hold colons
+    assert parse_link(f"serial:{by_path}:57600") == SerialAddress(by_path, 57600)
+    assert str(parse_link("serial:/dev/ttyACM0:115200")) == "serial:/dev/ttyACM0:115200"
+
+
+def test_the_other_end_of_a_link_is_named() -> None:
+    assert other_end("udpin:127.0.0.1:14550") == "udpout:127.0.0.1:14550"
+    assert other_end("tcpin:127.0.0.1:5760") == "tcp:127.0.0.1:5760"
+    assert other_end("tcp:127.0.0.1:5760") == "tcpin:127.0.0.1:5760"
+    with pytest.raises(BridgeError, match="no port to call"):
+        other_end("serial:/dev/ttyACM0:57600")
+
+
+def test_calls_are_made_at_growing_but_bounded_intervals() -> None:
+    waits_s = [reconnect_wait_s(failures) for failures in range(2000)]
+    assert waits_s == sorted(waits_s)
+    assert waits_s[0] < waits_s[1] < waits_s[2]
+    assert 0.0 < waits_s[0] <= 0.5
+    assert waits_s[-1] <= 10.0
 
 
 @pytest.mark.parametrize(
-    "text", ["tcp:1.2.3.4:5", "udpin:14550", "udpout:h:x", "udpin:h:70000", ""]
+    "text",
+    [
+        *("udp:1.2.3.4:5", "udpin:14550", "udpout:h:x", "udpin:h:70000", "tcp:h:0", "tcpin:h:²"),
+        *("serial:/dev/ttyUSB0", "serial::57600", "serial:/dev/ttyUSB0:fast", "serial:d:0", ""),
+    ],
 )
 def test_a_bad_link_string_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(BridgeError, match="link") as caught:

@@ -1,0 +1,137 @@
+"""Recordings, as pymavlink reads them; missions over every kind of link."""
+
+import asyncio
+import contextlib
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.connection import Connection
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.link import other_end
+from autopilot_bridge.mock.process import serve
+from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.tlog import Tlog
+from mission_service.transfers import download, upload
+from tests.bridge.helpers import line_of, mock_of
+from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+
+BEGIN_US = 1_790_000_000_000_000
+
+
+def wall_clock() -> Any:
+    """A wall clock that moves on by an odd third of a second at each look."""
+    looks = iter(range(1_000_000))
+    return lambda: BEGIN_US + 333_333 * next(looks)
+
+
+def read(path: Path) -> list[tuple[float, int, str]]:
+    """Time in s, system and message of each record, by pymavlink."""
+    log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+    found = []
+    while (message := log.recv_match()) is not None:
+        words = getattr(message, "text", message.get_type())
+        found.append((message._timestamp, message.get_srcSystem(), words))
+    log.close()
+    return found
+
+
+def test_a_record_is_the_time_and_the_frame(tmp_path: Path) -> None:
+    path = tmp_path / "flight.tlog"
+    with Tlog(path, lambda: BEGIN_US + 7) as tlog:
+        tlog.record([text("a"), text("bc")])
+    stamp = struct.pack(">Q", BEGIN_US + 4)  # the two lowest bits are the link's number: 0
+    assert path.read_bytes() == stamp + text("a") + stamp + text("bc")
+
+
+def test_both_directions_are_recorded_and_pymavlink_reads_them_back(tmp_path: Path) -> None:
+    path = tmp_path / "flight.tlog"
+
+    async def exchange(tlog: Tlog) -> None:
+        port, ear = free_port(), Ear()
+        link = f"udpin:127.0.0.1:{port}"
+        async with Connection(link, ear, clock_us, tlog=tlog) as connection:
+            ear.to_say = [text("to nobody")]  # not sent, so not recorded
+            connection.flush()
+            with udp_socket() as other:
+                other.sendto(b"\x00noise" + text("in") + text("and in"), ("127.0.0.1", port))
+                await heard(connection, ear, "in", "and in")
+                answer = Codec(255, 190).encode(mavlink.MAVLink_statustext_message(6, b"out"))
+                ear.to_say = [answer]
+                connection.flush()
+
+    with Tlog(path, wall_clock()) as tlog:
+        run(lambda: exchange(tlog))
+    found = read(path)
+    assert [(system, words) for _, system, words in found] == [
+        *((1, "in"), (1, "and in")),
+        (255, "out"),
+    ]
+    times_s = [at_s - BEGIN_US / 1e6 for at_s, _, _ in found]
+    assert times_s == pytest.approx([0.0, 0.0, 0.333333], abs=5e-6)
+
+
+def test_a_recording_is_added_to_and_readable_without_being_closed(tmp_path: Path) -> None:
+    path = tmp_path / "flight.tlog"
+    with Tlog(path, wall_clock()) as first:
+        first.record([text("one")])
+    with Tlog(path, wall_clock()) as second:
+        second.record([text("two")])
+        assert [words for _, _, words in read(path)] == ["one", "two"]
+
+
+def test_a_recording_that_cannot_be_is_told_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(BridgeError, match=r"none/flight\.tlog.*No such"):
+        Tlog(tmp_path / "none" / "flight.tlog", wall_clock())
+    if Path("/dev/full").exists():
+        with (
+            Tlog(Path("/dev/full"), wall_clock()) as tlog,
+            pytest.raises(BridgeError, match=r"/dev/full.*No space left"),
+        ):
+            tlog.record([text("a")])
+
+
+# Missions over every kind of link ---------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def autopilot_on(link: str) -> Iterator[Any]:
+    """A mock autopilot that flies in a thread."""
+    mock = mock_of(stack_named("ardupilot", "plane"))
+    loop = asyncio.new_event_loop()
+    flight = loop.create_task(serve(mock, link, 10.0, clock_us))
+
+    def fly() -> None:
+        with contextlib.suppress(asyncio.CancelledError):
+            loop.run_until_complete(flight)
+
+    thread = threading.Thread(target=fly)
+    thread.start()
+    try:
+        yield mock
+    finally:
+        loop.call_soon_threadsafe(flight.cancel)
+        thread.join(timeout=5.0)
+        loop.close()
+
+
+@pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp", "tcpin"])
+def test_a_mission_goes_up_and_down_over_every_kind_of_link(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "transfer.tlog"
+    ours = f"{kind}:127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+    with autopilot_on(other_end(ours)) as mock:
+        assert upload(line_of(20), ours, 8.0, path)["result"] == "accepted"
+        assert tuple(mock.missions.items[1:]) == line_of(20)
+        assert download(tmp_path / "back.plan", ours, 8.0, path)["items"] == 20
+    recorded = [(system, words) for _, system, words in read(path)]
+    assert recorded.count((255, "MISSION_ITEM_INT")) >= 20
+    assert recorded.count((1, "MISSION_ITEM_INT")) >= 20
+    assert (1, "MISSION_ACK") in recorded
