@@ -1,0 +1,130 @@
+"""One transfer and a mock autopilot joined by two memory links, in virtual time."""
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from autopilot_bridge.codec import Codec, Message
+from autopilot_bridge.ftp import FtpDownload, FtpUpload
+from autopilot_bridge.ftp_packet import Packet, packet_of
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
+from tests.bridge.helpers import SECOND, mock_of
+
+ARDUPILOT = stack_named("ardupilot", "plane")
+STATION, OTHER_STATION, VEHICLE = (255, 190), (254, 190), (1, 1)
+
+
+class Transfer(Protocol):
+    """What all transfers have in common."""
+
+    result: TransferResult | None
+
+    def start(self, now_us: int) -> list[Message]: ...
+    def receive(self, message: Message, now_us: int) -> list[Message]: ...
+    def next_timer(self) -> int: ...
+    def handle_timer(self, now_us: int) -> list[Message]: ...
+
+
+def upload_of(
+    items: tuple[MissionItem, ...],
+    session: int = 1,
+    mission_type: int = 0,
+    timing: TransferTiming | None = None,
+) -> FtpUpload:
+    address = Address(STATION, VEHICLE, mission_type)
+    return FtpUpload(address, items, 655, session, timing or TransferTiming())
+
+
+def download_of(session: int = 2, mission_type: int = 0) -> FtpDownload:
+    return FtpDownload(Address(STATION, VEHICLE, mission_type), session, TransferTiming())
+
+
+@dataclass
+class Bench:
+    """A mock on two links; ``run`` carries one transfer out."""
+
+    mock: MockAutopilot = field(default_factory=lambda: mock_of(ARDUPILOT))
+    up: MemoryLink = field(default_factory=MemoryLink)
+    down: MemoryLink = field(default_factory=MemoryLink)
+    now_us: int = 20 * SECOND
+    sent: list[Packet] = field(default_factory=list)  # FTP requests put on the link
+    codec: Codec = field(default_factory=lambda: Codec(*STATION))
+
+    def run(self, transfer: Transfer, within_s: float = 3000.0) -> TransferResult:
+        end_us = self.now_us + round(within_s * SECOND)
+        self._send(transfer.start(self.now_us))
+        while transfer.result is None:
+            timers: list[int | None] = [transfer.next_timer(), self.up.next_timer()]
+            self.step(transfer, [*timers, self.down.next_timer(), self.mock.next_timer()])
+            assert self.now_us < end_us, "the transfer did not end"
+        return transfer.result
+
+    def step(self, transfer: Transfer | None, timers: list[int | None]) -> None:
+        self.now_us = max(min(timer for timer in timers if timer is not None), self.now_us)
+        for datagram in self.up.receive(self.now_us):
+            self.mock.receive_data(datagram, self.now_us)
+        self.mock.handle_timer(self.now_us)
+        for datagram in self.mock.data_to_send():
+            self.down.send(datagram, self.now_us)
+        for datagram in self.down.receive(self.now_us):
+            for message in self.codec.decode(datagram):
+                if transfer is not None:
+                    self._send(transfer.receive(message, self.now_us))
+        if transfer is not None:
+            self._send(transfer.handle_timer(self.now_us))
+
+    def idle(self, seconds: float) -> None:
+        """Let time pass with nobody asking anything."""
+        end_us = self.now_us + round(seconds * SECOND)
+        while self.now_us < end_us:
+            timers = [self.up.next_timer(), self.down.next_timer(), self.mock.next_timer()]
+            self.step(None, [end_us, *timers])
+
+    def ask(self, packet: Packet, station: tuple[int, int] = OTHER_STATION) -> list[Packet]:
+        """Send one packet past the links; the replies, after a while."""
+        codec = Codec(*station)
+        self.mock.receive_data(codec.encode(packet.message(VEHICLE)), self.now_us)
+        return self.replies()
+
+    def replies(self, within_us: int = 50_000) -> list[Packet]:
+        replies: list[Packet] = []
+        end_us = self.now_us + within_us
+        while self.now_us < end_us:
+            self.now_us = max(self.now_us, min(self.mock.next_timer(), end_us))
+            self.mock.handle_timer(self.now_us)
+            for datagram in self.mock.data_to_send():
+                replies.extend(
+                    packet_of(message)
+                    for message in Codec(9, 9).decode(datagram)
+                    if message.get_type() == "FILE_TRANSFER_PROTOCOL"
+                )
+        return replies
+
+    def _send(self, messages: list[Message]) -> None:
+        for message in messages:
+            if message.get_type() == "FILE_TRANSFER_PROTOCOL":
+                self.sent.append(packet_of(message))
+            self.up.send(self.codec.encode(message), self.now_us)
+
+    def held(self) -> tuple[MissionItem, ...]:
+        """What the mock holds, without home."""
+        return tuple(self.mock.missions.items[1:])
+
+
+class Cut(MemoryLink):
+    """Loses everything from the FTP message with this number on (both directions share it)."""
+
+    def __init__(self, counter: list[int], after: int, **more: Any) -> None:
+        super().__init__(**more)
+        self._counter, self._after = counter, after
+        self._codec = Codec(1, 1)
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        names = [message.get_type() for message in self._codec.decode(datagram)]
+        if "FILE_TRANSFER_PROTOCOL" in names:
+            self._counter[0] += 1
+        if self._counter[0] <= self._after:
+            super().send(datagram, now_us)
