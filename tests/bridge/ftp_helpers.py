@@ -11,9 +11,10 @@ from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
-from tests.bridge.helpers import SECOND, mock_of
+from tests.bridge.helpers import SECOND, line_of, mock_of
 
 ARDUPILOT = stack_named("ardupilot", "plane")
+OLD, NEW = line_of(30, first=1), line_of(40, first=2)  # NEW with home is written in 7 pieces
 STATION, OTHER_STATION, VEHICLE = (255, 190), (254, 190), (1, 1)
 
 
@@ -84,23 +85,25 @@ class Bench:
             self.step(None, [end_us, *timers])
 
     def ask(self, packet: Packet, station: tuple[int, int] = OTHER_STATION) -> list[Packet]:
-        """Send one packet past the links; the replies, after a while."""
-        codec = Codec(*station)
-        self.mock.receive_data(codec.encode(packet.message(VEHICLE)), self.now_us)
-        return self.replies()
+        """Send one packet of a station past the links; its replies within 50 ms."""
+        self.push(packet, station)
+        return self.replies(station)
 
-    def replies(self, within_us: int = 50_000) -> list[Packet]:
+    def push(self, packet: Packet, station: tuple[int, int] = OTHER_STATION) -> None:
+        self.mock.receive_data(Codec(*station).encode(packet.message(VEHICLE)), self.now_us)
+
+    def replies(self, station: tuple[int, int] = OTHER_STATION) -> list[Packet]:
         replies: list[Packet] = []
-        end_us = self.now_us + within_us
+        end_us = self.now_us + 50_000
         while self.now_us < end_us:
             self.now_us = max(self.now_us, min(self.mock.next_timer(), end_us))
             self.mock.handle_timer(self.now_us)
             for datagram in self.mock.data_to_send():
-                replies.extend(
-                    packet_of(message)
-                    for message in Codec(9, 9).decode(datagram)
-                    if message.get_type() == "FILE_TRANSFER_PROTOCOL"
-                )
+                for message in Codec(9, 9).decode(datagram):
+                    if getattr(message, "target_system", None) == station[0]:
+                        replies.append(packet_of(message))
+                    else:
+                        self.down.send(datagram, self.now_us)
         return replies
 
     def _send(self, messages: list[Message]) -> None:
@@ -112,6 +115,16 @@ class Bench:
     def held(self) -> tuple[MissionItem, ...]:
         """What the mock holds, without home."""
         return tuple(self.mock.missions.items[1:])
+
+
+def wire(items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
+    return (*items[:1], *items)
+
+
+def holding(items: tuple[MissionItem, ...] = OLD) -> Bench:
+    bench = Bench()
+    bench.mock.missions.items = [bench.mock.missions.items[0], *items]
+    return bench
 
 
 class Cut(MemoryLink):

@@ -1,0 +1,346 @@
+"""Mission files over MAVFTP between our client and the mock, over good, bad and dying links."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from autopilot_bridge import ftp_packet as ftp
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.ftp import leaves_old_tail, next_session
+from autopilot_bridge.ftp_packet import Packet, packet_of
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.transfer import TransferTiming
+from tests.bridge.ftp_helpers import (
+    NEW,
+    OLD,
+    STATION,
+    VEHICLE,
+    Bench,
+    Cut,
+    download_of,
+    holding,
+    upload_of,
+    wire,
+)
+from tests.bridge.helpers import SECOND, line_of, mock_of
+
+
+class Losing(MemoryLink):
+    """Loses the packets that ``lost`` picks."""
+
+    def __init__(self, lost: Any) -> None:
+        super().__init__()
+        self._lost = lost
+        self._codec = Codec(1, 1)
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        for message in self._codec.decode(datagram):
+            if message.get_type() == "FILE_TRANSFER_PROTOCOL" and self._lost(packet_of(message)):
+                return
+        super().send(datagram, now_us)
+
+
+def test_650_items_go_up_and_come_down_in_less_than_a_second_each() -> None:
+    bench, sent = Bench(), line_of(649)
+    began_us = bench.now_us
+    assert bench.run(upload_of(wire(sent))).outcome == "accepted"
+    assert bench.held() == sent
+    assert bench.now_us - began_us < SECOND
+    began_us = bench.now_us
+    read = bench.run(download_of())
+    assert read.items is not None
+    assert read.items[1:] == sent
+    assert bench.now_us - began_us < SECOND
+    # Nothing was dropped by the autopilot's queue of five, so nothing had to be sent twice.
+    assert len(bench.sent) == 2 * (1 + 109 + 1)
+
+
+def test_pieces_are_small_enough_and_cut_between_items() -> None:
+    bench = Bench()
+    bench.run(upload_of(wire(line_of(100))))
+    writes = [packet for packet in bench.sent if packet.opcode == ftp.WRITE]
+    assert [packet.size for packet in writes[:3]] == [238, 228, 228]
+    for packet in writes:
+        assert packet.size <= 239
+        assert (packet.offset + packet.size - 10) % 38 == 0
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 6, 7, 12, 13])
+def test_missions_of_any_length_round_trip(count: int) -> None:
+    bench, sent = holding(), line_of(60)[:count]
+    assert bench.run(upload_of(sent)).outcome == "accepted"
+    assert bench.held() == sent[1:]
+    read = bench.run(download_of())
+    assert read.items is not None
+    assert read.items[1:] == sent[1:]
+
+
+@pytest.mark.parametrize(("mission_type", "command"), [(1, 5003), (2, 5100)])
+def test_fence_and_rally_points_round_trip(mission_type: int, command: int) -> None:
+    bench = Bench()
+    points = tuple(replace(item, command=command) for item in line_of(9))
+    assert bench.run(upload_of(points, mission_type=mission_type)).outcome == "accepted"
+    assert bench.mock.ftp.others[mission_type] == points
+    assert bench.run(download_of(mission_type=mission_type)).items == points
+    assert bench.held() == ()
+
+
+@pytest.mark.parametrize(("loss", "seeds"), [(0.05, 40), (0.3, 60)])
+def test_over_bad_links_transfers_end_and_success_means_the_mission_is_held(
+    loss: float, seeds: int
+) -> None:
+    succeeded = 0
+    for seed in range(seeds):
+        bench = holding()
+        bad: dict[str, Any] = {"loss": loss, "jitter_us": 120_000, "duplication": 0.2}
+        bench.up = MemoryLink(**bad, delay_us=seed * 5_000, seed=seed)
+        bench.down = MemoryLink(**bad, delay_us=seed * 3_000, seed=1000 + seed)
+        sent = line_of(150, first=3)
+        result = bench.run(upload_of(wire(sent), session=seed + 1), within_s=250.0)
+        if result.outcome == "accepted":
+            succeeded += 1
+            assert bench.held() == sent
+        assert bench.held() in (OLD, sent)
+        held = bench.held()
+        read = bench.run(download_of(session=seed + 2), within_s=250.0)
+        assert read.items is None or read.items[1:] in (held, sent)
+        assert bench.held() in (held, sent)
+    assert succeeded >= 0.9 * seeds
+
+
+@pytest.mark.parametrize("loss", [0.05, 0.3])
+def test_650_items_over_bad_links(loss: float) -> None:
+    bench = holding()
+    bad: dict[str, Any] = {"loss": loss, "delay_us": 20_000, "jitter_us": 60_000}
+    bench.up = MemoryLink(**bad, duplication=0.1, seed=1)
+    bench.down = MemoryLink(**bad, duplication=0.1, seed=2)
+    began_us, sent = bench.now_us, line_of(649)
+    assert bench.run(upload_of(wire(sent))).outcome == "accepted"
+    assert bench.held() == sent
+    read = bench.run(download_of())
+    assert read.items is not None
+    assert read.items[1:] == sent
+    assert bench.now_us - began_us < 30 * SECOND
+
+
+# Wherever the link dies ---------------------------------------------------------------------------
+
+
+def messages_of_an_upload() -> int:
+    counter, bench = [0], holding()
+    bench.up, bench.down = Cut(counter, 10**9), Cut(counter, 10**9)
+    bench.run(upload_of(wire(NEW)))
+    return counter[0]
+
+
+def test_a_link_cut_at_any_message_leaves_the_old_mission_or_the_new_one() -> None:
+    outcomes = []
+    for after in range(messages_of_an_upload() + 1):
+        counter, bench = [0], holding()
+        bench.up, bench.down = Cut(counter, after), Cut(counter, after)
+        result = bench.run(upload_of(wire(NEW)), within_s=30.0)
+        outcomes.append(result.outcome)
+        assert bench.held() == (NEW if result.outcome == "accepted" else OLD) or (
+            result.outcome == "unknown" and bench.held() == NEW
+        )
+        # Anybody's next opening closes the dead session and applies what is in it.
+        bench.idle(4.0)
+        assert bench.ask(Packet(5, 77, ftp.OPEN_TO_READ, 20, data=b"@MISSION/mission.dat"))
+        if result.outcome == "unknown":
+            assert bench.held() in (OLD, NEW)
+        else:
+            assert bench.held() == (NEW if result.outcome == "accepted" else OLD)
+    assert set(outcomes) == {"failed", "unknown", "accepted"}
+
+
+def test_a_link_that_comes_back_after_another_station_took_over_mixes_nothing() -> None:
+    total = messages_of_an_upload()
+    for after in range(total):
+        counter, bench = [0], holding()
+        up, down = Cut(counter, after), Cut(counter, after)
+        bench.up, bench.down = up, down
+        upload = upload_of(wire(NEW))
+        for message in upload.start(bench.now_us):
+            bench.up.send(bench.codec.encode(message), bench.now_us)
+        end_us, asked = bench.now_us + 4 * SECOND, False
+        while upload.result is None:
+            links = [bench.up.next_timer(), bench.down.next_timer()]
+            bench.step(upload, [upload.next_timer(), bench.mock.next_timer(), *links])
+            if bench.now_us > end_us and not asked:
+                asked = True
+                bench.ask(Packet(5, 77, ftp.OPEN_TO_READ, 20, data=b"@MISSION/mission.dat"))
+                bench.ask(Packet(6, 77, ftp.TERMINATE))
+                bench.up, bench.down = MemoryLink(), MemoryLink()
+        assert bench.held() in (OLD, NEW)
+        if upload.result.outcome == "accepted":
+            assert bench.held() == NEW
+        if upload.result.outcome == "failed":
+            assert bench.held() == OLD
+        read = bench.run(download_of(session=9))
+        assert read.items is not None
+        assert read.items[1:] == bench.held()
+
+
+@pytest.mark.parametrize("piece", range(7))
+def test_a_piece_that_never_arrives_leaves_the_old_mission(piece: int) -> None:
+    offset = 0 if piece == 0 else 238 + (piece - 1) * 228
+    bench = holding()
+    bench.up = Losing(lambda packet: packet.opcode == ftp.WRITE and packet.offset == offset)
+    result = bench.run(upload_of(wire(NEW)), within_s=30.0)
+    assert result.outcome in ("failed", "unknown")
+    bench.idle(1.0)
+    assert bench.mock.ftp.session is None  # the farewell got through: closed, and refused
+    assert bench.held() == OLD
+
+
+def test_an_upload_whose_answers_are_all_lost_is_settled_by_reading_back() -> None:
+    bench = holding()
+    bench.down = Losing(lambda packet: packet.asked in (ftp.WRITE, ftp.TERMINATE))
+    result = bench.run(upload_of(wire(NEW[:20])), within_s=30.0)
+    assert result.outcome == "unknown"
+    bench.down = MemoryLink()
+    read = bench.run(download_of())
+    assert read.items is not None
+    assert read.items[1:] == NEW[:20] == bench.held()
+
+
+# Sessions -----------------------------------------------------------------------------------------
+
+THEIRS = Packet(5, 77, ftp.CREATE, 18, data=b"@MISSION/fence.dat")
+
+
+@pytest.mark.parametrize("session", [3, 77], ids=["other id", "same id"])
+def test_a_dead_session_is_waited_out(session: int) -> None:
+    bench = holding()
+    bench.ask(THEIRS)
+    began_us = bench.now_us
+    assert bench.run(upload_of(wire(NEW), session=session)).outcome == "accepted"
+    assert 3 * SECOND < bench.now_us - began_us < 5 * SECOND
+    assert bench.held() == NEW
+
+
+def test_a_session_in_use_is_left_alone() -> None:
+    bench = holding()
+    bench.ask(THEIRS)
+    upload = upload_of(wire(NEW), session=3)
+    for message in upload.start(bench.now_us):
+        bench.up.send(bench.codec.encode(message), bench.now_us)
+    next_poll_us, polls = bench.now_us, 0
+    while upload.result is None:
+        links = [bench.up.next_timer(), bench.down.next_timer()]
+        bench.step(upload, [upload.next_timer(), bench.mock.next_timer(), *links])
+        if bench.now_us >= next_poll_us and upload.result is None:
+            polls += 1
+            next_poll_us += SECOND
+            piece = Packet(10 + polls, 77, ftp.WRITE, 4, offset=4 * polls, data=b"held")
+            assert [reply.opcode for reply in bench.ask(piece)] == [ftp.ACK]
+    assert upload.result.outcome == "rejected"
+    assert "another session is open" in upload.result.reason
+    assert bench.mock.ftp.session is not None
+    assert bench.mock.ftp.session.session == 77
+    assert bench.held() == OLD
+
+
+@pytest.mark.parametrize("lost", [ftp.CREATE, ftp.WRITE, ftp.TERMINATE])
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_any_one_message_may_get_lost(lost: int, way: str) -> None:
+    seen = []
+
+    def first(packet: Packet) -> bool:
+        if lost in (packet.opcode, packet.asked):
+            seen.append(packet)
+            return len(seen) == 1
+        return False
+
+    bench = holding()
+    setattr(bench, way, Losing(first))
+    began_us = bench.now_us
+    assert bench.run(upload_of(wire(NEW))).outcome == "accepted"
+    assert bench.held() == NEW
+    assert bench.now_us - began_us < 2 * SECOND
+
+
+def test_an_autopilot_without_ftp_is_a_failure_in_bounded_time() -> None:
+    bench = holding()
+    bench.up = Losing(lambda packet: True)
+    began_us = bench.now_us
+    timing = TransferTiming(timeout_us=500_000, retries=3)
+    result = bench.run(upload_of(wire(NEW), timing=timing))
+    assert (result.outcome, result.reason) == ("failed", "the autopilot did not answer FTP")
+    assert bench.now_us - began_us == 2 * SECOND
+
+
+def test_a_reply_to_somebody_else_or_to_another_question_ends_nothing() -> None:
+    bench = holding()
+    upload = upload_of(wire(NEW), session=3)
+    (opening,) = upload.start(bench.now_us)
+    seq = packet_of(opening).seq
+    right = Packet(seq + 1, 3, ftp.ACK, asked=ftp.CREATE)
+    for source, target, packet in (
+        ((9, 1), STATION, right),
+        ((1, 5), STATION, right),
+        (VEHICLE, (254, 190), right),
+        (VEHICLE, (255, 191), right),
+        (VEHICLE, STATION, replace(right, seq=seq)),
+        (VEHICLE, STATION, replace(right, session=4)),
+        (VEHICLE, STATION, replace(right, asked=ftp.OPEN_TO_READ)),
+        (VEHICLE, STATION, replace(right, opcode=ftp.CREATE)),
+    ):
+        (message,) = Codec(1, 1).decode(Codec(*source).encode(packet.message(target)))
+        assert upload.receive(message, bench.now_us) == []
+    (message,) = Codec(1, 1).decode(Codec(*VEHICLE).encode(right.message(STATION)))
+    assert len(upload.receive(message, bench.now_us)) == 5
+    assert upload.receive(message, bench.now_us) == []  # doubled on the way
+
+
+def test_items_that_would_be_refused_midway_are_not_sent_at_all() -> None:
+    bench = holding()
+    result = bench.run(upload_of((*wire(NEW), MissionItem(31000, 0, 0, 0, 0.0))))
+    assert (result.outcome, result.seq) == ("rejected", 41)
+    assert "command 31000" in result.reason
+    result = bench.run(upload_of(line_of(656)))
+    assert (result.outcome, result.seq) == ("rejected", 655)
+    assert bench.sent == []
+    assert bench.held() == OLD
+
+
+def test_a_list_that_changes_while_it_is_read_is_told() -> None:
+    bench = holding(line_of(200))
+    download = download_of()
+    for message in download.start(bench.now_us):
+        bench.up.send(bench.codec.encode(message), bench.now_us)
+    while len(bench.sent) < 12:
+        links = [bench.up.next_timer(), bench.down.next_timer()]
+        bench.step(download, [download.next_timer(), bench.mock.next_timer(), *links])
+    del bench.mock.missions.items[90:]
+    while download.result is None:
+        links = [bench.up.next_timer(), bench.down.next_timer()]
+        bench.step(download, [download.next_timer(), bench.mock.next_timer(), *links])
+    assert download.result.outcome == "failed"
+    assert download.result.items is None
+
+
+def test_session_ids_differ_from_one_transfer_to_the_next_and_are_never_zero() -> None:
+    session, seen = 1, set()
+    for _ in range(255):
+        seen.add(session)
+        session = next_session(session)
+    assert seen == set(range(1, 256))
+    assert session == 1
+
+
+def test_what_the_client_cannot_help_it_is_told_beforehand() -> None:
+    assert leaves_old_tail(True, held_items=31, new_items=30)
+    assert not leaves_old_tail(True, held_items=31, new_items=31)
+    assert not leaves_old_tail(False, held_items=31, new_items=2)
+
+
+def test_px4_has_no_such_file() -> None:
+    bench = Bench(mock_of(stack_named("px4", "plane")))
+    result = bench.run(upload_of(line_of(5)))
+    assert result.outcome == "rejected"
+    assert "there is no such file (FTP error 10)" in result.reason
+    assert bench.run(download_of()).outcome == "rejected"
