@@ -345,12 +345,6 @@ class FtpDownload(_FtpTransfer):
             for begin in range(FIRST_PIECE_BYTES, self._length, PIECE_BYTES):
                 size = min(PIECE_BYTES, self._length - begin)
                 self._waiting.append(Packet(0, 0, ftp.READ, size, offset=begin))
-        expected = min(request.size, self._length - request.offset)
-        if len(reply.data) != expected:
-            raise BridgeError(
-                f"{len(reply.data)} bytes at {request.offset} instead of {expected}: "
-                "the list changed while it was read; read it again"
-            )
         self._pieces[request.offset] = reply.data
 
     def _ended(self, closed: bool) -> TransferResult:

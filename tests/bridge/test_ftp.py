@@ -184,6 +184,35 @@ def test_a_link_that_comes_back_after_another_station_took_over_mixes_nothing() 
         assert read.items[1:] == bench.held()
 
 
+def test_how_an_upload_ended_tells_whether_all_was_sent() -> None:
+    for after, outcome in ((1, "failed"), (4, "failed"), (7, "failed"), (14, "unknown")):
+        counter, bench = [0], holding()
+        bench.up, bench.down = Cut(counter, after), Cut(counter, after)
+        assert bench.run(upload_of(wire(NEW))).outcome == outcome
+
+
+def test_a_session_taken_over_by_another_station_is_not_ended_by_us() -> None:
+    bench = holding()
+    bench.up = Cut([0], 2)
+    upload = upload_of(wire(line_of(80)))
+    for message in upload.start(bench.now_us):
+        bench.up.send(bench.codec.encode(message), bench.now_us)
+    end_us, asked = bench.now_us + 4 * SECOND, False
+    while upload.result is None:
+        links = [bench.up.next_timer(), bench.down.next_timer()]
+        bench.step(upload, [upload.next_timer(), bench.mock.next_timer(), *links])
+        if bench.now_us > end_us and not asked:
+            asked = True
+            bench.ask(THEIRS)
+            bench.up = MemoryLink()
+    assert upload.result.outcome == "failed"
+    assert "another session is open" in upload.result.reason
+    bench.idle(0.1)
+    assert ftp.TERMINATE not in [packet.opcode for packet in bench.sent]
+    assert bench.mock.ftp.session is not None
+    assert bench.mock.ftp.session.session == 77
+
+
 @pytest.mark.parametrize("piece", range(7))
 def test_a_piece_that_never_arrives_leaves_the_old_mission(piece: int) -> None:
     offset = 0 if piece == 0 else 238 + (piece - 1) * 228
