@@ -2,7 +2,7 @@
 
 opening --ACK--> moving --all pieces answered--> closing --ACK--> ended
 opening: repeated on timeout with the same number, which makes the autopilot repeat its reply;
-         while another session is open, asked anew after three seconds of silence
+         while another session is open, asked anew after three seconds of silence and after six
 moving:  five reads or writes are under way, each sent again when its answer is late
 closing: only now does the autopilot apply what was written
 
@@ -41,6 +41,7 @@ FIRST_PIECE_BYTES = HEADER.size + 6 * ITEM.size  # 238
 PIECE_BYTES = 6 * ITEM.size  # 228; a write may have 239
 # An open session can be taken over when no FTP reply was sent for 3 s.
 BUSY_WAIT_US = 3_200_000
+MOST_OPENINGS = 3
 SHORTEST_WAIT_US = 100_000
 MOST_BACK_OFF = 4
 
@@ -214,11 +215,12 @@ class _FtpTransfer:
             self.result = self._after_closing(closed=False)
         elif self._state == "opening":
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
-            if busy and self._openings <= self._timing.retries:
+            if busy and self._openings < MOST_OPENINGS:
                 # Somebody's session, living or dead. Another id, because ArduPilot closes a
                 # dead session for a new one only; never closed from here: it may be in use.
                 self.session = next_session(self.session)
-                self._open_again_us = now_us + BUSY_WAIT_US
+                # Longer each time: two stations that wait alike would keep each other out.
+                self._open_again_us = now_us + BUSY_WAIT_US * self._openings
                 return []
             path = PATHS[self._address.mission_type]
             self.result = TransferResult("rejected", f"the autopilot did not open {path}: {words}")

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from autopilot_bridge import ftp_packet as ftp
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.ftp import FtpDownload, FtpUpload
 from autopilot_bridge.ftp_packet import Packet, packet_of
@@ -43,6 +44,10 @@ def download_of(session: int = 2, mission_type: int = 0) -> FtpDownload:
     return FtpDownload(Address(STATION, VEHICLE, mission_type), session, TransferTiming())
 
 
+# Another station's opening of a file.
+THEIRS = Packet(5, 77, ftp.CREATE, 18, data=b"@MISSION/fence.dat")
+
+
 @dataclass
 class Bench:
     """A mock on two links; ``run`` carries one transfer out."""
@@ -56,15 +61,21 @@ class Bench:
 
     def run(self, transfer: Transfer, within_s: float = 3000.0) -> TransferResult:
         end_us = self.now_us + round(within_s * SECOND)
-        self._send(transfer.start(self.now_us))
+        self.begin(transfer)
         while transfer.result is None:
-            timers: list[int | None] = [transfer.next_timer(), self.up.next_timer()]
-            self.step(transfer, [*timers, self.down.next_timer(), self.mock.next_timer()])
+            self.step(transfer)
             assert self.now_us < end_us, "the transfer did not end"
         return transfer.result
 
-    def step(self, transfer: Transfer | None, timers: list[int | None]) -> None:
-        self.now_us = max(min(timer for timer in timers if timer is not None), self.now_us)
+    def begin(self, transfer: Transfer) -> None:
+        self._send(transfer.start(self.now_us))
+
+    def step(self, transfer: Transfer | None, until_us: int | None = None) -> None:
+        """On to the next thing that happens."""
+        own_us = until_us if transfer is None else transfer.next_timer()
+        timers = (own_us, self.up.next_timer(), self.down.next_timer(), self.mock.next_timer())
+        due_us = min(timer for timer in timers if timer is not None)
+        self.now_us = max(due_us, self.now_us)
         for datagram in self.up.receive(self.now_us):
             self.mock.receive_data(datagram, self.now_us)
         self.mock.handle_timer(self.now_us)
@@ -81,8 +92,7 @@ class Bench:
         """Let time pass with nobody asking anything."""
         end_us = self.now_us + round(seconds * SECOND)
         while self.now_us < end_us:
-            timers = [self.up.next_timer(), self.down.next_timer(), self.mock.next_timer()]
-            self.step(None, [end_us, *timers])
+            self.step(None, end_us)
 
     def ask(self, packet: Packet, station: tuple[int, int] = OTHER_STATION) -> list[Packet]:
         """Send one packet of a station past the links; its replies within 50 ms."""
@@ -141,3 +151,18 @@ class Cut(MemoryLink):
             self._counter[0] += 1
         if self._counter[0] <= self._after:
             super().send(datagram, now_us)
+
+
+class Losing(MemoryLink):
+    """Loses the packets that ``lost`` picks."""
+
+    def __init__(self, lost: Any) -> None:
+        super().__init__()
+        self._lost = lost
+        self._codec = Codec(1, 1)
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        for message in self._codec.decode(datagram):
+            if message.get_type() == "FILE_TRANSFER_PROTOCOL" and self._lost(packet_of(message)):
+                return
+        super().send(datagram, now_us)
