@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import waypoint
 from autopilot_bridge.mock.flight import Flight, LocalFrame, Mode
+from autopilot_bridge.mock.ftp_server import FtpServer
 from autopilot_bridge.mock.kinematics import STEP_US, Limits
 from autopilot_bridge.mock.mission_server import MissionServer
 from autopilot_bridge.stacks import Stack
@@ -41,6 +42,7 @@ class MockAutopilot:
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         self.missions = MissionServer(stack, home)
         self.flight.items = tuple(self.missions.items)
+        self.ftp = FtpServer(self.missions, self._flying_mission)
         self._codec = Codec(system_id, COMPONENT)
         self._system_id = system_id
         self._outgoing: list[bytes] = []
@@ -66,19 +68,25 @@ class MockAutopilot:
     def next_timer(self) -> int:
         """When the next step or re-request is due."""
         step_us = 0 if self._boot_us is None else self._boot_us + (self._steps + 1) * STEP_US
-        asks_us = self.missions.next_timer()
-        return step_us if asks_us is None else min(step_us, asks_us)
+        timers = (step_us, self.missions.next_timer(), self.ftp.next_timer())
+        return min(timer for timer in timers if timer is not None)
 
     def handle_timer(self, now_us: int) -> None:
         """Fly up to now and say what is due."""
         if self._boot_us is None:
             self._boot_us = now_us
         self._send(*self.missions.handle_timer(now_us))
+        if replies := self.ftp.handle_timer(now_us):
+            self._send(*replies)
+            self._take_over()
         due = (now_us - self._boot_us) // STEP_US - self._steps
         for _ in range(min(due, MOST_STEPS_AT_ONCE)):
             self._steps += 1
             self.flight.step(self._now_s())
             self._report()
+
+    def _flying_mission(self) -> bool:
+        return self.flight.armed and self.flight.mode == "mission"
 
     def _now_s(self) -> float:
         return self._steps * STEP_US / 1e6
@@ -91,6 +99,8 @@ class MockAutopilot:
             self._command(message)
         elif kind == "MISSION_SET_CURRENT":
             self._set_current(message.seq)
+        elif kind == "FILE_TRANSFER_PROTOCOL":
+            self.ftp.receive(message, now_us)
         elif kind.startswith("MISSION_"):
             self._send(*self.missions.receive(message, now_us))
             self._take_over()

@@ -181,6 +181,21 @@ class MissionServer:
         self.changed |= items != self.items
         self.items = list(items)
 
+    def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
+        """Take over a file's items one by one, up to the first refused; nobody is told.
+
+        A mission being flown is not cleared: a shorter file leaves the old items behind its own.
+        """
+        if may_clear:
+            self.items = []
+        self.changed = True
+        file = Receiving((0, 0), 0, len(items), 0, 0)
+        for item in items[: self.stack.most_items]:
+            if self._judge(item) != mavlink.MAV_MISSION_ACCEPTED:
+                return
+            self._store(file, item)
+            file.next_seq += 1
+
     def _asked(self, client: tuple[int, int], message: Message) -> list[Message]:
         items = self._list(message.mission_type)
         if 0 <= message.seq < len(items):

@@ -1,0 +1,70 @@
+"""The payload of FILE_TRANSFER_PROTOCOL (mavlink.io/en/services/ftp.html)."""
+
+import struct
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+
+_HEAD = struct.Struct("<H5BxI")
+_PAYLOAD_BYTES = 251
+MOST_DATA_BYTES = _PAYLOAD_BYTES - _HEAD.size  # 239
+
+TERMINATE, RESET, OPEN_TO_READ, READ, CREATE, WRITE = 1, 2, 4, 5, 6, 7
+ACK, NAK = 128, 129
+FAIL, FAIL_ERRNO, INVALID_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE = 1, 2, 3, 4, 5, 6
+UNKNOWN_COMMAND, FILE_EXISTS, PROTECTED, NOT_FOUND = 7, 8, 9, 10
+ERRORS = {
+    FAIL: "it failed",
+    FAIL_ERRNO: "its file system failed",
+    INVALID_SIZE: "the size of a message is not valid",
+    INVALID_SESSION: "another session is open",
+    NO_SESSIONS: "no session is free",
+    END_OF_FILE: "the file ends before",
+    UNKNOWN_COMMAND: "it does not know the request",
+    FILE_EXISTS: "the file exists",
+    PROTECTED: "the file is protected",
+    NOT_FOUND: "there is no such file",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """A request or a reply; ``asked`` is the request's opcode in a reply.
+
+    ``size`` is the number of bytes wanted in a request to read, else that of ``data``.
+    """
+
+    seq: int
+    session: int
+    opcode: int
+    size: int = 0
+    asked: int = 0
+    offset: int = 0
+    data: bytes = b""
+
+    def message(self, target: tuple[int, int]) -> Message:
+        """The FILE_TRANSFER_PROTOCOL message that carries it."""
+        head = _HEAD.pack(
+            self.seq, self.session, self.opcode, self.size, self.asked, 0, self.offset
+        )
+        payload = (head + self.data).ljust(_PAYLOAD_BYTES, b"\0")
+        return mavlink.MAVLink_file_transfer_protocol_message(0, *target, list(payload))
+
+
+def packet_of(message: Message) -> Packet:
+    """The packet in a FILE_TRANSFER_PROTOCOL message; data beyond its size is left out."""
+    payload = bytes(message.payload)
+    seq, session, opcode, size, asked, _, offset = _HEAD.unpack_from(payload)
+    return Packet(
+        seq, session, opcode, size, asked, offset, payload[_HEAD.size : _HEAD.size + size]
+    )
+
+
+def error_words(packet: Packet) -> str:
+    """What a NAK says."""
+    code = packet.data[0] if packet.data else 0
+    words = ERRORS.get(code, "it refused")
+    errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""
+    return f"{words} (FTP error {code}{errno})"

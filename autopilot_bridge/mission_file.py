@@ -1,0 +1,133 @@
+"""ArduPilot's mission, fence and rally files (``@MISSION/mission.dat`` and so on) as bytes.
+
+A header of five little-endian uint16 (magic, mission type, options, start, count), then one
+MISSION_ITEM_INT payload of full length for each item (AP_Filesystem_Mission.cpp).
+"""
+
+import math
+import struct
+from collections.abc import Sequence
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import MissionItem
+
+MAGIC = 0x763D
+HEADER = struct.Struct("<5H")
+ITEM = struct.Struct("<4f2if2H6B")
+PATHS = {
+    mavlink.MAV_MISSION_TYPE_MISSION: "@MISSION/mission.dat",
+    mavlink.MAV_MISSION_TYPE_FENCE: "@MISSION/fence.dat",
+    mavlink.MAV_MISSION_TYPE_RALLY: "@MISSION/rally.dat",
+}
+MOST_ITEMS = 0xFFFE  # 65535 switches the autopilot's check of the length off
+
+# What ArduPilot 4.6 takes in a mission (AP_Mission.cpp): items with a place, and others.
+_WITH_PLACE = frozenset(
+    (*(16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92), *(179, 188, 189, 191, 195, 201))
+)
+_WITHOUT_PLACE = frozenset(
+    (
+        *(20, 83, 93, 112, 114, 115, 177, 178, 181, 182, 183, 184, 193, 194, 197, 202, 203, 205),
+        *(206, 207, 208, 210, 211, 212, 213, 215, 216, 217, 218, 222, 223, 531, 532, 534, 600),
+        *(601, 1000, 2000, 2001, 2500, 2501, 3000, 42600, 42703),
+    )
+)
+_FRAMES = (0, 2, 3, 5, 6, 10, 11)
+_YAW_MAY_BE_NAN = (16, 17, 21, 22, 84, 85)
+_ALTITUDE_LIMIT_M = 83_000.0
+
+
+def first_bad_item(items: Sequence[MissionItem], most_items: int) -> tuple[int, str] | None:
+    """Place and defect of the first item of a mission that ArduPilot would not take, or None.
+
+    To be asked before a file is sent: a file is applied item by item after the old mission is
+    gone, and stops without a word at an item refused.
+    """
+    for seq, item in enumerate(items):
+        if seq >= most_items:
+            return seq, f"the autopilot holds {most_items} items"
+        if defect := _defect(item, len(items)):
+            return seq, defect
+    return None
+
+
+def _defect(item: MissionItem, count: int) -> str | None:
+    place = item.command in _WITH_PLACE
+    if not place and item.command not in _WITHOUT_PLACE:
+        return f"command {item.command} is not known to be taken from a file"
+    params = (item.param1, item.param2, item.param3, item.param4)
+    for number, value in enumerate(params, start=1):
+        yaw = number == 4 and item.command in _YAW_MAY_BE_NAN and math.isnan(value)
+        if not math.isfinite(value) and not yaw:
+            return f"parameter {number} is {value}"
+    if not math.isfinite(item.z):
+        return f"the altitude is {item.z}"
+    if item.command == mavlink.MAV_CMD_DO_JUMP and not 0 < item.param1 < count:
+        return f"the jump leads to item {item.param1:g} of {count}"
+    if not place:
+        return None
+    if abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
+        return f"the place {item.x / 1e7:.7f}, {item.y / 1e7:.7f} is not on Earth"
+    if abs(item.z) >= _ALTITUDE_LIMIT_M:
+        return f"the altitude is {item.z:g} m"
+    return None if item.frame in _FRAMES else f"frame {item.frame} is not supported"
+
+
+def encode_mission_file(
+    items: Sequence[MissionItem], mission_type: int, target: tuple[int, int]
+) -> bytes:
+    """The file that replaces a whole list. Raises BridgeError for what does not fit the format."""
+    if len(items) > MOST_ITEMS:
+        raise BridgeError(f"mission file: {len(items)} items, the format holds {MOST_ITEMS}")
+    parts = [HEADER.pack(MAGIC, mission_type, 0, 0, len(items))]
+    for seq, item in enumerate(items):
+        params = (item.param1, item.param2, item.param3, item.param4)
+        numbers = (seq, item.command, *target, item.frame, 0, item.autocontinue, mission_type)
+        try:
+            parts.append(ITEM.pack(*params, item.x, item.y, item.z, *numbers))
+        except (struct.error, OverflowError) as error:
+            raise BridgeError(f"mission file: item {seq} does not fit: {error}") from None
+    return b"".join(parts)
+
+
+def file_length(start: bytes, mission_type: int) -> int:
+    """Length of the whole file from its first bytes. Raises BridgeError for a damaged header."""
+    if len(start) < HEADER.size:
+        raise BridgeError(
+            f"mission file: {len(start)} bytes, the header alone has {HEADER.size}; read it again"
+        )
+    magic, kind, options, first, count = HEADER.unpack_from(start)
+    if magic != MAGIC:
+        raise BridgeError(f"mission file: begins with {magic:#06x} instead of {MAGIC:#06x}")
+    if kind != mission_type:
+        raise BridgeError(f"mission file: holds mission type {kind} instead of {mission_type}")
+    if options or first:
+        raise BridgeError(
+            f"mission file: options {options} and start {first}; only whole lists can be read"
+        )
+    return HEADER.size + int(count) * ITEM.size
+
+
+def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ...]:
+    """The items of a whole file. Raises BridgeError when it is damaged."""
+    length = file_length(data, mission_type)
+    if len(data) != length:
+        raise BridgeError(
+            f"mission file: {len(data)} bytes, the header says {length}; read it again"
+        )
+    return tuple(
+        _item(data, seq, mission_type) for seq in range((length - HEADER.size) // ITEM.size)
+    )
+
+
+def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
+    values = ITEM.unpack_from(data, HEADER.size + index * ITEM.size)
+    param1, param2, param3, param4, x, y, z, seq, command, _, _, frame, _, auto, _ = values
+    if command == 0:
+        raise BridgeError(f"mission file: item {index} is empty; read the file again")
+    # ArduPilot numbers the items of missions only.
+    if mission_type == mavlink.MAV_MISSION_TYPE_MISSION and seq != index:
+        raise BridgeError(f"mission file: item {index} says it is {seq}; read the file again")
+    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)

@@ -1,0 +1,185 @@
+"""The autopilot's side of MAVFTP, for ArduPilot's mission files, with its habits.
+
+One session at a time over all stations; requests wait in a queue of five; a file written is
+applied when its session is closed, by whomever. PX4 has no such files.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from autopilot_bridge import ftp_packet as ftp
+from autopilot_bridge.codec import Message
+from autopilot_bridge.ftp_packet import Packet, packet_of
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mission_file import (
+    HEADER,
+    ITEM,
+    MAGIC,
+    PATHS,
+    encode_mission_file,
+)
+from autopilot_bridge.mock.mission_server import MissionServer
+
+QUEUE = 5
+WORK_US = 4_000  # seen: 109 writes in 0.46 s
+IDLE_US = 3_000_000
+LONG_AGO_US = -(10**15)
+_PLACEHOLDER_LENGTH = 1024 * 1024
+
+
+@dataclass
+class Session:
+    """An open file. ``written`` is None when it is open to read."""
+
+    session: int
+    mission_type: int
+    written: bytearray | None
+
+
+class FtpServer:
+    """``flying_mission`` tells whether the vehicle is armed in its mission mode."""
+
+    def __init__(self, missions: MissionServer, flying_mission: Callable[[], bool]) -> None:
+        self.others: dict[int, tuple[MissionItem, ...]] = {1: (), 2: ()}  # fence, rally points
+        self.session: Session | None = None
+        self._missions = missions
+        self._flying_mission = flying_mission
+        self._queue: deque[tuple[tuple[int, int], Packet]] = deque()
+        self._due_us: int | None = None
+        self._last_sent_us = LONG_AGO_US
+        self._last: tuple[tuple[int, int], Packet] | None = None
+
+    def receive(self, message: Message, now_us: int) -> None:
+        """Put a request into the queue; with five there it is dropped without a word."""
+        if len(self._queue) < QUEUE:
+            source = (message.get_srcSystem(), message.get_srcComponent())
+            self._queue.append((source, packet_of(message)))
+            if self._due_us is None:
+                self._due_us = now_us + WORK_US
+
+    def next_timer(self) -> int | None:
+        """When the next reply is ready."""
+        return self._due_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Work on the oldest request."""
+        if self._due_us is None or now_us < self._due_us:
+            return []
+        source, request = self._queue.popleft()
+        self._due_us = now_us + WORK_US if self._queue else None
+        if request.opcode in (ftp.ACK, ftp.NAK):
+            return []
+        reply = self._repeated(source, request) or self._reply(request, now_us)
+        self._last = (source, reply)
+        # An ended session counts as idle, even when the one ended is not the one open.
+        ended = request.opcode == ftp.TERMINATE
+        self._last_sent_us = LONG_AGO_US if ended else now_us
+        return [reply.message(source)]
+
+    def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
+        """The last reply once more, to the same request as far as the autopilot looks."""
+        if self._last is None or self._last[0] != source:
+            return None
+        last = self._last[1]
+        same = (last.session, last.seq) == (request.session, (request.seq + 1) % 65536)
+        return last if same else None
+
+    def _reply(self, request: Packet, now_us: int) -> Packet:
+        reply = Packet((request.seq + 1) % 65536, request.session, ftp.ACK, asked=request.opcode)
+        ours = self.session is not None and self.session.session == request.session
+        idle = now_us - self._last_sent_us >= IDLE_US
+        if request.opcode in (ftp.TERMINATE, ftp.RESET):
+            if ours:
+                self._close()
+            return reply
+        if self.session is not None and not ours:
+            if not idle:
+                return _refusal(reply, ftp.INVALID_SESSION)
+            self._close()
+        match request.opcode:
+            case ftp.OPEN_TO_READ | ftp.CREATE:
+                return self._open(request, reply, idle)
+            case ftp.READ:
+                return self._read(request, reply)
+            case ftp.WRITE:
+                return self._write(request, reply)
+            case _:
+                return _refusal(reply, ftp.FAIL)
+
+    def _open(self, request: Packet, reply: Packet, idle: bool) -> Packet:
+        reading = request.opcode == ftp.OPEN_TO_READ
+        if self.session is not None and reading and idle:
+            self._close()
+        if self.session is not None:
+            return _refusal(reply, ftp.FAIL)
+        for mission_type, path in PATHS.items():
+            if path.encode() == request.data and self._missions.stack.name == "ardupilot":
+                written = None if reading else bytearray()
+                self.session = Session(request.session, mission_type, written)
+                if reading:
+                    return _with(reply, 0, _PLACEHOLDER_LENGTH.to_bytes(4, "little"))
+                return reply
+        return _refusal(reply, ftp.NOT_FOUND)
+
+    def _read(self, request: Packet, reply: Packet) -> Packet:
+        if self.session is None:
+            return _refusal(reply, ftp.NOT_FOUND)
+        if self.session.written is not None:
+            return _refusal(reply, ftp.FAIL)
+        mission_type = self.session.mission_type
+        held = self.others.get(mission_type, tuple(self._missions.items))
+        whole = encode_mission_file(held, mission_type, (1, 1))
+        data = whole[request.offset : request.offset + min(request.size, ftp.MOST_DATA_BYTES)]
+        return _with(reply, request.offset, data) if data else _refusal(reply, ftp.END_OF_FILE)
+
+    def _write(self, request: Packet, reply: Packet) -> Packet:
+        if request.size > ftp.MOST_DATA_BYTES:
+            return _refusal(reply, ftp.INVALID_SIZE)
+        if self.session is None:
+            return _refusal(reply, ftp.NOT_FOUND)
+        buffer = self.session.written
+        if buffer is None:
+            return _refusal(reply, ftp.FAIL)
+        end = request.offset + len(request.data)
+        if request.offset == 0 and len(request.data) >= HEADER.size:
+            count = HEADER.unpack_from(request.data)[4]
+            end = max(end, HEADER.size + count * ITEM.size)  # room for all that is to come
+        buffer.extend(bytes(max(end - len(buffer), 0)))
+        buffer[request.offset : request.offset + len(request.data)] = request.data
+        return replace(reply, offset=request.offset)
+
+    def _close(self) -> None:
+        """End the session; what was written is applied now, if it looks whole."""
+        session, self.session = self.session, None
+        if session is None or session.written is None:
+            return
+        data = bytes(session.written)
+        if len(data) < HEADER.size or HEADER.unpack_from(data)[0] != MAGIC:
+            return
+        count = (len(data) - HEADER.size) // ITEM.size
+        if count != HEADER.unpack_from(data)[4]:
+            return
+        places = [HEADER.size + index * ITEM.size for index in range(count)]
+        if any(not any(data[place : place + ITEM.size]) for place in places):
+            return  # an item of zeros: not all was written
+        items = tuple(_item(data, place) for place in places)
+        if session.mission_type:
+            self.others[session.mission_type] = items
+        else:
+            self._missions.apply_file(items, may_clear=not self._flying_mission())
+
+
+def _item(data: bytes, place: int) -> MissionItem:
+    """An item as it stands; its number is not looked at."""
+    values = ITEM.unpack_from(data, place)
+    param1, param2, param3, param4, x, y, z, _, command, _, _, frame, _, auto, _ = values
+    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
+
+
+def _refusal(reply: Packet, code: int) -> Packet:
+    return replace(_with(reply, 0, bytes((code,))), opcode=ftp.NAK)
+
+
+def _with(reply: Packet, offset: int, data: bytes) -> Packet:
+    return replace(reply, offset=offset, size=len(data), data=data)

@@ -1,0 +1,181 @@
+"""Item protocol against MAVFTP: ``python -m benchmarks.mission_transfer [--sitl HOST:PORT]``.
+
+On the mock in virtual time, over a link of 10 ms each way (the mock answers at once; ArduPlane
+takes 20 ms for an item). With ``--sitl`` also on a real ArduPilot that sends to HOST:PORT: its
+mission is replaced. Each upload is read back by the other protocol and compared.
+"""
+
+import argparse
+import socket
+import sys
+import time
+from typing import Protocol
+
+from autopilot_bridge.codec import Codec, Message
+from autopilot_bridge.download import MissionDownload
+from autopilot_bridge.ftp import FtpDownload, FtpUpload, next_session
+from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, same_mission
+from autopilot_bridge.upload import MissionUpload
+
+STATION = (255, 190)
+HOME = (36.3, -84.2, 300.0)
+Transfer = MissionUpload | MissionDownload | FtpUpload | FtpDownload
+
+
+class Vehicle(Protocol):
+    """An autopilot at the other end of a link; ``run`` gives the seconds a transfer took."""
+
+    target: tuple[int, int]
+
+    def run(self, transfer: Transfer) -> float:
+        """Carry a transfer out."""
+
+
+class MockVehicle:
+    """The mock autopilot in virtual time."""
+
+    target = (1, 1)
+
+    def __init__(self, loss: float, delay_us: int = 10_000) -> None:
+        stack = stack_named("ardupilot", "plane")
+        self._mock = MockAutopilot(
+            stack, home_lat_deg=HOME[0], home_lon_deg=HOME[1], home_altitude_amsl_m=HOME[2]
+        )
+        self._up, self._down = (MemoryLink(loss, delay_us, seed=seed) for seed in (1, 2))
+        self._codec = Codec(*STATION)
+        self._now_us = 0
+
+    def run(self, transfer: Transfer) -> float:
+        """Virtual seconds."""
+        began_us = self._now_us
+        self._send(transfer.start(self._now_us))
+        while transfer.result is None:
+            links = (self._up.next_timer(), self._down.next_timer())
+            timers = (transfer.next_timer(), self._mock.next_timer(), *links)
+            due_us = min(timer for timer in timers if timer is not None)
+            self._now_us = max(self._now_us, due_us)
+            self._step(transfer)
+        return (self._now_us - began_us) / 1e6
+
+    def _step(self, transfer: Transfer) -> None:
+        now_us = self._now_us
+        for datagram in self._up.receive(now_us):
+            self._mock.receive_data(datagram, now_us)
+        self._mock.handle_timer(now_us)
+        for datagram in self._mock.data_to_send():
+            self._down.send(datagram, now_us)
+        for datagram in self._down.receive(now_us):
+            for message in self._codec.decode(datagram):
+                self._send(transfer.receive(message, now_us))
+        self._send(transfer.handle_timer(now_us))
+
+    def _send(self, messages: list[Message]) -> None:
+        for message in messages:
+            self._up.send(self._codec.encode(message), self._now_us)
+
+
+class SocketVehicle:
+    """An autopilot that sends to a UDP port of this machine."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        self._socket.bind((host, port))
+        self._socket.settimeout(60.0)
+        self._codec = Codec(*STATION)
+        while True:
+            data, self._remote = self._socket.recvfrom(65536)
+            heartbeats = [m for m in self._codec.decode(data) if m.get_type() == "HEARTBEAT"]
+            if heartbeats:
+                source = heartbeats[0]
+                self.target = (source.get_srcSystem(), source.get_srcComponent())
+                return
+
+    def run(self, transfer: Transfer) -> float:
+        """Seconds of the clock."""
+        began_us = self._now_us()
+        self._send(transfer.start(began_us))
+        while transfer.result is None:
+            wait_s = (transfer.next_timer() - self._now_us()) / 1e6
+            self._socket.settimeout(max(wait_s, 1e-4))
+            try:
+                data, self._remote = self._socket.recvfrom(65536)
+            except TimeoutError:
+                self._send(transfer.handle_timer(self._now_us()))
+                continue
+            for message in self._codec.decode(data):
+                self._send(transfer.receive(message, self._now_us()))
+        return (self._now_us() - began_us) / 1e6
+
+    def _now_us(self) -> int:
+        return time.monotonic_ns() // 1000
+
+    def _send(self, messages: list[Message]) -> None:
+        for message in messages:
+            self._socket.sendto(self._codec.encode(message), self._remote)
+
+
+def mission_of(count: int, shift: float) -> tuple[MissionItem, ...]:
+    """Wire items, home first; ``shift`` makes missions differ."""
+    points = [waypoint(36.302 + 1e-4 * i, -84.2 + 1e-4 * i, 400.0 + shift) for i in range(count)]
+    return (*points[:-1], loiter_unlimited(36.31, -84.19, 420.0 + shift, -90.0))
+
+
+def _checked(result: TransferResult | None) -> TransferResult:
+    if result is None or result.outcome != "accepted":
+        raise SystemExit(f"a transfer did not succeed: {result}")
+    return result
+
+
+def compare(vehicle: Vehicle, count: int) -> dict[str, float]:
+    """Seconds for up and down by both; ends the program when a mission came back wrong."""
+    address, timing = Address(STATION, vehicle.target), TransferTiming()
+    session = time.time_ns() // 10**9 % 255 + 1
+    taken: dict[str, float] = {}
+    by_items, by_file = mission_of(count, 0.0), mission_of(count, 30.0)
+    for name, transfer, held in (
+        ("items up", MissionUpload(address, by_items, 1, timing), by_items),
+        ("ftp down", FtpDownload(address, session, timing), by_items),
+        ("ftp up", FtpUpload(address, by_file, count, next_session(session), timing), by_file),
+        ("items down", MissionDownload(address, timing), by_file),
+    ):
+        taken[name] = vehicle.run(transfer)
+        read = _checked(transfer.result).items or ()
+        if not same_mission(held, read, item_0_is_home=True):
+            raise SystemExit(f"{name}: the vehicle holds another mission than was sent")
+    return taken
+
+
+def main() -> None:
+    """Print seconds and ratios."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--items", type=int, default=650, help="with home")
+    parser.add_argument("--runs", type=int, default=1)
+    parser.add_argument("--sitl", metavar="HOST:PORT")
+    arguments = parser.parse_args()
+    vehicles: list[tuple[str, Vehicle]] = [
+        ("mock", MockVehicle(0.0)),
+        ("mock, 5 % loss each way", MockVehicle(0.05)),
+    ]
+    if arguments.sitl:
+        host, _, port = arguments.sitl.rpartition(":")
+        vehicles.append((f"autopilot at {arguments.sitl}", SocketVehicle(host, int(port))))
+    for name, vehicle in vehicles:
+        for _ in range(arguments.runs):
+            taken = compare(vehicle, arguments.items)
+            sys.stdout.write(f"{name}, {arguments.items} items\n")
+            for way in ("up", "down"):
+                items_s, ftp_s = taken[f"items {way}"], taken[f"ftp {way}"]
+                sys.stdout.write(
+                    f"  {way:4} items {items_s:7.2f} s  ftp {ftp_s:6.3f} s"
+                    f"  ratio {items_s / ftp_s:5.1f}\n"
+                )
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
