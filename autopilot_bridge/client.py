@@ -66,6 +66,7 @@ class VehicleClient:
         self._heartbeat_due_us = 0
         self._boot_ms = 0
         self._current: int | None = None
+        self._total: int | None = None
         self._reached: int | None = None
         self._jobs = Jobs(self._own, self._timing, self._report)
         self._sequences: list[CommandSequence] = []
@@ -80,21 +81,23 @@ class VehicleClient:
         begin: Begin = "restart",
         check: bool = False,
         holds_first: bool = False,
+        by_file: bool = True,
     ) -> int:
         """Replace the mission, fence or rally points; TransferFinished with the id tells how.
 
         ``begin`` is the item of a new mission to fly next: its first, the one of the same number
         as now, or a number from 0. ``check`` reads back what was accepted. With ``holds_first`` a
         vehicle that flies its mission holds meanwhile if its autopilot would fly a list that is
-        half overwritten; if the upload breaks off it stays there. A later upload takes the place
-        of one of its kind that has not begun yet.
+        half overwritten; if the upload breaks off it stays there. ``by_file`` is for autopilots
+        that take whole missions by MAVFTP. A later upload takes the place of one of its kind that
+        has not begun yet.
         """
-        job = Job(0, "upload", kind, tuple(items), begin, check, holds_first)
+        job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
 
-    def download(self, now_us: int, kind: Kind = "mission") -> int:
+    def download(self, now_us: int, kind: Kind = "mission", by_file: bool = True) -> int:
         """Read the mission, fence or rally points; the result carries the items."""
-        return self._add(Job(0, "download", kind), now_us)
+        return self._add(Job(0, "download", kind, by_file=by_file), now_us)
 
     def clear(self, now_us: int, kind: Kind = "mission") -> int:
         """Remove the mission, fence or rally points."""
@@ -250,6 +253,7 @@ class VehicleClient:
         )
 
     def _progress(self, message: Message, now_us: int) -> None:
+        self._total = message.total
         if message.seq != self._current:
             self._current = message.seq
             self._events.append(MissionProgress(now_us, message.seq - self._hidden_items()))
@@ -272,7 +276,8 @@ class VehicleClient:
         """End what has ended, begin what comes after it."""
         if self.stack is None:
             return
-        seen = Seen(self.stack, self._target(), self._current, self.armed, self.custom_mode)
+        total = None if self._total is None else self._total + self._hidden_items()
+        seen = Seen(self.stack, self._target(), self._current, total, self.armed, self.custom_mode)
         self._send(*self._jobs.step(seen, now_us))
         self._send(*self._jobs.begin_next(seen, now_us))
 

@@ -231,6 +231,12 @@ class _FtpTransfer:
             return self._close(f"the autopilot refused at byte {request.offset}: {words}", now_us)
         return []
 
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """Close the session; whole items are missing then, and nothing is applied."""
+        if self._state == "closing" or self.result is not None:
+            return []
+        return self._close("it was cancelled", now_us)
+
     def next_timer(self) -> int:
         """When to call ``handle_timer``."""
         if self.result is not None:

@@ -1,7 +1,9 @@
 """Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
 
-upload: [hold] -> upload -> [read back] -> [set current] -> [fly on]
-download, clear: themselves
+upload: file -> read the file back -> [set current], where the autopilot takes whole files, or else
+        [hold] -> items -> [read back] -> [set current] -> [fly on]
+download: file, or else items
+clear: itself
 
 It holds where the autopilot would otherwise fly a list that is half overwritten. It reads back if a
 check is asked for, and to say what the vehicle holds where the upload's end does not tell.
@@ -13,6 +15,7 @@ from typing import Literal, NamedTuple
 
 from autopilot_bridge.codec import Message
 from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
+from autopilot_bridge.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mode import SetMode
 from autopilot_bridge.stacks import Stack
@@ -28,7 +31,9 @@ from autopilot_bridge.transfer import (
 from autopilot_bridge.upload import MissionUpload
 
 Begin = Literal["restart", "keep"] | int
-Transfer = MissionUpload | MissionDownload | MissionClear | SetCurrent | SetMode
+Transfer = (
+    MissionUpload | MissionDownload | MissionClear | SetCurrent | SetMode | FtpUpload | FtpDownload
+)
 
 
 class Seen(NamedTuple):
@@ -37,6 +42,7 @@ class Seen(NamedTuple):
     stack: Stack
     target: tuple[int, int]
     current: int | None  # MISSION_CURRENT.seq
+    total: int | None  # MISSION_CURRENT.total, home included
     armed: bool
     custom_mode: int
 
@@ -57,11 +63,13 @@ class Job:
     begin: Begin = "restart"  # which item of a new mission is flown next
     check: bool = False
     holds_first: bool = False  # rather than fly a list that is being overwritten
+    by_file: bool = True  # where the autopilot takes files
     under_way: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
     hidden: int = 0  # items the user does not know of: ArduPilot's home
     paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
+    cancelled: bool = False
 
 
 class Jobs:
@@ -78,6 +86,7 @@ class Jobs:
         self._timing = timing
         self._report = report
         self._next_id = 1
+        self._session = 0
         self._job: Job | None = None
         self._queue: list[Job] = []
 
@@ -103,6 +112,7 @@ class Jobs:
         job = self._job
         if job is None or job.transfer_id != transfer_id or job.under_way is None:
             return []
+        job.cancelled = True
         return job.under_way.cancel(stack.cancels_after_us, now_us)
 
     def begin_next(self, seen: Seen, now_us: int) -> list[Message]:
@@ -120,15 +130,29 @@ class Jobs:
 
     def _first(self, job: Job, seen: Seen) -> Transfer:
         address = self._address(job, seen)
-        if job.action == "download":
-            return MissionDownload(address, self._timing)
         if job.action == "clear":
             return MissionClear(address, self._timing)
+        by_file = job.by_file and seen.stack.mission_files
+        if job.action == "download":
+            return self._read_file(address) if by_file else MissionDownload(address, self._timing)
+        flying = job.kind == "mission" and seen.in_mission
+        held = seen.stack.most_items if seen.total is None else seen.total
+        if by_file and job.items and not leaves_old_tail(flying, held, len(job.wire_items)):
+            most, self._session = seen.stack.most_items, next_session(self._session)
+            return FtpUpload(address, job.wire_items, most, self._session, self._timing)
+        return self._by_items(job, seen)
+
+    def _by_items(self, job: Job, seen: Seen) -> Transfer:
+        address = self._address(job, seen)
         job.paused = job.holds_first and job.kind == "mission" and seen.in_mission
         if job.paused and not seen.stack.atomic_upload:
             return SetMode(address, seen.stack, seen.stack.hold_mode, self._timing)
         job.paused = False
         return MissionUpload(address, job.wire_items, self._seq(job), self._timing)
+
+    def _read_file(self, address: Address) -> Transfer:
+        self._session = next_session(self._session)
+        return FtpDownload(address, self._session, self._timing)
 
     def _address(self, job: Job, seen: Seen) -> Address:
         return Address(self._own, seen.target, MISSION_TYPES[job.kind])
@@ -168,6 +192,8 @@ class Jobs:
         if not isinstance(following, TransferResult):
             return self._begin(job, following, now_us)
         self._job = None
+        if job.cancelled and following.outcome in ("failed", "unknown", "rejected"):
+            following = replace(following, outcome="cancelled")
         self._report(job, following, now_us)
         return []
 
@@ -178,6 +204,8 @@ class Jobs:
         stack = seen.stack
         if job.action == "download" and result.items is not None:
             return replace(result, items=result.items[job.hidden :])
+        if job.action == "download" and isinstance(ended, FtpDownload) and not job.cancelled:
+            return MissionDownload(self._address(job, seen), self._timing)
         if job.action != "upload":
             return result
         address = self._address(job, seen)
@@ -190,6 +218,13 @@ class Jobs:
                 return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
             words = "the vehicle holds the mission but did not begin it"
             return TransferResult("failed", words, items=job.items, holds="the new one")
+        if isinstance(ended, FtpUpload):
+            if result.outcome == "rejected" and not job.cancelled:
+                return self._by_items(job, seen)
+            job.uploaded = result
+            return self._read_file(address)
+        if isinstance(ended, FtpDownload):
+            return self._after_file(job, result, address)
         if isinstance(ended, MissionUpload):
             job.uploaded = result
             holds = held_after(ended, result, stack)
@@ -214,6 +249,25 @@ class Jobs:
             words = "the vehicle holds another mission"
             return TransferResult("failed", words, items=read, holds=read_holds)
         return replace(job.uploaded, items=read, holds=read_holds)
+
+    def _after_file(
+        self, job: Job, read: TransferResult, address: Address
+    ) -> Transfer | TransferResult:
+        """After a file was written and read back."""
+        assert job.uploaded is not None
+        untouched = job.uploaded.outcome == "failed"
+        if read.items is None:
+            words = f"{job.uploaded.reason}; and reading it back: {read.reason}"
+            outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
+            holds: Holds = "the old one" if untouched else "one of both"
+            return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
+        if same_mission(job.wire_items, read.items, job.hidden == 1):
+            return self._set_current(job, address)
+        words = job.uploaded.reason if untouched else "the vehicle holds another mission"
+        # What was closed and is not what was written was applied in part.
+        holds = "a mixture" if job.uploaded.outcome == "accepted" else "the old one"
+        read_items = read.items[job.hidden :]
+        return TransferResult("failed", words, items=read_items, holds=holds)
 
     def _after_mode(
         self, job: Job, result: TransferResult, address: Address

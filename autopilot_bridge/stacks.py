@@ -23,6 +23,7 @@ class Stack:
     request_message: str  # what the autopilot asks for items with
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission whole
+    mission_files: bool  # whole missions by MAVFTP
     keeps_target: bool  # flies its old target on after an upload, until the index is set
     rerequest_us: int  # how soon a silent uploader is asked again
     cancels_after_us: int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a word
@@ -49,6 +50,7 @@ def _px4(vehicle: str, mav_type: int) -> Stack:
         request_message="MISSION_REQUEST_INT",
         item_0_is_home=False,
         atomic_upload=True,
+        mission_files=False,
         keeps_target=False,
         rerequest_us=280_000,
         cancels_after_us=0,
@@ -71,6 +73,7 @@ def _ardupilot(
         request_message="MISSION_REQUEST",
         item_0_is_home=True,
         atomic_upload=False,
+        mission_files=True,
         keeps_target=True,
         rerequest_us=1_000_000,
         cancels_after_us=8_000_000,

@@ -69,7 +69,7 @@ class Gateway:
         """Carry out one command; what it leads to comes back as events."""
         match command:
             case UploadMission():
-                transfer_id = self.client.upload(command.items, now_us)
+                transfer_id = self.client.upload(command.items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
             case StartMission():
                 self.client.start_mission(now_us)

@@ -23,8 +23,13 @@ def upload(
     items: tuple[MissionItem, ...], link: str, timeout_s: float, tlog: Path | None = None
 ) -> dict[str, Any]:
     """Replace the autopilot's mission; the flight is not started."""
-    _, result = _run(lambda client, now_us: client.upload(items, now_us), link, timeout_s, tlog)
-    return {"result": result.outcome, "items": len(items)}
+    _, result = _run(
+        lambda client, now_us: client.upload(items, now_us, check=True, holds_first=True),
+        link,
+        timeout_s,
+        tlog,
+    )
+    return {"result": result.outcome, "items": len(items), "holds": result.holds}
 
 
 def download(output: Path, link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:

@@ -42,6 +42,11 @@ def held(pair: Pair) -> tuple[MissionItem, ...]:
     return tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :])
 
 
+def upload(pair: Pair, items: Items, by_file: bool = False, **more: Any) -> int:
+    """By items, which this is about, unless told otherwise."""
+    return pair.client.upload(items, pair.now_us, by_file=by_file, **more)
+
+
 def connected(stack: Stack, **more: Any) -> Pair:
     pair = Pair(mock_of(stack), **more)
     pair.run_for(1.0)
@@ -52,10 +57,10 @@ def connected(stack: Stack, **more: Any) -> Pair:
 def test_an_uploaded_mission_is_held_and_read_back_as_sent(stack: Stack) -> None:
     pair = connected(stack)
     sent = line_of(12)
-    result = pair.result_of(pair.client.upload(sent, pair.now_us))
+    result = pair.result_of(upload(pair, sent))
     assert result.outcome == "accepted"
     assert same_mission(sent, held(pair), item_0_is_home=False)
-    read = pair.result_of(pair.client.download(pair.now_us))
+    read = pair.result_of(pair.client.download(pair.now_us, by_file=False))
     assert read.items is not None
     assert same_mission(sent, read.items, item_0_is_home=False)
 
@@ -63,17 +68,17 @@ def test_an_uploaded_mission_is_held_and_read_back_as_sent(stack: Stack) -> None
 @each_stack
 def test_a_cleared_mission_is_gone(stack: Stack) -> None:
     pair = connected(stack)
-    pair.result_of(pair.client.upload(line_of(5), pair.now_us))
+    pair.result_of(upload(pair, line_of(5)))
     assert pair.result_of(pair.client.clear(pair.now_us)).outcome == "accepted"
     assert held(pair) == ()
-    assert pair.result_of(pair.client.download(pair.now_us)).items == ()
+    assert pair.result_of(pair.client.download(pair.now_us, by_file=False)).items == ()
 
 
 @both
 def test_a_refused_item_is_named_with_the_reason(stack: Stack) -> None:
     pair = connected(stack)
     bad = MissionItem(command=31000, frame=0, x=0, y=0, z=0.0)
-    result = pair.result_of(pair.client.upload((*line_of(3), bad), pair.now_us))
+    result = pair.result_of(upload(pair, (*line_of(3), bad)))
     assert result.outcome == "rejected"
     assert result.code == mavlink.MAV_MISSION_UNSUPPORTED
     assert result.seq == (4 if stack.item_0_is_home else 3)
@@ -85,21 +90,21 @@ def test_after_a_refused_upload_px4_holds_the_old_mission_and_ardupilot_a_mixtur
     new = (*line_of(3, first=9)[:2], bad)
     for stack, keeps in ((PX4, True), (ARDUPILOT, False)):
         pair = connected(stack)
-        pair.result_of(pair.client.upload(line_of(6), pair.now_us))
-        pair.result_of(pair.client.upload(new, pair.now_us))
+        pair.result_of(upload(pair, line_of(6)))
+        pair.result_of(upload(pair, new))
         assert (held(pair) == line_of(6)) == keeps
 
 
 def test_a_mission_too_long_is_refused_in_words() -> None:
     pair = connected(ARDUPILOT)
-    result = pair.result_of(pair.client.upload(line_of(700), pair.now_us))
+    result = pair.result_of(upload(pair, line_of(700)))
     assert (result.outcome, result.code) == ("rejected", mavlink.MAV_MISSION_NO_SPACE)
 
 
 @both
 def test_a_lost_acknowledgement_is_resolved_by_reading_back(stack: Stack) -> None:
     pair = connected(stack, down=Choosy(lambda name: name == "MISSION_ACK"))
-    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    result = pair.result_of(upload(pair, line_of(6)))
     assert result.outcome == "accepted"
     assert held(pair) == line_of(6)
 
@@ -107,7 +112,7 @@ def test_a_lost_acknowledgement_is_resolved_by_reading_back(stack: Stack) -> Non
 @both
 def test_a_silent_autopilot_is_a_failure_in_bounded_time(stack: Stack) -> None:
     pair = connected(stack, down=Choosy(lambda name: name.startswith("MISSION_REQUEST")))
-    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us), within_s=20.0)
+    result = pair.result_of(upload(pair, line_of(6)), within_s=20.0)
     assert result.outcome in ("failed", "rejected")
 
 
@@ -132,7 +137,7 @@ def test_any_one_message_may_get_lost(stack: Stack, lost: str) -> None:
         return kind == lost and seen[kind] == (2 if lost in ("MISSION_ITEM_INT",) else 1)
 
     pair = connected(stack, up=Choosy(second_of_its_kind), down=Choosy(second_of_its_kind))
-    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    result = pair.result_of(upload(pair, line_of(6)))
     assert result.outcome == "accepted"
     assert held(pair) == line_of(6)
 
@@ -189,7 +194,7 @@ def test_over_a_bad_link_an_upload_ends_and_tells_what_the_vehicle_holds(hundred
         stack, count = rng.choice(STACKS), rng.randint(1, 15)
         old, new = line_of(7, first=3), line_of(count)
         pair = connected(stack)
-        pair.result_of(pair.client.upload(old, pair.now_us))
+        pair.result_of(upload(pair, old))
         pair.up, pair.down = (
             Watched(
                 LOST,
@@ -201,7 +206,7 @@ def test_over_a_bad_link_an_upload_ends_and_tells_what_the_vehicle_holds(hundred
             )
             for _ in range(2)
         )
-        transfer_id = pair.client.upload(new, pair.now_us, check=rng.random() < 0.5)
+        transfer_id = upload(pair, new, rng.random() < 0.5, check=rng.random() < 0.5)
         result = pair.result_of(transfer_id, within_s=200.0)
         pair.run_for(10.0)  # what is still under way must not change it either
         assert agrees(result, old, new, held(pair), stack), (seed, result, held(pair))
@@ -221,6 +226,7 @@ def test_over_those_bad_links_every_kind_of_message_was_lost() -> None:
         "MISSION_CURRENT",
         "MISSION_SET_CURRENT",
         "MISSION_REQUEST_LIST",
+        "FILE_TRANSFER_PROTOCOL",
         "HEARTBEAT",
     } <= LOST
 
@@ -231,9 +237,9 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
     stack: Stack, up: dict[str, Any], down: dict[str, Any]
 ) -> None:
     pair = connected(stack)
-    pair.result_of(pair.client.upload(line_of(8), pair.now_us))
+    pair.result_of(upload(pair, line_of(8)))
     pair.up, pair.down = MemoryLink(**up), MemoryLink(**down)
-    result = pair.result_of(pair.client.download(pair.now_us))
+    result = pair.result_of(pair.client.download(pair.now_us, by_file=False))
     assert result.outcome in ("accepted", "failed", "rejected")
     if result.outcome == "accepted":
         assert result.items == line_of(8)
@@ -248,7 +254,7 @@ def test_a_last_item_that_never_arrived_is_not_taken_for_success() -> None:
         return name == "MISSION_ITEM_INT" and items >= 6
 
     pair = connected(PX4, up=Choosy(last_item))
-    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    result = pair.result_of(upload(pair, line_of(6)))
     assert result.outcome == "failed"
     assert held(pair) == ()
 
@@ -272,7 +278,7 @@ def test_a_stray_acknowledgement_ends_nothing(
     source: tuple[int, int], target: tuple[int, int], mission_type: int
 ) -> None:
     pair = connected(PX4, down=Choosy(lambda name: name.startswith("MISSION_REQUEST")))
-    pair.client.upload(line_of(4), pair.now_us)
+    upload(pair, line_of(4))
     pair.run_for(0.5)
     pair.client.receive_data(stray(Codec(*source), target, mission_type), pair.now_us)
     pair.run_for(0.5)
@@ -291,9 +297,9 @@ def test_a_cancelled_upload_has_really_ended(stack: Stack, after_items: int) -> 
 
     pair = connected(stack)
     old, new = line_of(6, first=5), line_of(6)
-    pair.result_of(pair.client.upload(old, pair.now_us))
+    pair.result_of(upload(pair, old))
     pair.up = Choosy(cut)
-    transfer_id = pair.client.upload(new, pair.now_us)
+    transfer_id = upload(pair, new)
     pair.run_for(0.2)
     pair.up = MemoryLink()
     pair.client.cancel(transfer_id, pair.now_us)
@@ -305,13 +311,13 @@ def test_a_cancelled_upload_has_really_ended(stack: Stack, after_items: int) -> 
     assert (result.holds == "the old one") == stack.atomic_upload
     assert before == (result.items or old)
     # The next one finds nothing in its way.
-    assert pair.result_of(pair.client.upload(new, pair.now_us), within_s=5.0).holds == "the new one"
+    assert pair.result_of(upload(pair, new), within_s=5.0).holds == "the new one"
 
 
 def test_a_transfer_that_waits_is_cancelled_at_once() -> None:
     pair = connected(PX4)
-    pair.client.upload(line_of(5), pair.now_us)
-    waiting = pair.client.download(pair.now_us)
+    upload(pair, line_of(5))
+    waiting = pair.client.download(pair.now_us, by_file=False)
     pair.client.cancel(waiting, pair.now_us)
     assert pair.result_of(waiting, within_s=2.0).outcome == "cancelled"
 
@@ -320,15 +326,15 @@ def test_a_transfer_that_waits_is_cancelled_at_once() -> None:
 @pytest.mark.parametrize(("begin", "expected"), [("restart", 0), ("keep", 3), (2, 2), (99, 5)])
 def test_a_new_mission_begins_where_it_is_told_to(stack: Stack, begin: Any, expected: int) -> None:
     pair = connected(stack)
-    pair.result_of(pair.client.upload(line_of(6), pair.now_us, begin=3))
-    pair.result_of(pair.client.upload(line_of(6, first=2), pair.now_us, begin=begin))
+    pair.result_of(upload(pair, line_of(6), begin=3))
+    pair.result_of(upload(pair, line_of(6, first=2), begin=begin))
     pair.run_for(2.0)
     assert pair.of(MissionProgress)[-1].current_seq == expected
 
 
 def test_a_newer_mission_takes_the_place_of_one_that_waits() -> None:
     pair = connected(PX4)
-    ids = [pair.client.upload(line_of(5, first), pair.now_us) for first in range(3)]
+    ids = [upload(pair, line_of(5, first)) for first in range(3)]
     outcomes = [pair.result_of(transfer_id).outcome for transfer_id in ids]
     assert outcomes == ["accepted", "superseded", "accepted"]
     assert held(pair) == line_of(5, 2)
@@ -336,6 +342,6 @@ def test_a_newer_mission_takes_the_place_of_one_that_waits() -> None:
 
 def test_an_ardupilot_upload_left_alone_is_cancelled_after_eight_seconds() -> None:
     pair = connected(ARDUPILOT, up=Choosy(lambda name: name == "MISSION_ITEM_INT"))
-    result = pair.result_of(pair.client.upload(line_of(4), pair.now_us), within_s=30.0)
+    result = pair.result_of(upload(pair, line_of(4)), within_s=30.0)
     assert result.code == mavlink.MAV_MISSION_OPERATION_CANCELLED
     assert 7.5 < pair.now_us / SECOND < 12.0
