@@ -89,7 +89,7 @@ def test_over_bad_links_transfers_end_and_success_means_the_mission_is_held(
         read = bench.run(download_of(session=seed + 2), within_s=250.0)
         assert bench.held() in (OLD, sent)
         assert read.items is None or read.items[1:] == bench.held()
-    assert succeeded >= 0.9 * seeds
+    assert succeeded >= 0.95 * seeds
 
 
 @pytest.mark.parametrize("loss", [0.05, 0.3])
