@@ -188,6 +188,8 @@ class Jobs:
         job = self._job
         if job is None or job.under_way is None or job.under_way.result is None:
             return []
+        if isinstance(job.under_way, FtpUpload | FtpDownload):
+            self._session = job.under_way.session  # it may have taken others
         following = self._after(job, job.under_way, job.under_way.result, seen)
         if not isinstance(following, TransferResult):
             return self._begin(job, following, now_us)
@@ -224,7 +226,7 @@ class Jobs:
             job.uploaded = result
             return self._read_file(address)
         if isinstance(ended, FtpDownload):
-            return self._after_file(job, result, address)
+            return self._after_file(job, result, seen)
         if isinstance(ended, MissionUpload):
             job.uploaded = result
             holds = held_after(ended, result, stack)
@@ -250,9 +252,7 @@ class Jobs:
             return TransferResult("failed", words, items=read, holds=read_holds)
         return replace(job.uploaded, items=read, holds=read_holds)
 
-    def _after_file(
-        self, job: Job, read: TransferResult, address: Address
-    ) -> Transfer | TransferResult:
+    def _after_file(self, job: Job, read: TransferResult, seen: Seen) -> Transfer | TransferResult:
         """After a file was written and read back."""
         assert job.uploaded is not None
         untouched = job.uploaded.outcome == "failed"
@@ -262,12 +262,13 @@ class Jobs:
             holds: Holds = "the old one" if untouched else "one of both"
             return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
         if same_mission(job.wire_items, read.items, job.hidden == 1):
-            return self._set_current(job, address)
-        words = job.uploaded.reason if untouched else "the vehicle holds another mission"
-        # What was closed and is not what was written was applied in part.
-        holds = "a mixture" if job.uploaded.outcome == "accepted" else "the old one"
+            return self._set_current(job, self._address(job, seen))
+        if not untouched and not job.cancelled:
+            job.uploaded = None
+            return self._by_items(job, seen)  # not applied, or in part: a command it does not know
+        holds = "the old one" if untouched else "a mixture"
         read_items = read.items[job.hidden :]
-        return TransferResult("failed", words, items=read_items, holds=holds)
+        return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)
 
     def _after_mode(
         self, job: Job, result: TransferResult, address: Address

@@ -121,7 +121,8 @@ def test_missions_go_up_and_come_down_over_udp(tmp_path: Path) -> None:
     mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         up = call("mission", "upload", str(sent), *link, "--json")
-        assert json.loads(up.stdout) == {"result": "accepted", "items": len(read_plan(sent))}
+        told = {"result": "accepted", "items": len(read_plan(sent)), "holds": "the new one"}
+        assert json.loads(up.stdout) == told
         assert call("mission", "download", "-o", str(read), *link).exit_code == 0
         assert same_mission(read_plan(sent), read_plan(read), item_0_is_home=False)
         assert call("mission", "clear", *link).exit_code == 0
