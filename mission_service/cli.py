@@ -270,10 +270,10 @@ def mission() -> None:
 @JSON
 def mission_upload(plan_file: Path, link: str, timeout_s: float, as_json: bool) -> None:
     """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight."""
-    from autopilot_bridge.planfile import read_plan
+    from autopilot_bridge.planfile import read_any
     from mission_service.transfers import upload
 
-    items = read_plan(plan_file)
+    items = read_any(plan_file).mission
     _echo(upload(items, link, timeout_s), as_json)
 
 

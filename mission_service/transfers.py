@@ -8,8 +8,8 @@ from typing import Any
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import Connected, TransferFinished
 from autopilot_bridge.connection import Connection
-from autopilot_bridge.items import MissionItem
-from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.items import MissionItem, Plan, has_position
+from autopilot_bridge.planfile import write_any
 from autopilot_bridge.transfer import TransferResult
 from mission_service.daemon import clock_us
 from mission_service.errors import MissionServiceError
@@ -24,12 +24,12 @@ def upload(items: tuple[MissionItem, ...], link: str, timeout_s: float) -> dict[
 
 
 def download(output: Path, link: str, timeout_s: float) -> dict[str, Any]:
-    """Write the autopilot's mission to a .plan file."""
+    """Write the autopilot's mission to a .plan or QGC WPL file."""
     client, result = _run(VehicleClient.download, link, timeout_s)
     items = result.items or ()
-    first = items[0] if items else None
-    home = (first.x / 1e7, first.y / 1e7, first.z) if first else (0.0, 0.0, 0.0)
-    write_plan(output, items, home, client.stack)
+    first = next((item for item in items if has_position(item.command)), None)
+    home = (first.x / 1e7, first.y / 1e7, first.z) if first else None
+    write_any(output, Plan(items, home=home), client.stack)
     return {"result": result.outcome, "items": len(items), "file": str(output)}
 
 

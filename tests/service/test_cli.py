@@ -68,7 +68,7 @@ def test_replay_says_what_was_reproduced_and_fails_on_a_changed_line(tmp_path: P
 def test_a_plan_can_be_written_and_read(tmp_path: Path) -> None:
     path = tmp_path / "first.plan"
     assert call("plan", "default", "-o", str(path)).exit_code == 0
-    assert len(read_plan(path)) >= 3
+    assert len(read_plan(path).mission) >= 3
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in SHIPPED.glob("*.toml")))
@@ -121,12 +121,15 @@ def test_missions_go_up_and_come_down_over_udp(tmp_path: Path) -> None:
     mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         up = call("mission", "upload", str(sent), *link, "--json")
-        assert json.loads(up.stdout) == {"result": "accepted", "items": len(read_plan(sent))}
+        assert json.loads(up.stdout) == {
+            "result": "accepted",
+            "items": len(read_plan(sent).mission),
+        }
         assert call("mission", "download", "-o", str(read), *link).exit_code == 0
-        assert same_mission(read_plan(sent), read_plan(read), item_0_is_home=False)
+        assert same_mission(read_plan(sent).mission, read_plan(read).mission, item_0_is_home=False)
         assert call("mission", "clear", *link).exit_code == 0
         call("mission", "download", "-o", str(read), *link)
-        assert read_plan(read) == ()
+        assert read_plan(read).mission == ()
     finally:
         mock.kill()
         mock.wait(timeout=10)
