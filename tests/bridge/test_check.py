@@ -19,16 +19,17 @@ PX4, PX4_COPTER, PLANE, COPTER = STACKS
 ALL = (PX4, PX4_COPTER, PLANE, COPTER)
 ARDUPILOT = (PLANE, COPTER)
 BOTH_PX4 = (PX4, PX4_COPTER)
-AT = (3, 363000000, -842000000, 50.0)
+AT = 3, 363000000, -842000000, 50.0
 NAN, INF = math.nan, math.inf
 
 
-def at(command: int, *params: float, **more: Any) -> MissionItem:
+def at(command: int, *params: Any, **more: Any) -> MissionItem:
     """An item with a position, above home."""
-    return replace(MissionItem(command, *AT, *params), **more)
+    frame, x, y, z = AT
+    return replace(MissionItem(command, frame, x, y, z, *params), **more)
 
 
-def bare(command: int, *params: float, **more: Any) -> MissionItem:
+def bare(command: int, *params: Any, **more: Any) -> MissionItem:
     """An item without position, in MAV_FRAME_MISSION."""
     return replace(MissionItem(command, 2, 0, 0, 0.0, *params), **more)
 
