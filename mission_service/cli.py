@@ -273,8 +273,10 @@ def mission_upload(plan_file: Path, link: str, timeout_s: float, as_json: bool) 
     from autopilot_bridge.planfile import read_any
     from mission_service.transfers import upload
 
-    items = read_any(plan_file).mission
-    _echo(upload(items, link, timeout_s), as_json)
+    plan = read_any(plan_file)
+    if plan.fence or plan.rally:
+        click.echo(f"{plan_file}: its fence and rally points are not sent", err=True)
+    _echo(upload(plan.mission, link, timeout_s), as_json)
 
 
 @mission.command("download")

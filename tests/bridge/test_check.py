@@ -53,8 +53,8 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (ARDUPILOT, bare(187, 1.0), ("refused", "command"), "DO_SET_SERVO"),
     (ARDUPILOT, bare(400, 1.0), ("refused", "command"), "arm by command"),
     ((PLANE,), at(82), ("refused", "command"), "does not take"),
-    (BOTH_PX4, bare(112, 1.0), ("refused", "command"), "whole mission is rejected"),
-    (BOTH_PX4, bare(114, 1.0), ("refused", "command"), "whole mission is rejected"),
+    (BOTH_PX4, bare(112, 1.0), ("refused", "command"), "mission is rejected; use NAV_DELAY"),
+    (BOTH_PX4, bare(114, 1.0), ("refused", "command"), "mission is rejected; put a waypoint"),
     ((PLANE,), bare(42600, 1.0), ("dropped", "command"), "passes over it"),
     ((PLANE,), bare(115, 90.0), ("dropped", "command"), "passes over it"),
     ((COPTER,), at(30, 1.0), ("dropped", "command"), "passes over it"),
@@ -170,6 +170,11 @@ WELL: list[tuple[tuple[Stack, ...], MissionItem]] = [
     (BOTH_PX4, at(22, 0, frame=0, z=0.0)),
     (BOTH_PX4, at(201, 3.0)),
     (BOTH_PX4, bare(187, 0.5, NAN, NAN)),
+    # What can drop a load.
+    (ARDUPILOT, bare(181, 1.0, 1.0)),
+    (ARDUPILOT, bare(182, 1.0, 2.0, 1.5)),
+    (ARDUPILOT, bare(216, 1.0)),
+    ((*BOTH_PX4, COPTER), bare(42600, 1.0, 1.0, 5.0, 1.0)),
     (BOTH_PX4, bare(189)),
 ]
 
@@ -203,7 +208,9 @@ def test_the_longest_mission_counts_the_home_that_is_sent_along(stack: Stack, mo
 def test_what_comes_after_an_endless_loiter_is_told(stack: Stack) -> None:
     mission = (*takes(stack), at(16), bare(211, 1.0))
     assert [(p.kind, p.index) for p in check(mission, stack)] == [("dropped", 4), ("dropped", 5)]
-    reached = replace(bare(177, 4.0, 1.0))
+    drops = (bare(211, 1.0), bare(206, 5.0), bare(206, 5.0))
+    assert [p.index for p in check((*takes(stack), *drops), stack)] == [4, 5, 6]
+    reached = bare(177, 4.0, 1.0)
     assert check((mission[0], reached, mission[1], mission[3], *mission[4:], at(16)), stack) == []
     land = bare(189) if stack in BOTH_PX4 else at(189)
     assert check((*takes(stack), land, at(16), at(21, param4=NAN)), stack) == []
@@ -242,6 +249,12 @@ FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] 
     (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices follow"),
     (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices follow"),
     (ALL, polygon((0, 1), (9, 9), (0, 9), (9, 1)), ("dangerous", 0, "param1"), "crosses itself"),
+    (
+        ALL,
+        (*polygon(*SQUARE), *polygon((0, 1), (9, 9), (0, 9), (9, 1))),
+        ("dangerous", 4, "param1"),
+        "crosses itself",
+    ),
     (ARDUPILOT, (replace(CIRCLE, param1=0.0),), ("refused", 0, "param1"), "radius above 0"),
     (BOTH_PX4, (replace(CIRCLE, param1=NAN),), ("dangerous", 0, "param1"), "radius above 0"),
     (ARDUPILOT, (at(16),), ("refused", 0, "command"), "no part of a fence"),

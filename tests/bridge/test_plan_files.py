@@ -127,14 +127,17 @@ def test_the_documented_plan_is_read_as_qgroundcontrol_sends_it(tmp_path: Path) 
 def test_the_written_plan_has_what_qgroundcontrol_requires(tmp_path: Path) -> None:
     path = tmp_path / "a.plan"
     jump = MissionItem(177, 2, 0, 0, 0.0, 1.0, 2.0)
+    above_home = MissionItem(16, 3, 363000000, -842000000, 60.0)
     point = MissionItem(16, 10, 363000000, -842000000, 60.0, param4=math.nan)
-    write_plan(path, Plan((*flight_of(), point, jump), home=HOME), stack_named("px4", "plane"))
+    plan = Plan((*flight_of(), above_home, point, jump), home=HOME)
+    write_plan(path, plan, stack_named("px4", "plane"))
     content = json.loads(path.read_text(encoding="utf-8"))
-    first, *_, terrain, last = content["mission"]["items"]
+    first, *_, relative, terrain, last = content["mission"]["items"]
     assert content["mission"]["plannedHomePosition"] == [36.3, -84.2, 300.0]
     assert content["mission"]["firmwareType"] == 12
     assert (first["doJumpId"], first["AltitudeMode"], first["Altitude"]) == (1, 2, 360.0)
     assert first["params"][4:] == [36.3, -84.2, 360.0]
+    assert relative["AltitudeMode"] == 1
     assert (terrain["AltitudeMode"], terrain["params"][3]) == (4, None)
     assert last["params"][0] == 2.0  # the doJumpId of the item at place 1
     assert "Altitude" not in last

@@ -173,7 +173,9 @@ def transfers(path: Path) -> Iterator[Transfer]:
                 under_way = Transfer(fields["mission_type"], fields["count"], up, [])
             case "MISSION_ITEM_INT" if under_way:
                 names = ("command", "frame", "x", "y", "z", *PARAMS, "autocontinue")
-                values = {name: NAN if fields[name] is None else fields[name] for name in names}
+                values: dict[str, Any] = {
+                    name: NAN if fields[name] is None else fields[name] for name in names
+                }
                 under_way.items.append(MissionItem(**values))
             case "MISSION_ACK" if under_way:
                 under_way.ack = fields["type"]

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from autopilot_bridge.planfile import read_plan
+from autopilot_bridge.items import MissionItem, Plan
+from autopilot_bridge.planfile import read_plan, write_plan
 from autopilot_bridge.transfer import same_mission
 from mission_service import __version__
 from mission_service.cli import main
@@ -101,6 +102,13 @@ def test_bad_input_gets_one_line_and_exit_code_1(
     assert words in result.stderr
     assert result.stderr.count("\n") == 1
     assert "Traceback" not in result.output
+
+
+def test_a_fence_that_is_not_sent_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "fenced.plan"
+    write_plan(path, Plan((), (MissionItem(5003, 0, 0, 0, 0.0, 90.0),)), None)
+    result = call("mission", "upload", str(path), "--link", "bus:1")
+    assert "its fence and rally points are not sent" in result.stderr
 
 
 def test_a_vehicle_that_never_answers_is_told() -> None:

@@ -88,9 +88,9 @@ def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
 def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
     stack = stack_named("px4", "plane")  # the default scenario's
     missions = [
-        entry.item.items
+        entry.content.items
         for entry in JournalReader(run.journal)
-        if isinstance(entry.item, UploadMission)
+        if isinstance(entry.content, UploadMission)
     ]
     assert len(missions) > 20
     for mission in missions:
