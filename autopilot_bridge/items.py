@@ -1,8 +1,13 @@
 """Mission items as the mission protocol carries them (MISSION_ITEM_INT)."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+NO_POSITION = 2**31 - 1  # x or y that is left open: the NaN of MAVLink's integer fields
+LOCAL_FRAMES = (1, 4, 7, 8, 9, 12, 20, 21)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +28,71 @@ class MissionItem:
     param3: float = 0.0
     param4: float = 0.0
     autocontinue: int = 1
+
+
+Items = tuple[MissionItem, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All that a plan file holds, each part as the mission protocol carries it.
+
+    ``fence``: MAV_CMD_NAV_FENCE_* items, ``rally``: MAV_CMD_NAV_RALLY_POINT items, ``home``:
+    (lat_deg, lon_deg, altitude_amsl_m) or None. A DO_JUMP names its target by the place in
+    ``mission``, from 0.
+    """
+
+    mission: Items
+    fence: Items = ()
+    rally: Items = ()
+    home: tuple[float, float, float] | None = None
+
+
+def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
+    """The items with every DO_JUMP's target ``by`` places on (ArduPilot's home takes place 0)."""
+    return tuple(
+        replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
+        for item in items
+    )
+
+
+def has_position(command: int) -> bool:
+    """Whether MAVLink gives the command a latitude and longitude (unknown ones: yes)."""
+    known = mavlink.enums["MAV_CMD"].get(command)
+    return known is None or bool(known.has_location)
+
+
+def command_name(command: int) -> str:
+    """MAVLink's name without its prefix; the number where there is none."""
+    known = mavlink.enums["MAV_CMD"].get(command)
+    return str(command) if known is None else str(known.name).removeprefix("MAV_CMD_")
+
+
+def _xy_unit(command: int, frame: int) -> float:
+    """Of ``x`` and ``y``: MISSION_ITEM_INT has 1e-7 deg, 1e-4 m, or the bare params 5 and 6."""
+    if frame in LOCAL_FRAMES:
+        return 1e4
+    return 1e7 if frame != mavlink.MAV_FRAME_MISSION and has_position(command) else 1.0
+
+
+def params_of(item: MissionItem) -> tuple[float, ...]:
+    """Params 1 to 7 as files have them: position in degrees (or metres), open values NaN."""
+    unit = _xy_unit(item.command, item.frame)
+    x, y = (math.nan if value == NO_POSITION else value / unit for value in (item.x, item.y))
+    return item.param1, item.param2, item.param3, item.param4, x, y, item.z
+
+
+def item_of_params(
+    command: int, frame: int, params: Sequence[float], autocontinue: int
+) -> MissionItem:
+    """The item of a file's params 1 to 7. Raises ValueError for a position that does not fit."""
+    param1, param2, param3, param4, *position, z = params
+    unit = _xy_unit(command, frame)
+    x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
+    for name, value in (("param 5", x), ("param 6", y)):
+        if not -(2**31) <= value < 2**31:
+            raise ValueError(f"{name} ({value / unit:g}) does not fit into a mission item")
+    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, autocontinue)
 
 
 def _at(lat_deg: float, lon_deg: float) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 from autopilot_bridge.codec import Message
 from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
 from autopilot_bridge.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
-from autopilot_bridge.items import MissionItem
+from autopilot_bridge.items import MissionItem, jumps_moved
 from autopilot_bridge.mode import SetMode
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import (
@@ -125,7 +125,7 @@ class Jobs:
         if job.begin == "keep":
             job.begin = max((seen.current or 0) - job.hidden, 0)
         job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
-        job.wire_items = (*job.items[: job.hidden], *job.items)
+        job.wire_items = (*job.items[: job.hidden], *jumps_moved(job.items, job.hidden))
         return self._begin(job, self._first(job, seen), now_us)
 
     def _first(self, job: Job, seen: Seen) -> Transfer:
@@ -205,7 +205,7 @@ class Jobs:
         """The next part of a job, or its result."""
         stack = seen.stack
         if job.action == "download" and result.items is not None:
-            return replace(result, items=result.items[job.hidden :])
+            return replace(result, items=users_items(job, result.items))
         if job.action == "download" and isinstance(ended, FtpDownload) and not job.cancelled:
             return MissionDownload(self._address(job, seen), self._timing)
         if job.action != "upload":
@@ -245,7 +245,7 @@ class Jobs:
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
             return self._set_current(job, address)
-        read = result.items[job.hidden :]
+        read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
             words = "the vehicle holds another mission"
@@ -267,7 +267,7 @@ class Jobs:
             job.uploaded = None
             return self._by_items(job, seen)  # not applied, or in part: a command it does not know
         holds = "the old one" if untouched else "a mixture"
-        read_items = read.items[job.hidden :]
+        read_items = users_items(job, read.items)
         return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)
 
     def _after_mode(
@@ -289,6 +289,11 @@ class Jobs:
         if job.kind == "mission" and job.items:
             return SetCurrent(address, self._seq(job), self._timing)
         return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+
+
+def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
+    """Items as the user knows them: without home, jumps counted from the first."""
+    return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:

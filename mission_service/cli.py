@@ -287,11 +287,13 @@ def mission_upload(
     plan_file: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
 ) -> None:
     """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight."""
-    from autopilot_bridge.planfile import read_plan
+    from autopilot_bridge.planfile import read_any
     from mission_service.transfers import upload
 
-    items = read_plan(plan_file)
-    _echo(upload(items, link, timeout_s, tlog), as_json)
+    plan = read_any(plan_file)
+    if plan.fence or plan.rally:
+        click.echo(f"{plan_file}: its fence and rally points are not sent", err=True)
+    _echo(upload(plan.mission, link, timeout_s, tlog), as_json)
 
 
 @mission.command("download")

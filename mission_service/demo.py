@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from autopilot_bridge.items import Plan
 from autopilot_bridge.link import other_end
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.planfile import write_plan as write_plan_file
+from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
 from mission_service.config import Scenario, VehicleSection, flying, load_scenario, scenario_path
 from mission_service.core import approach_mission
@@ -106,5 +107,5 @@ def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[st
     items = approach_mission(scenario, section, landscape)
     x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     home = (section.home_lat_deg, section.home_lon_deg, float(landscape.elevation_at(x_m, y_m)))
-    write_plan_file(output, items, home=home, stack=stack_named(section.stack, section.kind))
+    write_any(output, Plan(items, home=home), stack_named(section.stack, section.kind))
     return len(items)

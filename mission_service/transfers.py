@@ -6,11 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from autopilot_bridge.check import adapted, check
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import Connected, TransferFinished
 from autopilot_bridge.connection import Connection
-from autopilot_bridge.items import MissionItem
-from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.items import MissionItem, Plan, has_position
+from autopilot_bridge.planfile import write_any
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.transfer import TransferResult
 from mission_service.daemon import clock_us, wall_us
@@ -22,23 +23,31 @@ Begin = Callable[[VehicleClient, int], int]
 def upload(
     items: tuple[MissionItem, ...], link: str, timeout_s: float, tlog: Path | None = None
 ) -> dict[str, Any]:
-    """Replace the autopilot's mission; the flight is not started."""
-    _, result = _run(
-        lambda client, now_us: client.upload(items, now_us, check=True, holds_first=True),
-        link,
-        timeout_s,
-        tlog,
-    )
+    """Replace the autopilot's mission; the flight is not started.
+
+    Raises MissionServiceError, before anything is sent, for items its autopilot would not fly as
+    they are meant.
+    """
+
+    def begin(client: VehicleClient, now_us: int) -> int:
+        assert client.stack is not None
+        fitted = adapted(items, client.stack)
+        for problem in check(fitted, client.stack):
+            if problem.kind != "changed":
+                raise MissionServiceError(str(problem))
+        return client.upload(fitted, now_us, check=True, holds_first=True)
+
+    _, result = _run(begin, link, timeout_s, tlog)
     return {"result": result.outcome, "items": len(items), "holds": result.holds}
 
 
 def download(output: Path, link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:
-    """Write the autopilot's mission to a .plan file."""
+    """Write the autopilot's mission to a .plan or QGC WPL file."""
     client, result = _run(VehicleClient.download, link, timeout_s, tlog)
     items = result.items or ()
-    first = items[0] if items else None
-    home = (first.x / 1e7, first.y / 1e7, first.z) if first else (0.0, 0.0, 0.0)
-    write_plan(output, items, home, client.stack)
+    first = next((item for item in items if has_position(item.command)), None)
+    home = (first.x / 1e7, first.y / 1e7, first.z) if first else None
+    write_any(output, Plan(items, home=home), client.stack)
     return {"result": result.outcome, "items": len(items), "file": str(output)}
 
 

@@ -1,11 +1,9 @@
-"""Links and plan files; one exchange over real UDP."""
+"""Links; one exchange over real UDP."""
 
 import asyncio
 import contextlib
-import math
 import socket
 import time
-from pathlib import Path
 
 import pytest
 
@@ -22,10 +20,9 @@ from autopilot_bridge.link import (
     reconnect_wait_s,
 )
 from autopilot_bridge.mock.process import serve
-from autopilot_bridge.planfile import read_plan, write_plan
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.transfer import TransferResult
-from tests.bridge.helpers import HOME, flight_of, line_of, mock_of
+from tests.bridge.helpers import line_of, mock_of
 
 
 def clock_us() -> int:
@@ -86,28 +83,6 @@ def test_a_memory_link_treats_the_same_traffic_the_same_way() -> None:
 
     assert fate(7) == fate(7)
     assert fate(7) != fate(8)
-
-
-def test_a_plan_file_comes_back_as_it_was(tmp_path: Path) -> None:
-    path = tmp_path / "mission.plan"
-    write_plan(path, flight_of(), HOME, stack_named("px4", "plane"))
-    assert read_plan(path) == flight_of()
-
-
-def test_a_null_parameter_of_qgroundcontrol_is_nan(tmp_path: Path) -> None:
-    path = tmp_path / "mission.plan"
-    write_plan(path, flight_of(), HOME, None)
-    text = path.read_text(encoding="utf-8").replace("12.0", "null")
-    path.write_text(text, encoding="utf-8")
-    assert math.isnan(read_plan(path)[0].param1)
-
-
-@pytest.mark.parametrize("text", ["", "{}", '{"mission": {"items": [{"type": "ComplexItem"}]}}'])
-def test_a_bad_plan_file_is_refused_with_its_name(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "bad.plan"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(BridgeError, match=r"bad\.plan"):
-        read_plan(path)
 
 
 async def upload_over_udp(port: int) -> TransferResult:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from autopilot_bridge.planfile import read_plan
+from autopilot_bridge.items import MissionItem, Plan
+from autopilot_bridge.planfile import read_plan, write_plan
 from autopilot_bridge.transfer import same_mission
 from mission_service import __version__
 from mission_service.cli import main
@@ -68,7 +69,7 @@ def test_replay_says_what_was_reproduced_and_fails_on_a_changed_line(tmp_path: P
 def test_a_plan_can_be_written_and_read(tmp_path: Path) -> None:
     path = tmp_path / "first.plan"
     assert call("plan", "default", "-o", str(path)).exit_code == 0
-    assert len(read_plan(path)) >= 3
+    assert len(read_plan(path).mission) >= 3
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in SHIPPED.glob("*.toml")))
@@ -103,6 +104,13 @@ def test_bad_input_gets_one_line_and_exit_code_1(
     assert "Traceback" not in result.output
 
 
+def test_a_fence_that_is_not_sent_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "fenced.plan"
+    write_plan(path, Plan((), (MissionItem(5003, 0, 0, 0, 0.0, 90.0),)), None)
+    result = call("mission", "upload", str(path), "--link", "bus:1")
+    assert "its fence and rally points are not sent" in result.stderr
+
+
 def test_a_vehicle_that_never_answers_is_told() -> None:
     link = f"udpin:127.0.0.1:{free_port()}"
     began = time.monotonic()
@@ -121,13 +129,13 @@ def test_missions_go_up_and_come_down_over_udp(tmp_path: Path) -> None:
     mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         up = call("mission", "upload", str(sent), *link, "--json")
-        told = {"result": "accepted", "items": len(read_plan(sent)), "holds": "the new one"}
+        told = {"result": "accepted", "items": len(read_plan(sent).mission), "holds": "the new one"}
         assert json.loads(up.stdout) == told
         assert call("mission", "download", "-o", str(read), *link).exit_code == 0
-        assert same_mission(read_plan(sent), read_plan(read), item_0_is_home=False)
+        assert same_mission(read_plan(sent).mission, read_plan(read).mission, item_0_is_home=False)
         assert call("mission", "clear", *link).exit_code == 0
         call("mission", "download", "-o", str(read), *link)
-        assert read_plan(read) == ()
+        assert read_plan(read).mission == ()
     finally:
         mock.kill()
         mock.wait(timeout=10)

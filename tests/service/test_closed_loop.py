@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from autopilot_bridge.check import adapted, check
+from autopilot_bridge.read_back import as_read_back, same_as_sent
+from autopilot_bridge.stacks import stack_named
+from mission_service.commands import UploadMission
 from mission_service.config import load_scenario
 from mission_service.journal import JournalReader
 from mission_service.outputs import write_outputs
@@ -79,6 +83,21 @@ def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
     entries = list(JournalReader(run.journal))
     assert entries[0].is_event
     assert all(entry.intact for entry in entries)
+
+
+def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
+    stack = stack_named("px4", "plane")  # the default scenario's
+    missions = [
+        entry.content.items
+        for entry in JournalReader(run.journal)
+        if isinstance(entry.content, UploadMission)
+    ]
+    assert len(missions) > 20
+    for mission in missions:
+        for each in (stack, stack_named("ardupilot", "plane"), stack_named("ardupilot", "copter")):
+            assert [str(problem) for problem in check(mission, each)] == []
+            assert all(same_as_sent(item, as_read_back(item, each), each) for item in mission)
+        assert adapted(mission, stack) == mission
 
 
 def test_a_replay_reproduces_every_decision(run: Run) -> None:

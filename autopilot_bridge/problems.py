@@ -1,0 +1,38 @@
+"""Problems of a mission, in words."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from autopilot_bridge.items import MissionItem, command_name
+
+Kind = Literal["refused", "dangerous", "dropped", "changed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing wrong with a mission for one stack.
+
+    ``refused``: the autopilot says no. ``dangerous``: it says yes and flies something else.
+    ``dropped``: it says yes and never does it. ``changed``: it keeps another value. ``index`` is
+    None for the mission as a whole.
+    """
+
+    kind: Kind
+    index: int | None
+    command: str
+    field: str
+    value: float
+    reason: str
+    remedy: str
+
+    def __str__(self) -> str:
+        where = "mission" if self.index is None else f"item {self.index} {self.command}"
+        return f"{where}: {self.field} {self.value:g}: {self.reason}; {self.remedy}"
+
+
+def problem(
+    kind: Kind, index: int, item: MissionItem, field: str, reason: str, remedy: str
+) -> Problem:
+    """A problem of one field of an item."""
+    value: float = getattr(item, field)
+    return Problem(kind, index, command_name(item.command), field, value, reason, remedy)
