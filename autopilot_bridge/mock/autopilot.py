@@ -9,10 +9,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import waypoint
+from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.flight import Flight, LocalFrame, Mode
 from autopilot_bridge.mock.ftp_server import FtpServer
 from autopilot_bridge.mock.kinematics import STEP_US, Limits
-from autopilot_bridge.mock.mission_server import MissionServer
+from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
+from autopilot_bridge.mock.px4_server import Px4Server
+from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
@@ -40,7 +43,10 @@ class MockAutopilot:
         frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s))
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
-        self.missions = MissionServer(stack, home)
+        server = ArduPilotServer if stack.item_0_is_home else Px4Server
+        self.missions: MissionServer = server(stack, home)
+        self.missions.flying_mission = self._flying_mission
+        self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions, self._flying_mission)
         self._codec = Codec(system_id, COMPONENT)
@@ -48,7 +54,7 @@ class MockAutopilot:
         self._outgoing: list[bytes] = []
         self._boot_us: int | None = None
         self._steps = 0
-        self._told_current: tuple[int, int] | None = None
+        self._told_current: object = None
 
     # Bytes and time -----------------------------------------------------------------------------
 
@@ -75,8 +81,8 @@ class MockAutopilot:
         """Fly up to now and say what is due."""
         if self._boot_us is None:
             self._boot_us = now_us
-        self._send(*self.missions.handle_timer(now_us))
-        if replies := self.ftp.handle_timer(now_us):
+        replies = [*self.missions.handle_timer(now_us), *self.ftp.handle_timer(now_us)]
+        if replies:
             self._send(*replies)
             self._take_over()
         due = (now_us - self._boot_us) // STEP_US - self._steps
@@ -98,7 +104,7 @@ class MockAutopilot:
         if kind in ("COMMAND_LONG", "COMMAND_INT"):
             self._command(message)
         elif kind == "MISSION_SET_CURRENT":
-            self._set_current(message.seq)
+            self._set_current(message)
         elif kind == "FILE_TRANSFER_PROTOCOL":
             self.ftp.receive(message, now_us)
         elif kind.startswith("MISSION_"):
@@ -107,26 +113,57 @@ class MockAutopilot:
 
     def _take_over(self) -> None:
         """What the vehicle flies after its list of items has changed."""
-        flight = self.flight
-        flight.items = tuple(self.missions.items)
-        if not self.missions.changed:
+        flight, missions = self.flight, self.missions
+        items = tuple(missions.items)
+        restarts = self.stack.keeps_target and self.stack.vehicle == "copter"
+        if items != flight.items:
+            flight.items = items
+            if restarts and self._flying_mission():
+                self._restart_item()
+        if not missions.changed:
             return
-        self.missions.changed = False
+        missions.changed = False
+        if missions.cleared:
+            missions.cleared = False
+            flight.current = 0
         if not self.stack.keeps_target:
-            flight.go_to(0, self._now_s())  # PX4 begins anew; ArduPilot flies its old target on
+            self._begin_anew()
         self._tell_current()
 
-    def _set_current(self, seq: int) -> None:
-        first = 1 if self.stack.item_0_is_home else 0
-        if seq >= len(self.flight.items):
-            if self.stack.name == "px4":
-                self._send(mavlink.MAVLink_statustext_message(4, b"WPM: WP CURR CMD: invalid"))
-            return
-        self.flight.go_to(max(seq, first), self._now_s())
-        self._tell_current()
+    def _begin_anew(self) -> None:
+        """PX4 flies a new mission at once; without one it loiters."""
+        flight = self.flight
+        if flight.mode == "mission" and not flight.items:
+            self._send(text(2, "No valid mission available, loitering\t"))
+            flight.set_mode("hold", self._now_s())
+        flight.make_current(self.missions.start_at, self._now_s())
+
+    def _restart_item(self) -> None:
+        """ArduCopter begins its item again at every item that is received."""
+        flight = self.flight
+        if flight.current < len(flight.items):
+            flight.go_to(flight.current, self._now_s())
+            self._send(text(2, "Auto mission changed, restarted command"))
+        else:
+            self._send(text(2, "Auto mission changed but failed to restart command"))
+
+    def _set_current(self, message: Message) -> None:
+        if self.missions.busy_with(client_of(message)):
+            self._send(text(2, "WPM: IGN WP CURR CMD: Busy\t"))
+        elif message.seq < len(self.flight.items):
+            self._make_current(message.seq)
+        elif self.stack.name == "px4":
+            self._send(text(2, "WPM: WP CURR CMD: Not in list\t"))
+
+    def _make_current(self, seq: int) -> None:
+        asked = max(seq, 1 if self.stack.item_0_is_home else 0)
+        self.flight.make_current(asked, self._now_s())
+        self._tell_current(asked)
 
     def _command(self, message: Message) -> None:
         result = self._obey(message)
+        if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
+            self._make_current(int(message.param1))
         self._send(
             mavlink.MAVLink_command_ack_message(
                 message.command,
@@ -152,6 +189,9 @@ class MockAutopilot:
                 return accepted
             case mavlink.MAV_CMD_DO_SET_MODE:
                 return self._set_mode(message)
+            case mavlink.MAV_CMD_DO_SET_MISSION_CURRENT if self.stack.item_0_is_home:
+                known = 0 <= message.param1 < len(flight.items)
+                return accepted if known else int(mavlink.MAV_RESULT_DENIED)
             case mavlink.MAV_CMD_MISSION_START:
                 flight.set_mode("mission", self._now_s())
                 return accepted
@@ -175,6 +215,10 @@ class MockAutopilot:
         no_mission = len(self.missions.items) <= (1 if self.stack.item_0_is_home else 0)
         if mode is None or (mode == "mission" and no_mission):
             return int(mavlink.MAV_RESULT_DENIED)
+        reason = self.missions.infeasible()
+        if mode == "mission" and reason is not None:
+            self._send(text(2, reason + "\t"))
+            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         self.flight.set_mode(mode, self._now_s())
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
@@ -188,7 +232,7 @@ class MockAutopilot:
         if self._steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat()
             self._tell_current()
-        elif self._told_current != (flight.current, len(flight.items)):
+        elif self._told_current != (flight.current, *self.missions.progress()):
             self._tell_current()
         if self._steps % POSITION_EVERY_STEPS == 0:
             self._position()
@@ -212,11 +256,24 @@ class MockAutopilot:
             )
         )
 
-    def _tell_current(self) -> None:
+    def _tell_current(self, asked: int | None = None) -> None:
+        """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
         flight = self.flight
-        self._told_current = (flight.current, len(flight.items))
-        total = max(len(flight.items) - (1 if self.stack.item_0_is_home else 0), 0)
-        self._send(mavlink.MAVLink_mission_current_message(flight.current, total, 0, 0))
+        total, ids = self.missions.progress()
+        self._told_current = (flight.current, total, ids)
+        px4 = self.stack.name == "px4"
+        active = flight.mode == "mission" and flight.armed
+        if not flight.items or self.missions.infeasible() is not None:
+            state = mavlink.MISSION_STATE_NO_MISSION
+        elif active:
+            state = mavlink.MISSION_STATE_ACTIVE
+        else:
+            state = mavlink.MISSION_STATE_NOT_STARTED
+        mode = 1 if active else 2 if px4 else 0
+        current = mavlink.MAVLink_mission_current_message(
+            flight.current if asked is None else asked, total, state, mode
+        )
+        self._send(with_extension(current, *ids))
 
     def _position(self) -> None:
         motion, frame = self.flight.motion, self.flight.frame

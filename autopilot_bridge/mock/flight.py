@@ -91,7 +91,7 @@ class Flight:
         self.mode: Mode = "idle"
         self.armed = False
         self.items: tuple[MissionItem, ...] = ()
-        self.current = 1 if stack.item_0_is_home else 0
+        self.current = 0
         self.reached: list[int] = []
         self.target: Target | None = None
         self._stack = stack
@@ -112,8 +112,16 @@ class Flight:
             self.go_to(self.current, now_s)
         self.mode = mode
 
+    def make_current(self, seq: int, now_s: float) -> None:
+        """Make an item the current one; PX4 leaves a DO item there until it flies the mission."""
+        if self._stack.item_0_is_home or self.mode == "mission":
+            self.go_to(seq, now_s)
+        else:
+            self.current = seq
+
     def go_to(self, seq: int, now_s: float) -> None:
         """Make an item the current one and fly it; DO items are passed over."""
+        seq = max(seq, 1 if self._stack.item_0_is_home else 0)
         while seq < len(self.items) and self.items[seq].command not in NAVIGATION:
             seq += 1
         self.current = min(seq, max(len(self.items) - 1, 0))

@@ -1,0 +1,244 @@
+"""ArduPilot's side of the mission protocol.
+
+Each list has a transfer of its own. A mission is cut to its new length at once and overwritten
+item by item; a fence is taken over when it is whole.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mock.ardupilot_items import fence_fault, judge, rewritten
+from autopilot_bridge.mock.mission_server import (
+    ACCEPTED,
+    ERROR,
+    FENCE,
+    MISSION,
+    Client,
+    MissionServer,
+    ack,
+    client_of,
+    count_message,
+    item_in,
+    item_out,
+    text,
+)
+from autopilot_bridge.stacks import Stack
+
+DENIED = int(mavlink.MAV_MISSION_DENIED)
+INFO, WARNING, DEBUG = 6, 4, 7
+
+
+@dataclass
+class Receiving:
+    """An upload under way."""
+
+    client: Client
+    mission_type: int
+    count: int
+    heard_us: int
+    asked_us: int
+    next_seq: int = 0
+    fence: list[MissionItem] = field(default_factory=list)
+
+
+class ArduPilotServer(MissionServer):
+    """Works on what arrives at the next tick of its loop."""
+
+    _receiving: dict[int, Receiving]
+
+    def __init__(self, stack: Stack, home: MissionItem) -> None:
+        super().__init__(stack, home)
+        self._receiving = {}
+        self._queue: deque[Message] = deque()
+        self._tick_us = 0
+        self._scolded: set[str] = set()
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Keep the message for the next tick."""
+        if not self._queue:
+            self._tick_us = now_us + self.habits.tick_us
+        self._queue.append(message)
+        return []
+
+    def next_timer(self) -> int | None:
+        """The next tick with work to do."""
+        timers = [self._tick_us] if self._queue else []
+        timers += [self._due_us(receiving) for receiving in self._receiving.values()]
+        return min(timers, default=None)
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """One tick: answer all that arrived, ask silent uploaders again, give up on them."""
+        answers: list[Message] = []
+        for receiving in list(self._receiving.values()):
+            if now_us >= self._due_us(receiving):
+                answers += self._nudge(receiving, now_us)
+        if self._queue and now_us >= self._tick_us:
+            while self._queue:
+                answers += self._answer(self._queue.popleft(), now_us)
+        return self._heard(answers)
+
+    def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
+        """Take over a file's items one by one, up to the first refused; nobody is told.
+
+        A mission being flown is not cleared: a shorter file leaves the old items behind its own.
+        """
+        if may_clear:
+            self.items = []
+        self.changed = True
+        for seq, item in enumerate(items[: self.stack.most_items]):
+            if judge(item, MISSION) != ACCEPTED:
+                return
+            self._put(MISSION, seq, item)
+
+    def _due_us(self, receiving: Receiving) -> int:
+        return min(
+            receiving.asked_us + self.habits.rerequest_us,
+            receiving.heard_us + self.habits.gives_up_us,
+        )
+
+    def _nudge(self, receiving: Receiving, now_us: int) -> list[Message]:
+        if now_us < receiving.heard_us + self.habits.gives_up_us:
+            return [self._request(receiving, now_us)]
+        del self._receiving[receiving.mission_type]
+        cancelled = int(mavlink.MAV_MISSION_OPERATION_CANCELLED)
+        answers = [ack(receiving.client, cancelled, receiving.mission_type)]
+        if receiving.mission_type == MISSION:
+            answers.append(text(WARNING, "Mission upload timeout"))
+        return answers
+
+    def _answer(self, message: Message, now_us: int) -> list[Message]:
+        kind = message.get_type()
+        if kind == "MISSION_ACK":
+            return []  # not even a cancellation is heeded
+        client, mission_type = client_of(message), message.mission_type
+        if mission_type not in self.lists:
+            return [ack(client, int(mavlink.MAV_MISSION_UNSUPPORTED), mission_type)]
+        match kind:
+            case "MISSION_COUNT":
+                return self._count(client, message, now_us)
+            case "MISSION_ITEM_INT":
+                return self._item(client, message, now_us)
+            case "MISSION_ITEM":
+                answers = self._item(client, message, now_us)
+                return answers + self._scold("got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
+            case "MISSION_REQUEST_LIST":
+                if mission_type in self._receiving:
+                    return [ack(client, DENIED, mission_type)]
+                return [count_message(client, len(self.lists[mission_type]), mission_type)]
+            case "MISSION_REQUEST_INT":
+                return self._asked(client, message, as_int=True)
+            case "MISSION_REQUEST":
+                answers = self._asked(client, message, as_int=False)
+                return answers + self._scold("got MISSION_REQUEST; use MISSION_REQUEST_INT!")
+            case "MISSION_CLEAR_ALL":
+                return self._clear(client, mission_type)
+            case _:
+                return []
+
+    def _scold(self, words: str) -> list[Message]:
+        """A text told once."""
+        if words in self._scolded:
+            return []
+        self._scolded.add(words)
+        return [text(WARNING, words)]
+
+    def _count(self, client: Client, message: Message, now_us: int) -> list[Message]:
+        mission_type = message.mission_type
+        under_way = self._receiving.get(mission_type)
+        if under_way is not None and under_way.client != client:
+            return [ack(client, DENIED, mission_type)]
+        most = self.habits.most[mission_type]
+        if message.count > most:
+            no_space = ack(client, int(mavlink.MAV_MISSION_NO_SPACE), mission_type)
+            return [no_space, text(WARNING, f"Only {most} items are supported")]
+        receiving = Receiving(client, mission_type, message.count, now_us, now_us)
+        if mission_type != FENCE:
+            del self.lists[mission_type][message.count :]
+        if message.count == 0:
+            return self._complete(receiving)
+        self._receiving[mission_type] = receiving
+        return [self._request(receiving, now_us)]
+
+    def _request(self, receiving: Receiving, now_us: int) -> Message:
+        receiving.asked_us = now_us
+        return mavlink.MAVLink_mission_request_message(
+            *receiving.client, receiving.next_seq, receiving.mission_type
+        )
+
+    def _item(self, client: Client, message: Message, now_us: int) -> list[Message]:
+        mission_type = message.mission_type
+        receiving = self._receiving.get(mission_type)
+        if receiving is None:
+            return [ack(client, ERROR, mission_type)]
+        if receiving.client != client:
+            return [ack(client, DENIED, mission_type)]
+        if message.seq != receiving.next_seq:
+            return [ack(client, int(mavlink.MAV_MISSION_INVALID_SEQUENCE), mission_type)]
+        item = item_in(message)
+        ordered = self.faults.refuse.get((mission_type, message.seq), ACCEPTED)
+        code = ordered or judge(item, mission_type)
+        if code != ACCEPTED:
+            del self._receiving[mission_type]
+            return [ack(client, code, mission_type)]
+        if mission_type == FENCE:
+            receiving.fence.append(rewritten(item, FENCE, self.stack.vehicle))
+        else:
+            self._put(mission_type, message.seq, item)
+        receiving.heard_us = now_us
+        receiving.next_seq += 1
+        if receiving.next_seq < receiving.count:
+            return [self._request(receiving, now_us)]
+        del self._receiving[mission_type]
+        return self._complete(receiving)
+
+    def _put(self, mission_type: int, seq: int, item: MissionItem) -> None:
+        """Replace an item or add it at the end; item 0 of a mission is home, whatever was sent."""
+        held = self.lists[mission_type]
+        if mission_type == MISSION and seq == 0:
+            kept = self._home
+        else:
+            kept = rewritten(item, mission_type, self.stack.vehicle)
+        held[seq : seq + 1] = [kept]
+
+    def _complete(self, receiving: Receiving) -> list[Message]:
+        done = ack(receiving.client, ACCEPTED, receiving.mission_type)
+        if receiving.mission_type == MISSION:
+            self.changed = True
+            return [done, text(INFO, "Flight plan received")]
+        if receiving.mission_type != FENCE:
+            return [done]
+        fault = fence_fault(receiving.fence)
+        if fault is not None:
+            refused = ack(receiving.client, ERROR, FENCE)
+            return [refused, text(*fault), text(WARNING, "Fence validation failed")]
+        self.lists[FENCE] = receiving.fence
+        return [done, text(DEBUG, "Fence Indexed OK")]
+
+    def _asked(self, client: Client, message: Message, as_int: bool) -> list[Message]:
+        mission_type, seq = message.mission_type, message.seq
+        if mission_type in self._receiving:
+            return [ack(client, DENIED, mission_type)]
+        held = self.lists[mission_type]
+        if seq < len(held):
+            return [item_out(client, seq, held[seq], False, mission_type, as_int)]
+        answers = [ack(client, ERROR, mission_type)]
+        if mission_type == MISSION:
+            answers.insert(0, count_message(client, len(held), mission_type))
+        return answers
+
+    def _clear(self, client: Client, mission_type: int) -> list[Message]:
+        if mission_type in self._receiving:
+            return [ack(client, DENIED, mission_type)]
+        if mission_type == MISSION and self.flying_mission():
+            return [ack(client, ERROR, mission_type)]
+        self.lists[mission_type] = []
+        answers = [ack(client, ACCEPTED, mission_type)]
+        if mission_type == FENCE:
+            answers.append(text(DEBUG, "Fence Indexed OK"))
+        if mission_type == MISSION:
+            self.changed = self.cleared = True
+        return answers

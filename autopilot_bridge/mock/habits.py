@@ -1,0 +1,48 @@
+"""What the mission servers of the two stacks do differently, as data.
+
+Seen on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, unless a comment says "read".
+"""
+
+from dataclasses import dataclass
+
+from autopilot_bridge.stacks import Stack
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """One stack on one kind of vehicle."""
+
+    tick_us: int  # what arrives is worked on at the next turn of the autopilot's loop
+    rerequest_us: int  # a silent uploader is asked again
+    gives_up_us: int  # a silent uploader, counted from the last item
+    most: tuple[int, int, int]  # items of a mission, a fence, a list of rally points
+    mission_names: dict[int, str]  # how "Mission: 2 WP" calls the commands; empty: not told
+
+
+_NAMES = {
+    16: "WP",
+    17: "LoitUnlim",
+    18: "LoitTurns",
+    19: "LoitTime",
+    20: "RTL",
+    21: "Land",
+    22: "Takeoff",
+    31: "LoitAltitude",
+    178: "ChangeSpeed",
+    183: "SetServo",
+    211: "Gripper",
+}
+
+# Read: PX4 keeps up to 64 fence points and 32 safe points.
+_PX4 = Habits(0, 262_000, 5_000_000, (5000, 64, 32), {})
+_HABITS = {
+    ("px4", "plane"): _PX4,
+    ("px4", "copter"): _PX4,
+    ("ardupilot", "plane"): Habits(20_000, 1_020_000, 8_020_000, (655, 84, 50), _NAMES),
+    ("ardupilot", "copter"): Habits(6_000, 1_006_000, 8_006_000, (650, 84, 50), _NAMES),
+}
+
+
+def habits_of(stack: Stack) -> Habits:
+    """The habits of a stack."""
+    return _HABITS[stack.name, stack.vehicle]

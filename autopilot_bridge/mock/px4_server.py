@@ -1,0 +1,305 @@
+"""PX4's side of the mission protocol.
+
+The old list is kept until the new one is whole. Each link has a state machine of its own (here:
+each client); only one of them may receive at a time.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mock.mission_server import (
+    ACCEPTED,
+    ALL,
+    ERROR,
+    FENCE,
+    MISSION,
+    RALLY,
+    Client,
+    MissionServer,
+    ack,
+    client_of,
+    count_message,
+    item_in,
+    item_out,
+    text,
+)
+from autopilot_bridge.mock.px4_feasibility import (
+    first_outside,
+    lacking,
+    shapes_of,
+    usable,
+)
+from autopilot_bridge.mock.px4_items import FLOAT_FRAMES, checksum, judge, rewritten
+from autopilot_bridge.mock.wire import with_extension
+from autopilot_bridge.stacks import Stack
+
+COMPONENTS = (0, 1, 190)  # all, the autopilot, the "mission planner"
+CRITICAL = 2
+FENCE_CHECK_US = 480_000  # the fence is looked at about half a second after a change
+
+
+@dataclass
+class Manager:
+    """The state machine of one link."""
+
+    client: Client
+    state: Literal["idle", "getting", "sending"] = "idle"
+    mission_type: int = MISSION
+    as_int: bool = True
+    seq: int = 0  # the item wanted next, or to be asked for next
+    count: int = 0
+    heard_us: int = 0
+    asked_us: int = 0
+    checksum: int = 0
+    start_at: int = 0
+    items: list[MissionItem] = field(default_factory=list)
+
+
+def critical(words: str) -> Message:
+    """A text as PX4 sends it: the tab says that an event goes with it."""
+    return text(CRITICAL, words + "\t")
+
+
+class Px4Server(MissionServer):
+    """``required`` is MIS_TKO_LAND_REQ."""
+
+    def __init__(self, stack: Stack, home: MissionItem) -> None:
+        super().__init__(stack, home)
+        self.required = 0
+        self.ids = {MISSION: 0, FENCE: 0, RALLY: 0}
+        self._managers: dict[Client, Manager] = {}
+        self._check_us: int | None = None
+        self._reason: str | None = None
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Answer at once."""
+        if message.target_component not in COMPONENTS:
+            return []
+        client = client_of(message)
+        manager = self._managers.setdefault(client, Manager(client))
+        return self._heard(self._answer(manager, message, now_us))
+
+    def next_timer(self) -> int | None:
+        """The next question to repeat, transfer to give up or fence to look at."""
+        timers = [self._due_us(m) for m in self._managers.values() if m.state != "idle"]
+        if self._check_us is not None:
+            timers.append(self._check_us)
+        return min(timers, default=None)
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Ask silent uploaders again, give up on silent clients, look at a new fence."""
+        answers: list[Message] = []
+        for manager in self._managers.values():
+            if manager.state == "idle" or now_us < self._due_us(manager):
+                continue
+            if now_us >= manager.heard_us + self.habits.gives_up_us:
+                manager.state = "idle"
+                answers.append(critical("Operation timeout"))
+            else:
+                answers.append(self._request(manager, now_us))
+        if self._check_us is not None and now_us >= self._check_us:
+            self._check_us = None
+            answers += self._look_at_fence()
+        return self._heard(answers)
+
+    def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
+        """PX4 has no mission files."""
+        raise NotImplementedError
+
+    def progress(self) -> tuple[int, tuple[int, ...]]:
+        """65535 stands for no mission."""
+        return len(self.items) or 65535, tuple(self.ids.values())
+
+    def infeasible(self) -> str | None:
+        """Why the mission cannot be flown though it was accepted."""
+        return lacking(self.items, self.required) or self._reason
+
+    def busy_with(self, client: Client) -> bool:
+        """Whether a transfer with this client is open."""
+        manager = self._managers.get(client)
+        return manager is not None and manager.state != "idle"
+
+    def _due_us(self, manager: Manager) -> int:
+        gives_up_us = manager.heard_us + self.habits.gives_up_us
+        if manager.state == "sending":
+            return gives_up_us
+        return min(gives_up_us, manager.asked_us + self.habits.rerequest_us)
+
+    def _answer(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+        match message.get_type():
+            case "MISSION_COUNT":
+                return self._count(manager, message, now_us)
+            case "MISSION_ITEM_INT" | "MISSION_ITEM":
+                manager.as_int = message.get_type() == "MISSION_ITEM_INT"
+                return self._item(manager, message, now_us)
+            case "MISSION_REQUEST_LIST":
+                return self._listed(manager, message, now_us)
+            case "MISSION_REQUEST_INT" | "MISSION_REQUEST":
+                manager.as_int = message.get_type() == "MISSION_REQUEST_INT"
+                return self._asked(manager, message, now_us)
+            case "MISSION_CLEAR_ALL":
+                return self._clear(manager, message.mission_type, now_us)
+            case "MISSION_ACK":
+                return self._acknowledged(manager, message, now_us)
+            case _:
+                return []
+
+    # Uploads ------------------------------------------------------------------------------------
+
+    def _count(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+        client, mission_type = manager.client, message.mission_type
+        if manager.state == "sending":
+            busy = critical("WPM: IGN MISSION_COUNT: Busy")
+            return [ack(client, ERROR, manager.mission_type), busy]
+        if manager.state == "getting":
+            manager.heard_us = now_us
+            if manager.seq > 0:
+                return [ack(client, ERROR, manager.mission_type), critical("WPM: REJ. CMD: Busy")]
+            return [self._request(manager, now_us)]
+        if any(other.state == "getting" for other in self._managers.values()):
+            return [ack(client, ERROR, mission_type)]
+        manager.mission_type = mission_type
+        most = self.habits.most[mission_type] if mission_type in self.lists else 0
+        if message.count > most:
+            return [ack(client, int(mavlink.MAV_MISSION_NO_SPACE), mission_type)]
+        if message.count == 0:
+            if mission_type in self.lists:
+                self._become(mission_type, [], 0, 0, now_us)
+            return [ack(client, ACCEPTED, mission_type)]
+        fresh = Manager(client, "getting", mission_type, manager.as_int, 0, message.count, now_us)
+        self._managers[client] = fresh
+        return [self._request(fresh, now_us)]
+
+    def _request(self, manager: Manager, now_us: int) -> Message:
+        manager.asked_us = now_us
+        build = (
+            mavlink.MAVLink_mission_request_int_message
+            if manager.as_int
+            else mavlink.MAVLink_mission_request_message
+        )
+        return build(*manager.client, manager.seq, manager.mission_type)
+
+    def _item(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+        client, mission_type = manager.client, manager.mission_type
+        if message.mission_type != mission_type:
+            return [ack(client, ERROR, mission_type)]
+        if manager.state == "sending":
+            return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: Busy")]
+        if manager.state == "idle":
+            if manager.seq == message.seq + 1:  # the last item again: its ACK got lost
+                return [with_extension(ack(client, ACCEPTED, mission_type), manager.checksum)]
+            return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: No transfer")]
+        manager.heard_us = now_us
+        if message.seq != manager.seq:
+            return []
+        item = item_in(message)
+        ordered = self.faults.refuse.get((mission_type, message.seq), ACCEPTED)
+        code = ordered or judge(item, mission_type)
+        if code != ACCEPTED:
+            manager.state = "idle"
+            told = [] if code == ERROR else [critical("IGN MISSION_ITEM: Invalid item")]
+            return [ack(client, code, mission_type), *told]
+        manager.items.append(rewritten(item, mission_type))
+        manager.checksum = checksum(message, manager.checksum)
+        if message.current:
+            manager.start_at = message.seq
+        manager.seq += 1
+        if manager.seq < manager.count:
+            return [self._request(manager, now_us)]
+        manager.state = "idle"
+        if manager.checksum != self.ids[mission_type]:
+            self._become(mission_type, manager.items, manager.checksum, manager.start_at, now_us)
+        return [with_extension(ack(client, ACCEPTED, mission_type), manager.checksum)]
+
+    def _become(
+        self, mission_type: int, items: list[MissionItem], plan_id: int, start_at: int, now_us: int
+    ) -> None:
+        self.lists[mission_type] = items
+        self.ids[mission_type] = plan_id
+        if mission_type == MISSION:
+            self.changed = True
+            self.start_at = start_at
+            self._look_at_mission()
+        if mission_type == FENCE or self._reason is not None:
+            self._check_us = now_us + FENCE_CHECK_US  # and tell of it
+
+    def _clear(self, manager: Manager, mission_type: int, now_us: int) -> list[Message]:
+        if manager.state != "idle":
+            return [critical("WPM: IGN CLEAR CMD: Busy")]
+        manager.mission_type = mission_type
+        for one in self.lists if mission_type == ALL else (mission_type,):
+            if one in self.lists:
+                self._become(one, [], 0, 0, now_us)
+        return [ack(manager.client, ACCEPTED, mission_type)]
+
+    # Downloads ----------------------------------------------------------------------------------
+
+    def _listed(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+        mission_type = message.mission_type
+        done = manager.state == "sending" and manager.seq == manager.count
+        free = manager.state == "idle" or done
+        if not free and (manager.state == "getting" or manager.mission_type != mission_type):
+            return [text(6, "Mission download request ignored, already active\t")]
+        manager.state, manager.mission_type = "sending", mission_type
+        manager.heard_us, manager.seq = now_us, 0
+        manager.count = len(self.lists.get(mission_type, []))
+        counted = count_message(manager.client, manager.count, mission_type)
+        return [with_extension(counted, self.ids.get(mission_type, 0))]
+
+    def _asked(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+        if manager.state == "idle":
+            return []
+        if manager.state == "getting":
+            return [critical("WPM: REJ. CMD: Busy")]
+        mission_type, seq = manager.mission_type, message.seq
+        if message.mission_type != mission_type:
+            return []
+        manager.heard_us = now_us
+        items = self.lists.get(mission_type, [])
+        if seq not in (manager.seq, manager.seq - 1) or not 0 <= seq < len(items):
+            manager.state = "idle"
+            unexpected = critical("WPM: REJ. CMD: Req. WP was unexpected")
+            return [ack(manager.client, ERROR, mission_type), unexpected]
+        manager.seq = seq + 1
+        item = items[seq]
+        if not manager.as_int:
+            item = replace(item, frame=FLOAT_FRAMES.get(item.frame, item.frame))
+        current = seq == self.current_seq()
+        return [item_out(manager.client, seq, item, current, mission_type, manager.as_int)]
+
+    def _acknowledged(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+        if manager.state == "sending" and message.mission_type == manager.mission_type:
+            manager.state = "idle"
+        elif manager.state == "getting":
+            if message.type == mavlink.MAV_MISSION_OPERATION_CANCELLED:
+                manager.state = "idle"
+            elif message.type == mavlink.MAV_MISSION_UNSUPPORTED:
+                manager.as_int = not manager.as_int
+                return [self._request(manager, now_us)]
+        return []
+
+    # Feasibility --------------------------------------------------------------------------------
+
+    def _look_at_mission(self) -> list[Message]:
+        """Judge the mission by the fence; the texts that go with it."""
+        scale = math.cos(math.radians(self._home.x / 1e7))
+        shapes = usable(self.lists[FENCE], (self._home.x, self._home.y), scale)
+        outside = first_outside(self.items, shapes, scale)
+        if outside is None:
+            self._reason = None
+            return []
+        self._reason = f"Geofence violation for waypoint {outside + 1}"
+        return [critical(self._reason)]
+
+    def _look_at_fence(self) -> list[Message]:
+        scale = math.cos(math.radians(self._home.x / 1e7))
+        fence = self.lists[FENCE]
+        texts = self._look_at_mission()
+        if len(usable(fence, (self._home.x, self._home.y), scale)) < len(shapes_of(fence)):
+            texts.append(critical("Geofence invalid, doesn't contain Home position"))
+        return texts

@@ -1,0 +1,20 @@
+"""Fields on the wire that the installed dialect does not know: PX4's opaque ids."""
+
+import struct
+
+from autopilot_bridge.codec import Message
+
+
+def with_extension(message: Message, *ids: int) -> Message:
+    """The message with uint32 extension fields after its own; a decoder of old drops them."""
+    if not any(ids):
+        return message
+    payload = message.unpacker.pack(*(getattr(message, n) for n in message.ordered_fieldnames))
+    extended = payload + struct.pack(f"<{len(ids)}I", *ids)
+
+    def pack(mav: Message, force_mavlink1: bool = False) -> bytes:
+        frame: bytes = message._pack(mav, message.crc_extra, extended, force_mavlink1)
+        return frame
+
+    message.pack = pack
+    return message
