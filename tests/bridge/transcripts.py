@@ -185,6 +185,19 @@ class Player:
                 self._send((255, 190), items[line.fields["seq"]])
             self.run(self.now_us + 1000)
 
+    def say(self, message: Any, source: tuple[int, int] = (255, 190)) -> list[Line]:
+        """Send a message; returns what is said to it within 25 ms."""
+        self.heard = []
+        self._send(source, message)
+        self.run(self.now_us + 25_000)
+        return self.heard
+
+    def listen(self, seconds: float) -> list[Line]:
+        """What is said in a while."""
+        self.heard = []
+        self.run(self.now_us + round(seconds * SECOND))
+        return self.heard
+
     def _begin(self) -> None:
         self.run(self.now_us + round(PAUSE_S * SECOND))
         self._began_us = self.now_us
