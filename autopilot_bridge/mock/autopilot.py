@@ -52,6 +52,7 @@ class MockAutopilot:
         self._boot_us: int | None = None
         self._steps = 0
         self._told_current: object = None
+        self._reached = self._reached_again = 0
 
     # Bytes and time -----------------------------------------------------------------------------
 
@@ -78,8 +79,8 @@ class MockAutopilot:
         """Fly up to now and say what is due."""
         if self._boot_us is None:
             self._boot_us = now_us
-        if answers := self.missions.handle_timer(now_us):
-            self._send(*answers)
+        while (due_us := self.missions.next_timer()) is not None and due_us <= now_us:
+            self._send(*self.missions.handle_timer(now_us))
             self._take_over()
         due = (now_us - self._boot_us) // STEP_US - self._steps
         for _ in range(min(due, MOST_STEPS_AT_ONCE)):
@@ -108,12 +109,10 @@ class MockAutopilot:
     def _take_over(self) -> None:
         """What the vehicle flies after its list of items has changed."""
         flight, missions = self.flight, self.missions
-        items = tuple(missions.items)
-        restarts = self.stack.keeps_target and self.stack.vehicle == "copter"
-        if items != flight.items:
-            flight.items = items
-            if restarts and self._flying_mission():
-                self._restart_item()
+        flight.items = tuple(missions.items)
+        if self.stack.keeps_target and self.stack.vehicle == "copter" and self._flying_mission():
+            self._restart_item()
+        missions.cut = missions.written = False
         if not missions.changed:
             return
         missions.changed = False
@@ -127,18 +126,20 @@ class MockAutopilot:
     def _begin_anew(self) -> None:
         """PX4 flies a new mission at once; without one it loiters."""
         flight = self.flight
+        self._reached_again = 0
         if flight.mode == "mission" and not flight.items:
             self._send(text(2, "No valid mission available, loitering\t"))
             flight.set_mode("hold", self._now_s())
         flight.make_current(self.missions.start_at, self._now_s())
 
     def _restart_item(self) -> None:
-        """ArduCopter begins its item again at every item that is received."""
-        flight = self.flight
-        if flight.current < len(flight.items):
+        """ArduCopter begins its item again at every change of the mission."""
+        flight, missions = self.flight, self.missions
+        if flight.current < len(flight.items) and (missions.cut or missions.written):
             flight.go_to(flight.current, self._now_s())
+            self._tell_begun()
             self._send(text(2, "Auto mission changed, restarted command"))
-        else:
+        elif missions.cut:
             self._send(text(2, "Auto mission changed but failed to restart command"))
 
     def _set_current(self, message: Message) -> None:
@@ -153,6 +154,7 @@ class MockAutopilot:
         asked = max(seq, 1 if self.stack.item_0_is_home else 0)
         self.flight.make_current(asked, self._now_s())
         self._tell_current(asked)
+        self._tell_begun()
 
     def _command(self, message: Message) -> None:
         result = self._obey(message)
@@ -220,9 +222,8 @@ class MockAutopilot:
 
     def _report(self) -> None:
         flight = self.flight
-        for seq in flight.reached:
-            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
-        flight.reached.clear()
+        self._tell_reached()
+        self._tell_begun()
         if self._steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat()
             self._tell_current()
@@ -232,6 +233,25 @@ class MockAutopilot:
             self._position()
         if self._steps % HOME_EVERY_STEPS == 1:
             self._home()
+
+    def _tell_reached(self) -> None:
+        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
+        for seq in self.flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
+            self._reached, self._reached_again = seq, 10 if self.stack.name == "px4" else 0
+        again = self._reached_again and self._steps % HEARTBEAT_EVERY_STEPS == 1
+        if again and not self.flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(self._reached))
+            self._reached_again -= 1
+        self.flight.reached.clear()
+
+    def _tell_begun(self) -> None:
+        """ArduPilot tells of each item it begins in AUTO, by name."""
+        flight, names = self.flight, self.missions.habits.mission_names
+        if names and flight.mode == "mission":
+            for seq, command in flight.begun:
+                self._send(text(6, f"Mission: {seq} {names.get(command, command)}"))
+        flight.begun.clear()
 
     def _heartbeat(self) -> None:
         custom_mode = {

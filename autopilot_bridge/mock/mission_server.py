@@ -49,6 +49,7 @@ class MissionServer(ABC):
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
         self.cleared = False  # by MISSION_CLEAR_ALL
+        self.cut = self.written = False  # the mission was shortened, an item was put into it
         self.start_at = 0  # the item to begin a changed mission with
         self.faults = Faults({})
         self.flying_mission: Callable[[], bool] = lambda: False

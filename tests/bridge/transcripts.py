@@ -66,6 +66,12 @@ FLIGHTS = ("takeoff_loiter_drop", "reupload_in_auto", "clear_and_zero_in_auto")
 # - the running number of a text;
 # - where ArduPilot believes its home to be, centimetres off;
 # - the last digit of numbers in single precision.
+# In flight besides:
+# - when a place is reached: the mock flies at its own speed, so what was sent after the autopilot
+#   told of its progress is sent after the mock told of the same;
+# - texts that are not about the mission, and how far off a waypoint was passed;
+# - PX4's second acknowledgement of a change of mode, and how often it tells an item as reached.
+FLIGHT_TEXTS = ("Mission:", "Flight plan", "Auto mission changed", "No valid mission")
 EXCHANGE = (
     "MISSION_REQUEST",
     "MISSION_REQUEST_INT",
@@ -75,6 +81,7 @@ EXCHANGE = (
     "MISSION_ACK",
     "COMMAND_ACK",
 )
+PROGRESS = ("MISSION_CURRENT", "MISSION_ITEM_REACHED")
 OTHER_TEXTS = ("PreArm", "EKF")
 RUNNING = ("id", "chunk_seq")
 SINGLE_PRECISION = 1e-6
@@ -174,6 +181,34 @@ class Player:
         self.run(self._began_us + round(transcript.end_s * SECOND) + 25_000)
         return self.heard
 
+    def fly(self, transcript: Transcript) -> list[Line]:
+        """Send what the clients sent, in step with the progress told; returns what was said."""
+        (first, *_) = (line for line in transcript.heard if line.name == "MISSION_CURRENT")
+        give_up_us = self.now_us + 200 * SECOND
+        while self.mock.stack.item_0_is_home and self.now_us < give_up_us:
+            if self.mock.flight.current == first.fields["seq"]:
+                break  # ArduPilot's index outlives the end of the case before
+            self.run(self.now_us + SECOND)
+        self.heard = []
+        self._began_us = self.now_us
+        late_us = 0
+        so_far: list[Line] = []
+        lines: list[tuple[tuple[int, int] | None, Line]] = [*transcript.sent]
+        lines += [(None, line) for line in transcript.heard if line.name in PROGRESS]
+        for source, line in sorted(lines, key=lambda entry: entry[1].at_s):
+            due_us = self._began_us + round(line.at_s * SECOND) + late_us
+            if source is not None:
+                self.run(max(due_us, self.now_us))
+                self._send(source, message_of(line))
+                continue
+            so_far.append(line)
+            give_up_us = self.now_us + 200 * SECOND
+            while progress_fault(so_far, self.heard) and self.now_us < give_up_us:
+                self.run(self.now_us + 50_000)
+            late_us = max(self.now_us - self._began_us - round(line.at_s * SECOND), 0)
+        self.run(self.now_us + SECOND)
+        return self.heard
+
     def upload(self, items: list[Any]) -> None:
         """An upload as it should be, of MISSION_ITEM_INT messages."""
         self._begin()
@@ -211,7 +246,8 @@ class Player:
         at_s = (self.now_us - self._began_us) / SECOND
         for datagram in self.mock.data_to_send():
             for message in self._decoder.decode(datagram):
-                self.heard.append(line_of_frame(message, at_s))
+                if message.get_type() in (*EXCHANGE, *PROGRESS, "STATUSTEXT"):
+                    self.heard.append(line_of_frame(message, at_s))
 
 
 def play_ground(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
@@ -255,6 +291,61 @@ def differences(transcript: Transcript, heard: list[Line], mock: MockAutopilot) 
         mock,
     )
     return found + list(_progress_differs(transcript.heard, heard))
+
+
+def play_flights(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
+    """The flights of a stack on one mock; the differences of each."""
+    player = Player(mock)
+    player.run(2 * SECOND)
+    found: dict[str, list[str]] = {}
+    for case in FLIGHTS:
+        transcript = read_transcript(folder / f"{case}.jsonl")
+        heard = player.fly(transcript)
+        wanted, given = (
+            list(_collapsed(_exchange(lines, "A"))) for lines in (transcript.heard, heard)
+        )
+        found[case] = _compared(_once(wanted), _once(given), mock)
+        wanted, given = (
+            [(line, 1) for line in _texts(lines) if line.fields["text"].startswith(FLIGHT_TEXTS)]
+            for lines in (transcript.heard, heard)
+        )
+        found[case] += _compared(wanted, given, mock)
+        fault = progress_fault(transcript.heard, heard)
+        found[case] += [fault] if fault else []
+    return found
+
+
+def _once(lines: list[tuple[Line, int]]) -> list[tuple[Line, int]]:
+    """Without the second of two same acknowledgements of a command."""
+    return [
+        entry
+        for index, entry in enumerate(lines)
+        if index == 0
+        or entry[0].name != "COMMAND_ACK"
+        or entry[0].fields != lines[index - 1][0].fields
+    ]
+
+
+def progress_fault(wanted: list[Line], heard: list[Line]) -> str:
+    """Of the progress recorded, once a second and no oftener, what the mock has not told in turn.
+
+    An item told as reached again, and progress told again, count once.
+    """
+    for name in PROGRESS:
+        given = iter(_changes(heard, name))
+        for line in _changes(wanted, name):
+            if not any(ours.fields == line.fields for ours in given):
+                return f"not told in its turn: {line}"
+    return ""
+
+
+def _changes(lines: list[Line], name: str) -> list[Line]:
+    said = [line for line in lines if line.name == name]
+    return [
+        line
+        for before, line in zip([None, *said], said, strict=False)
+        if before is None or before.fields != line.fields
+    ]
 
 
 def _exchange(lines: list[Line], link: str) -> list[Line]:
