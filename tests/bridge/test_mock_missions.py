@@ -1,100 +1,35 @@
 """The main habits of each stack's mission protocol, in short exchanges made up here."""
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import item_message
-from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
-from autopilot_bridge.mock.px4_server import Px4Server
-from autopilot_bridge.stacks import STACKS, Stack, stack_named
-from tests.bridge.helpers import line_of, mock_of
-from tests.bridge.transcripts import EXCHANGE, Line, Player
-
-PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
-COPTER = stack_named("ardupilot", "copter")
-TARGET = (1, 1)
-OTHER = (254, 190)
-UNKNOWN = MissionItem(31000, 2, 0, 0, 0.0)
-each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
-
-
-def player_of(stack: Stack) -> Player:
-    player = Player(mock_of(stack))
-    player.listen(1.0)
-    return player
-
-
-def count(number: int, mission_type: int = 0) -> Any:
-    return mavlink.MAVLink_mission_count_message(*TARGET, number, mission_type)
-
-
-def item(seq: int, one: MissionItem, mission_type: int = 0) -> Any:
-    return item_message(TARGET, seq, one, 0, mission_type)
-
-
-def ack(code: int, mission_type: int = 0) -> Any:
-    return mavlink.MAVLink_mission_ack_message(*TARGET, code, mission_type)
-
-
-def listing(mission_type: int = 0) -> Any:
-    return mavlink.MAVLink_mission_request_list_message(*TARGET, mission_type)
-
-
-def clear(mission_type: int = 0) -> Any:
-    return mavlink.MAVLink_mission_clear_all_message(*TARGET, mission_type)
-
-
-def command(number: int, *params: float) -> Any:
-    filled = (*params, *([0.0] * (7 - len(params))))
-    return mavlink.MAVLink_command_long_message(*TARGET, number, 0, *filled)
-
-
-def brief(lines: list[Line]) -> list[tuple[str, int]]:
-    """The exchange: each message with the number that matters in it."""
-    keys = ("type", "result", "seq", "count")
-    return [
-        (line.name, next(line.fields[key] for key in keys if key in line.fields))
-        for line in lines
-        if line.name in EXCHANGE
-    ]
-
-
-def texts(lines: list[Line]) -> list[str]:
-    return [line.fields["text"].strip() for line in lines if line.name == "STATUSTEXT"]
-
-
-def upload(player: Player, items: tuple[MissionItem, ...], mission_type: int = 0) -> list[Line]:
-    """Follows the requests; returns what was said to the last item."""
-    said = player.say(count(len(items), mission_type))
-    for _ in range(len(items)):
-        asked = [line for line in said if line.name.startswith("MISSION_REQUEST")]
-        if not asked:
-            break
-        seq = asked[-1].fields["seq"]
-        said = player.say(item(seq, items[seq], mission_type))
-    return said
-
-
-def read(player: Player, mission_type: int = 0) -> list[MissionItem]:
-    """A download, closed with an acknowledgement."""
-    (counted,) = (x for x in player.say(listing(mission_type)) if x.name == "MISSION_COUNT")
-    found = []
-    for seq in range(counted.fields["count"]):
-        asks = mavlink.MAVLink_mission_request_int_message(*TARGET, seq, mission_type)
-        (line,) = (x for x in player.say(asks) if x.name == "MISSION_ITEM_INT")
-        names = MissionItem.__dataclass_fields__
-        found.append(MissionItem(**{name: line.fields[name] for name in names}))
-    player.say(ack(0, mission_type))
-    return found
-
-
-def current(player: Player) -> dict[str, Any]:
-    told = [line for line in player.listen(1.2) if line.name == "MISSION_CURRENT"]
-    return told[-1].fields
-
+from autopilot_bridge.items import MissionItem, loiter_unlimited
+from autopilot_bridge.stacks import Stack
+from tests.bridge.helpers import line_of
+from tests.bridge.mock_talk import (
+    COPTER,
+    HERE,
+    OTHER,
+    PLANE,
+    PX4,
+    TARGET,
+    UNKNOWN,
+    ack,
+    brief,
+    clear,
+    command,
+    count,
+    current,
+    each_stack,
+    item,
+    listing,
+    player_of,
+    read,
+    texts,
+    upload,
+)
 
 # Uploads ----------------------------------------------------------------------------------------
 
@@ -197,8 +132,6 @@ def test_too_many_items_find_no_space(stack: Stack) -> None:
 
 
 # What is kept -----------------------------------------------------------------------------------
-
-HERE = waypoint(36.31, -84.19, 400.0)
 
 
 @pytest.mark.parametrize(
@@ -328,129 +261,3 @@ def test_px4_without_a_mission_loiters() -> None:
     assert brief(said) == [("MISSION_ACK", 0)]
     assert texts(said) == ["No valid mission available, loitering"]
     assert player.mock.flight.mode == "hold"
-
-
-# Fences -----------------------------------------------------------------------------------------
-
-
-def fence(*corners: tuple[float, float], declared: int = 0) -> tuple[MissionItem, ...]:
-    number = float(declared or len(corners))
-    return tuple(
-        MissionItem(5001, 0, round(lat * 1e7), round(lon * 1e7), 0.0, number)
-        for lat, lon in corners
-    )
-
-
-ROUND_HOME = ((36.29, -84.21), (36.29, -84.18), (36.32, -84.18), (36.32, -84.21))
-FAR_OFF = tuple((lat + 1.0, lon) for lat, lon in ROUND_HOME)
-POINT = MissionItem(5004, 0, 363000000, -842000000, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("items", "words"),
-    [
-        (fence(*ROUND_HOME[:2]), "Invalid vertex count (2)"),
-        (fence(*ROUND_HOME, declared=5), "Incorrect item count"),
-        ((*fence(*ROUND_HOME), POINT), "Non-positive circle radius"),
-    ],
-)
-def test_ardupilot_judges_a_fence_when_it_is_whole(
-    items: tuple[MissionItem, ...], words: str
-) -> None:
-    player = player_of(PLANE)
-    upload(player, fence(*ROUND_HOME), 1)
-    said = upload(player, items, 1)
-    assert brief(said) == [("MISSION_ACK", 1)]
-    assert texts(said) == [words, "Fence validation failed"]
-    assert len(read(player, 1)) == 4
-
-
-def test_px4_judges_a_fence_vertex_by_vertex_and_looks_at_it_later() -> None:
-    player = player_of(PX4)
-    player.say(count(2, 1))
-    two = fence(*ROUND_HOME[:2])
-    assert brief(player.say(item(0, two[0], 1))) == [("MISSION_ACK", 1)]
-    assert brief(player.say(count(200, 1))) == [("MISSION_ACK", 4)]
-    assert brief(upload(player, fence(*FAR_OFF), 1)) == [("MISSION_ACK", 0)]
-    assert texts(player.listen(1.0)) == ["Geofence invalid, doesn't contain Home position"]
-
-
-def test_px4_does_not_fly_a_mission_out_of_its_fence() -> None:
-    player = player_of(PX4)
-    upload(player, (HERE, waypoint(36.5, -84.2, 400.0)))
-    assert current(player)["mission_state"] == 2
-    upload(player, fence(*ROUND_HOME), 1)
-    assert texts(player.listen(1.0)) == ["Geofence violation for waypoint 2"]
-    assert current(player)["mission_state"] == 1
-    assert brief(player.say(command(176, 1.0, 4.0, 4.0))) == [("COMMAND_ACK", 1)]
-
-
-@each_stack
-def test_rally_points_and_fences_leave_the_mission_alone(stack: Stack) -> None:
-    player = player_of(stack)
-    upload(player, line_of(3))
-    before = read(player)
-    upload(player, fence(*ROUND_HOME), 1)
-    upload(player, (MissionItem(5100, 3, 363000000, -842000000, 60.0),), 2)
-    assert (len(read(player, 1)), len(read(player, 2))) == (4, 1)
-    assert read(player) == before
-    player.say(clear(2))
-    assert (len(read(player, 1)), len(read(player, 2))) == (4, 0)
-
-
-# Progress ---------------------------------------------------------------------------------------
-
-
-def set_current(seq: int) -> Any:
-    return mavlink.MAVLink_mission_set_current_message(*TARGET, seq)
-
-
-def test_the_current_item_is_set_in_the_way_of_the_stack() -> None:
-    player = player_of(PLANE)
-    upload(player, line_of(4))
-    assert current(player)["seq"] == 0
-    player.say(set_current(2))
-    assert current(player)["seq"] == 2
-    assert brief(player.say(command(224, 0.0))) == [("COMMAND_ACK", 0)]
-    assert current(player)["seq"] == 1
-    assert brief(player.say(command(224, 9.0))) == [("COMMAND_ACK", 2)]
-    assert texts(player.say(set_current(9))) == []
-    player = player_of(PX4)
-    upload(player, line_of(4))
-    assert brief(player.say(command(224, 2.0))) == [("COMMAND_ACK", 3)]
-    assert texts(player.say(set_current(9))) == ["WPM: WP CURR CMD: Not in list"]
-
-
-def test_the_index_outlives_an_upload_on_ardupilot_and_the_same_plan_on_px4() -> None:
-    for stack, after_other in ((PLANE, 2), (PX4, 0)):
-        player = player_of(stack)
-        upload(player, line_of(4))
-        player.say(set_current(2))
-        upload(player, line_of(4))
-        assert current(player)["seq"] == 2
-        upload(player, line_of(3, 5))
-        assert current(player)["seq"] == after_other
-
-
-def test_px4_tells_the_checksum_of_each_plan() -> None:
-    player = player_of(PX4)
-    first = upload(player, line_of(3))[0].fields["opaque_id"]
-    other = upload(player, line_of(3, 7))[0].fields["opaque_id"]
-    fence_id = upload(player, fence(*ROUND_HOME), 1)[0].fields["opaque_id"]
-    assert len({0, first, other, fence_id}) == 4
-    told = current(player)
-    assert (told["mission_id"], told["fence_id"], told["rally_points_id"]) == (other, fence_id, 0)
-    assert player.say(listing())[0].fields["opaque_id"] == other
-
-
-def test_px4_accepts_a_mission_without_landing_and_then_does_not_fly_it() -> None:
-    player = player_of(PX4)
-    assert isinstance(player.mock.missions, Px4Server)
-    player.mock.missions.required = 2
-    assert brief(upload(player, line_of(3))) == [("MISSION_ACK", 0)]
-    assert current(player)["mission_state"] == 1
-    said = player.say(command(176, 1.0, 4.0, 4.0))
-    assert brief(said) == [("COMMAND_ACK", 1)]
-    assert texts(said) == ["Landing waypoint/pattern required"]
-    upload(player, (*line_of(3), replace(HERE, command=21)))
-    assert brief(player.say(command(176, 1.0, 4.0, 4.0))) == [("COMMAND_ACK", 0)]
