@@ -80,6 +80,11 @@ class ArduPilotServer(MissionServer):
             answers += self._answer(self._queue.popleft(), now_us)
         return self._heard(answers)
 
+    def forget_transfers(self) -> None:
+        """After a reboot nobody is asked for items any more."""
+        self._receiving.clear()
+        self._queue.clear()
+
     def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
         """Take over a file's items one by one, up to the first refused; nobody is told.
 

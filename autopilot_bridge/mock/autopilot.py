@@ -46,6 +46,8 @@ class MockAutopilot:
         self.missions: MissionServer = server(stack, home)
         self.missions.flying_mission = self._flying_mission
         self.missions.current_seq = lambda: self.flight.current
+        self.positions = True  # False: GPS is lost, no position is told
+        self.battery_percent: int | None = None  # told once a second when given
         self._codec = Codec(system_id, COMPONENT)
         self._system_id = system_id
         self._outgoing: list[bytes] = []
@@ -87,6 +89,19 @@ class MockAutopilot:
             self._steps += 1
             self.flight.step(self._now_s())
             self._report()
+
+    def say(self, message: Message) -> None:
+        """Send any message, such as an acknowledgement nobody waits for."""
+        self._send(message)
+
+    def reboot(self, now_us: int) -> None:
+        """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
+        fresh = Flight(self.stack, self.flight.frame, self.flight.limits)
+        fresh.motion = self.flight.motion
+        fresh.items = tuple(self.missions.items)
+        self.flight = fresh
+        self.missions.forget_transfers()
+        self._boot_us, self._steps, self._reached_again = now_us, 0, 0
 
     def _flying_mission(self) -> bool:
         return self.flight.armed and self.flight.mode == "mission"
@@ -226,10 +241,11 @@ class MockAutopilot:
         self._tell_begun()
         if self._steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat()
+            self._battery()
             self._tell_current()
         elif self._told_current != (flight.current, *self.missions.progress()):
             self._tell_current()
-        if self._steps % POSITION_EVERY_STEPS == 0:
+        if self.positions and self._steps % POSITION_EVERY_STEPS == 0:
             self._position()
         if self._steps % HOME_EVERY_STEPS == 1:
             self._home()
@@ -305,6 +321,15 @@ class MockAutopilot:
                 round(math.degrees(motion.course_rad) * 100) % 36000,
             )
         )
+
+    def _battery(self) -> None:
+        if self.battery_percent is not None:
+            self._send(
+                mavlink.MAVLink_sys_status_message(
+                    *(0, 0, 0, 0, 12_000, 0, self.battery_percent),
+                    *(0, 0, 0, 0, 0, 0),
+                )
+            )
 
     def _home(self) -> None:
         frame = self.flight.frame

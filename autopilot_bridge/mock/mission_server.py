@@ -78,6 +78,10 @@ class MissionServer(ABC):
         """Late answers and questions asked again."""
 
     @abstractmethod
+    def forget_transfers(self) -> None:
+        """What a reboot does to transfers under way."""
+
+    @abstractmethod
     def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
         """Take over the items of a mission file."""
 
