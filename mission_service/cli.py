@@ -137,6 +137,7 @@ def run(
 @click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
 @click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
 @click.option("--link", default="udpout:127.0.0.1:14550", show_default=True)
+@click.option("--count", type=click.IntRange(1, 250), default=1, help="Vehicles on the link.")
 def mock(
     scenario: str | None,
     vehicle: str | None,
@@ -146,26 +147,33 @@ def mock(
     home: str,
     speedup: float,
     link: str,
+    count: int,
 ) -> None:
     """A mock autopilot as a process of its own, until Ctrl-C.
 
-    With SCENARIO it is the vehicle of that name standing at its home.
+    With SCENARIO it is the vehicle of that name standing at its home. With --count there are
+    several without a scenario, with system ids in a row.
     """
     import asyncio
     import contextlib
 
+    from autopilot_bridge.mock.fleet import Fleet
     from autopilot_bridge.mock.process import serve
     from mission_service.daemon import clock_us
-    from mission_service.demo import mock_by_hand, mock_from_scenario
+    from mission_service.demo import fleet_by_hand, mock_from_scenario
 
-    autopilot = (
-        mock_from_scenario(scenario, vehicle)
+    if scenario and count > 1:
+        raise click.UsageError("--count is for mocks without a scenario")
+    fleet = (
+        Fleet((mock_from_scenario(scenario, vehicle),))
         if scenario
-        else mock_by_hand(stack, kind, system_id, home)
+        else fleet_by_hand(stack, kind, system_id, home, count)
     )
-    click.echo(f"mock {autopilot.stack.name} {autopilot.stack.vehicle} on {link}, x{speedup:g}")
+    kinds = fleet.mocks[0].stack
+    number = f"{count} mocks" if count > 1 else "mock"
+    click.echo(f"{number} {kinds.name} {kinds.vehicle} on {link}, x{speedup:g}")
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(serve(autopilot, link, speedup, clock_us))
+        asyncio.run(serve(fleet, link, speedup, clock_us))
 
 
 @main.command()

@@ -11,6 +11,7 @@ from typing import Any
 from autopilot_bridge.items import Plan
 from autopilot_bridge.link import other_end
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
 from mission_service.config import Scenario, VehicleSection, flying, load_scenario, scenario_path
@@ -97,6 +98,26 @@ def mock_by_hand(stack: str, kind: str, system_id: int, home: str) -> MockAutopi
         home_lon_deg=lon_deg,
         home_altitude_amsl_m=altitude_m,
     )
+
+
+def fleet_by_hand(stack: str, kind: str, system_id: int, home: str, count: int) -> Fleet:
+    """Mocks with system ids in a row, a thousandth of a degree of longitude apart."""
+    if system_id + count > 251:
+        last = system_id + count - 1
+        raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the last there is")
+    first = mock_by_hand(stack, kind, system_id, home)
+    frame = first.flight.frame
+    others = [
+        MockAutopilot(
+            first.stack,
+            system_id=system_id + number,
+            home_lat_deg=frame.lat_deg,
+            home_lon_deg=frame.lon_deg + 0.001 * number,
+            home_altitude_amsl_m=frame.altitude_m,
+        )
+        for number in range(1, count)
+    ]
+    return Fleet((first, *others))
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:

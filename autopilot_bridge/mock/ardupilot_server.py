@@ -71,15 +71,19 @@ class ArduPilotServer(MissionServer):
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """One tick: answer all that arrived, ask silent uploaders again, give up on them."""
+        """Answer one message of the tick, ask silent uploaders again, give up on them."""
         answers: list[Message] = []
         for receiving in list(self._receiving.values()):
             if now_us >= self._due_us(receiving):
                 answers += self._nudge(receiving, now_us)
         if self._queue and now_us >= self._tick_us:
-            while self._queue:
-                answers += self._answer(self._queue.popleft(), now_us)
+            answers += self._answer(self._queue.popleft(), now_us)
         return self._heard(answers)
+
+    def forget_transfers(self) -> None:
+        """After a reboot nobody is asked for items any more."""
+        self._receiving.clear()
+        self._queue.clear()
 
     def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
         """Take over a file's items one by one, up to the first refused; nobody is told.
@@ -157,6 +161,7 @@ class ArduPilotServer(MissionServer):
             return [no_space, text(WARNING, f"Only {most} items are supported")]
         receiving = Receiving(client, mission_type, message.count, now_us, now_us)
         if mission_type != FENCE:
+            self.cut |= mission_type == MISSION and message.count < len(self.items)
             del self.lists[mission_type][message.count :]
         if message.count == 0:
             return self._complete(receiving)
@@ -203,6 +208,7 @@ class ArduPilotServer(MissionServer):
         else:
             kept = rewritten(item, mission_type, self.stack.vehicle)
         held[seq : seq + 1] = [kept]
+        self.written |= mission_type == MISSION
 
     def _complete(self, receiving: Receiving) -> list[Message]:
         done = ack(receiving.client, ACCEPTED, receiving.mission_type)

@@ -49,12 +49,15 @@ class MockAutopilot:
         self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions, self._flying_mission)
+        self.positions = True  # False: GPS is lost, no position is told
+        self.battery_percent: int | None = None  # told once a second when given
         self._codec = Codec(system_id, COMPONENT)
         self._system_id = system_id
         self._outgoing: list[bytes] = []
         self._boot_us: int | None = None
         self._steps = 0
         self._told_current: object = None
+        self._reached = self._reached_again = 0
 
     # Bytes and time -----------------------------------------------------------------------------
 
@@ -81,7 +84,10 @@ class MockAutopilot:
         """Fly up to now and say what is due."""
         if self._boot_us is None:
             self._boot_us = now_us
-        replies = [*self.missions.handle_timer(now_us), *self.ftp.handle_timer(now_us)]
+        while (due_us := self.missions.next_timer()) is not None and due_us <= now_us:
+            self._send(*self.missions.handle_timer(now_us))
+            self._take_over()
+        replies = self.ftp.handle_timer(now_us)
         if replies:
             self._send(*replies)
             self._take_over()
@@ -90,6 +96,19 @@ class MockAutopilot:
             self._steps += 1
             self.flight.step(self._now_s())
             self._report()
+
+    def say(self, message: Message) -> None:
+        """Send any message, such as an acknowledgement nobody waits for."""
+        self._send(message)
+
+    def reboot(self, now_us: int) -> None:
+        """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
+        fresh = Flight(self.stack, self.flight.frame, self.flight.limits)
+        fresh.motion = self.flight.motion
+        fresh.items = tuple(self.missions.items)
+        self.flight = fresh
+        self.missions.forget_transfers()
+        self._boot_us, self._steps, self._reached_again = now_us, 0, 0
 
     def _flying_mission(self) -> bool:
         return self.flight.armed and self.flight.mode == "mission"
@@ -114,12 +133,10 @@ class MockAutopilot:
     def _take_over(self) -> None:
         """What the vehicle flies after its list of items has changed."""
         flight, missions = self.flight, self.missions
-        items = tuple(missions.items)
-        restarts = self.stack.keeps_target and self.stack.vehicle == "copter"
-        if items != flight.items:
-            flight.items = items
-            if restarts and self._flying_mission():
-                self._restart_item()
+        flight.items = tuple(missions.items)
+        if self.stack.keeps_target and self.stack.vehicle == "copter" and self._flying_mission():
+            self._restart_item()
+        missions.cut = missions.written = False
         if not missions.changed:
             return
         missions.changed = False
@@ -133,18 +150,20 @@ class MockAutopilot:
     def _begin_anew(self) -> None:
         """PX4 flies a new mission at once; without one it loiters."""
         flight = self.flight
+        self._reached_again = 0
         if flight.mode == "mission" and not flight.items:
             self._send(text(2, "No valid mission available, loitering\t"))
             flight.set_mode("hold", self._now_s())
         flight.make_current(self.missions.start_at, self._now_s())
 
     def _restart_item(self) -> None:
-        """ArduCopter begins its item again at every item that is received."""
-        flight = self.flight
-        if flight.current < len(flight.items):
+        """ArduCopter begins its item again at every change of the mission."""
+        flight, missions = self.flight, self.missions
+        if flight.current < len(flight.items) and (missions.cut or missions.written):
             flight.go_to(flight.current, self._now_s())
+            self._tell_begun()
             self._send(text(2, "Auto mission changed, restarted command"))
-        else:
+        elif missions.cut:
             self._send(text(2, "Auto mission changed but failed to restart command"))
 
     def _set_current(self, message: Message) -> None:
@@ -159,6 +178,7 @@ class MockAutopilot:
         asked = max(seq, 1 if self.stack.item_0_is_home else 0)
         self.flight.make_current(asked, self._now_s())
         self._tell_current(asked)
+        self._tell_begun()
 
     def _command(self, message: Message) -> None:
         result = self._obey(message)
@@ -226,18 +246,37 @@ class MockAutopilot:
 
     def _report(self) -> None:
         flight = self.flight
-        for seq in flight.reached:
-            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
-        flight.reached.clear()
+        self._tell_reached()
+        self._tell_begun()
         if self._steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat()
+            self._battery()
             self._tell_current()
         elif self._told_current != (flight.current, *self.missions.progress()):
             self._tell_current()
-        if self._steps % POSITION_EVERY_STEPS == 0:
+        if self.positions and self._steps % POSITION_EVERY_STEPS == 0:
             self._position()
         if self._steps % HOME_EVERY_STEPS == 1:
             self._home()
+
+    def _tell_reached(self) -> None:
+        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
+        for seq in self.flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
+            self._reached, self._reached_again = seq, 10 if self.stack.name == "px4" else 0
+        again = self._reached_again and self._steps % HEARTBEAT_EVERY_STEPS == 1
+        if again and not self.flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(self._reached))
+            self._reached_again -= 1
+        self.flight.reached.clear()
+
+    def _tell_begun(self) -> None:
+        """ArduPilot tells of each item it begins in AUTO, by name."""
+        flight, names = self.flight, self.missions.habits.mission_names
+        if names and flight.mode == "mission":
+            for seq, command in flight.begun:
+                self._send(text(6, f"Mission: {seq} {names.get(command, command)}"))
+        flight.begun.clear()
 
     def _heartbeat(self) -> None:
         custom_mode = {
@@ -291,6 +330,15 @@ class MockAutopilot:
                 round(math.degrees(motion.course_rad) * 100) % 36000,
             )
         )
+
+    def _battery(self) -> None:
+        if self.battery_percent is not None:
+            self._send(
+                mavlink.MAVLink_sys_status_message(
+                    *(0, 0, 0, 0, 12_000, 0, self.battery_percent),
+                    *(0, 0, 0, 0, 0, 0),
+                )
+            )
 
     def _home(self) -> None:
         frame = self.flight.frame

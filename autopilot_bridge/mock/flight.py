@@ -93,6 +93,7 @@ class Flight:
         self.items: tuple[MissionItem, ...] = ()
         self.current = 0
         self.reached: list[int] = []
+        self.begun: list[tuple[int, int]] = []  # items and their commands
         self.target: Target | None = None
         self._stack = stack
         self._hold_at: tuple[float, float, float] = (0.0, 0.0, frame.altitude_m)
@@ -122,8 +123,11 @@ class Flight:
     def go_to(self, seq: int, now_s: float) -> None:
         """Make an item the current one and fly it; DO items are passed over."""
         seq = max(seq, 1 if self._stack.item_0_is_home else 0)
+        asked = seq
         while seq < len(self.items) and self.items[seq].command not in NAVIGATION:
             seq += 1
+        begun = enumerate(self.items[asked : seq + 1], start=asked)
+        self.begun.extend((number, item.command) for number, item in begun)
         self.current = min(seq, max(len(self.items) - 1, 0))
         self._finished = seq >= len(self.items)
         if self._finished:
@@ -169,7 +173,7 @@ class Flight:
 
     def _advance(self, now_s: float) -> None:
         assert self.target is not None
-        self.reached.append(self.current)
+        self.reached.append(self._told_reached())
         ended_at = self.frame.local(self.target.item)
         was_takeoff = self.target.item.command == mavlink.MAV_CMD_NAV_TAKEOFF
         if self.current + 1 >= len(self.items):
@@ -182,6 +186,14 @@ class Flight:
         self.go_to(self.current + 1, now_s)
         if self.target is not None and not was_takeoff:
             self.target.leg_start = ended_at
+
+    def _told_reached(self) -> int:
+        """PX4 tells of the DO items after a waypoint in the waypoint's place."""
+        seq = self.current
+        if not self._stack.item_0_is_home:
+            while seq + 1 < len(self.items) and self.items[seq + 1].command not in NAVIGATION:
+                seq += 1
+        return seq
 
     def _loiter(self, centre: tuple[float, float], altitude_m: float, radius_m: float) -> None:
         if self._stack.vehicle == "copter":

@@ -49,6 +49,7 @@ class MissionServer(ABC):
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
         self.cleared = False  # by MISSION_CLEAR_ALL
+        self.cut = self.written = False  # the mission was shortened, an item was put into it
         self.start_at = 0  # the item to begin a changed mission with
         self.faults = Faults({})
         self.flying_mission: Callable[[], bool] = lambda: False
@@ -75,6 +76,10 @@ class MissionServer(ABC):
     @abstractmethod
     def handle_timer(self, now_us: int) -> list[Message]:
         """Late answers and questions asked again."""
+
+    @abstractmethod
+    def forget_transfers(self) -> None:
+        """What a reboot does to transfers under way."""
 
     @abstractmethod
     def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 
-from autopilot_bridge.connection import Connection
-from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.connection import Connection, Peer
 
 
-async def serve(mock: MockAutopilot, link: str, speedup: float, clock: Callable[[], int]) -> None:
-    """Fly a mock on a link until cancelled. ``clock`` gives real microseconds."""
+async def serve(mock: Peer, link: str, speedup: float, clock: Callable[[], int]) -> None:
+    """Fly a mock or a fleet on a link until cancelled. ``clock`` gives real microseconds."""
     began_us = clock()
 
     def simulation_us() -> int:

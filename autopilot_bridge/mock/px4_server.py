@@ -107,6 +107,10 @@ class Px4Server(MissionServer):
             answers += self._look_at_fence()
         return self._heard(answers)
 
+    def forget_transfers(self) -> None:
+        """After a reboot nobody is asked for items any more."""
+        self._managers.clear()
+
     def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
         """PX4 has no mission files."""
         raise NotImplementedError

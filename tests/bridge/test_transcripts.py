@@ -6,7 +6,7 @@ import pytest
 
 from autopilot_bridge.stacks import Stack, stack_named
 from tests.bridge.helpers import mock_of
-from tests.bridge.transcripts import FOLDER, GROUND, play_ground
+from tests.bridge.transcripts import FLIGHTS, FOLDER, GROUND, play_flights, play_ground
 
 STACKS = {
     "arduplane": stack_named("ardupilot", "plane"),
@@ -22,6 +22,20 @@ recorded = pytest.mark.skipif(not FOLDER.exists(), reason="no recordings on this
 def ground(name: str) -> dict[str, list[str]]:
     stack: Stack = STACKS[name]
     return play_ground(mock_of(stack), FOLDER / name)
+
+
+@cache
+def flights(name: str) -> dict[str, list[str]]:
+    stack = STACKS[name]
+    airspeed_m_s = 18.0 if stack.vehicle == "plane" else 6.0  # near those recorded
+    return play_flights(mock_of(stack, airspeed_m_s=airspeed_m_s), FOLDER / name)
+
+
+@recorded
+@pytest.mark.parametrize("name", STACKS)
+@pytest.mark.parametrize("case", FLIGHTS)
+def test_the_mock_flies_as_recorded(name: str, case: str) -> None:
+    assert flights(name)[case] == [], "\n".join(flights(name)[case])
 
 
 @recorded

@@ -1,6 +1,7 @@
 """Uploads and downloads between the client and the mock, over good and bad links."""
 
 from collections import Counter
+from dataclasses import replace
 from random import Random
 from typing import Any
 
@@ -39,7 +40,12 @@ class Choosy(MemoryLink):
 
 def held(pair: Pair) -> tuple[MissionItem, ...]:
     """What the mock holds, without ArduPilot's home."""
-    return tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :])
+    return plain(tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :]))
+
+
+def plain(items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
+    """Items with PX4's INT frames as they were sent."""
+    return tuple(replace(item, frame={5: 0, 6: 3}.get(item.frame, item.frame)) for item in items)
 
 
 def upload(pair: Pair, items: Items, by_file: bool = False, **more: Any) -> int:
@@ -242,7 +248,8 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
     result = pair.result_of(pair.client.download(pair.now_us, by_file=False))
     assert result.outcome in ("accepted", "failed", "rejected")
     if result.outcome == "accepted":
-        assert result.items == line_of(8)
+        assert result.items is not None
+        assert plain(result.items) == line_of(8)
 
 
 def test_a_last_item_that_never_arrived_is_not_taken_for_success() -> None:

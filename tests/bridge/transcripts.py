@@ -7,7 +7,6 @@ time; what the mock answers is compared with what the autopilot answered.
 import json
 import math
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,19 @@ from autopilot_bridge.codec import Codec
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.px4_server import Px4Server
 from tests.bridge.helpers import SECOND
+from tests.bridge.transcript_diff import (
+    EXCHANGE,
+    FLIGHT_TEXTS,
+    PROGRESS,
+    Line,
+    collapsed,
+    compared,
+    differences,
+    exchange,
+    once,
+    progress_fault,
+    texts,
+)
 
 FOLDER = Path("/work/shared/data/transcripts")
 LINKS = {(255, 190): "A", (254, 190): "B"}
@@ -57,41 +69,6 @@ GROUND: tuple[tuple[str, bool], ...] = (
     ("count_zero", True),
 )
 FLIGHTS = ("takeoff_loiter_drop", "reupload_in_auto", "clear_and_zero_in_auto")
-
-# What differs rightly, and nothing else:
-# - the order between texts, progress and answers: they wait in different queues, so each of the
-#   three is compared by itself; of MISSION_CURRENT what it says, not how often;
-# - how often a question is repeated while nobody answers, by one;
-# - texts of the estimator and of the arming checks, and those link B is told anew when it connects;
-# - the running number of a text;
-# - where ArduPilot believes its home to be, centimetres off;
-# - the last digit of numbers in single precision.
-EXCHANGE = (
-    "MISSION_REQUEST",
-    "MISSION_REQUEST_INT",
-    "MISSION_COUNT",
-    "MISSION_ITEM",
-    "MISSION_ITEM_INT",
-    "MISSION_ACK",
-    "COMMAND_ACK",
-)
-OTHER_TEXTS = ("PreArm", "EKF")
-RUNNING = ("id", "chunk_seq")
-SINGLE_PRECISION = 1e-6
-
-
-@dataclass(frozen=True)
-class Line:
-    """One message of a transcript, or of the mock."""
-
-    at_s: float
-    link: str
-    name: str
-    fields: dict[str, Any]
-
-    def __str__(self) -> str:
-        values = " ".join(f"{name}={value}" for name, value in self.fields.items())
-        return f"{self.at_s:.3f} {self.link} {self.name} {values}"
 
 
 @dataclass
@@ -174,6 +151,34 @@ class Player:
         self.run(self._began_us + round(transcript.end_s * SECOND) + 25_000)
         return self.heard
 
+    def fly(self, transcript: Transcript) -> list[Line]:
+        """Send what the clients sent, in step with the progress told; returns what was said."""
+        (first, *_) = (line for line in transcript.heard if line.name == "MISSION_CURRENT")
+        give_up_us = self.now_us + 200 * SECOND
+        while self.mock.stack.item_0_is_home and self.now_us < give_up_us:
+            if self.mock.flight.current == first.fields["seq"]:
+                break  # ArduPilot's index outlives the end of the case before
+            self.run(self.now_us + SECOND)
+        self.heard = []
+        self._began_us = self.now_us
+        late_us = 0
+        so_far: list[Line] = []
+        lines: list[tuple[tuple[int, int] | None, Line]] = [*transcript.sent]
+        lines += [(None, line) for line in transcript.heard if line.name in PROGRESS]
+        for source, line in sorted(lines, key=lambda entry: entry[1].at_s):
+            due_us = self._began_us + round(line.at_s * SECOND) + late_us
+            if source is not None:
+                self.run(max(due_us, self.now_us))
+                self._send(source, message_of(line))
+                continue
+            so_far.append(line)
+            give_up_us = self.now_us + 200 * SECOND
+            while progress_fault(so_far, self.heard) and self.now_us < give_up_us:
+                self.run(self.now_us + 50_000)
+            late_us = max(self.now_us - self._began_us - round(line.at_s * SECOND), 0)
+        self.run(self.now_us + SECOND)
+        return self.heard
+
     def upload(self, items: list[Any]) -> None:
         """An upload as it should be, of MISSION_ITEM_INT messages."""
         self._begin()
@@ -184,6 +189,19 @@ class Player:
             for line in asked:
                 self._send((255, 190), items[line.fields["seq"]])
             self.run(self.now_us + 1000)
+
+    def say(self, message: Any, source: tuple[int, int] = (255, 190)) -> list[Line]:
+        """Send a message; returns what is said to it within 25 ms."""
+        self.heard = []
+        self._send(source, message)
+        self.run(self.now_us + 25_000)
+        return self.heard
+
+    def listen(self, seconds: float) -> list[Line]:
+        """What is said in a while."""
+        self.heard = []
+        self.run(self.now_us + round(seconds * SECOND))
+        return self.heard
 
     def _begin(self) -> None:
         self.run(self.now_us + round(PAUSE_S * SECOND))
@@ -198,7 +216,8 @@ class Player:
         at_s = (self.now_us - self._began_us) / SECOND
         for datagram in self.mock.data_to_send():
             for message in self._decoder.decode(datagram):
-                self.heard.append(line_of_frame(message, at_s))
+                if message.get_type() in (*EXCHANGE, *PROGRESS, "STATUSTEXT"):
+                    self.heard.append(line_of_frame(message, at_s))
 
 
 def play_ground(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
@@ -218,7 +237,7 @@ def play_ground(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
             player.upload(standard)
         transcript = read_transcript(path)
         _set_parameters(mock, transcript)
-        found[case] = differences(transcript, player.play(transcript), mock)
+        found[case] = differences(transcript.heard, player.play(transcript), mock)
     return found
 
 
@@ -229,99 +248,23 @@ def _set_parameters(mock: MockAutopilot, transcript: Transcript) -> None:
         mock.missions.required = by_default if required == "default" else required
 
 
-def differences(transcript: Transcript, heard: list[Line], mock: MockAutopilot) -> list[str]:
-    """Where the mock's answers are not the autopilot's."""
-    found: list[str] = []
-    for link in ("A", "B"):
-        wanted = list(_collapsed(_exchange(transcript.heard, link)))
-        given = list(_collapsed(_exchange(heard, link)))
-        found += _compared(wanted, given, mock)
-    found += _compared(
-        [(line, 1) for line in _texts(transcript.heard)],
-        [(line, 1) for line in _texts(heard)],
-        mock,
-    )
-    return found + list(_progress_differs(transcript.heard, heard))
-
-
-def _exchange(lines: list[Line], link: str) -> list[Line]:
-    return [line for line in lines if line.link == link and line.name in EXCHANGE]
-
-
-def _texts(lines: list[Line]) -> list[Line]:
-    return [
-        line
-        for line in lines
-        if line.name == "STATUSTEXT"
-        and line.link == "A"
-        and not line.fields["text"].startswith(OTHER_TEXTS)
-    ]
-
-
-def _collapsed(lines: list[Line]) -> Iterator[tuple[Line, int]]:
-    """Questions repeated, as one with their number."""
-    before: Line | None = None
-    times = 0
-    for line in lines:
-        repeated = (
-            before is not None
-            and line.name.startswith("MISSION_REQUEST")
-            and (line.name, line.fields) == (before.name, before.fields)
+def play_flights(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
+    """The flights of a stack on one mock; the differences of each."""
+    player = Player(mock)
+    player.run(2 * SECOND)
+    found: dict[str, list[str]] = {}
+    for case in FLIGHTS:
+        transcript = read_transcript(folder / f"{case}.jsonl")
+        heard = player.fly(transcript)
+        wanted, given = (
+            list(collapsed(exchange(lines, "A"))) for lines in (transcript.heard, heard)
         )
-        if before is not None and not repeated:
-            yield before, times
-            times = 0
-        before, times = line, times + 1
-    if before is not None:
-        yield before, times
-
-
-def _compared(
-    wanted: list[tuple[Line, int]], given: list[tuple[Line, int]], mock: MockAutopilot
-) -> list[str]:
-    for index in range(max(len(wanted), len(given))):
-        if index >= len(wanted):
-            return [f"more than recorded: {given[index][0]}"]
-        if index >= len(given):
-            return [f"missing: {wanted[index][0]}"]
-        (ours, often), (theirs, times) = wanted[index], given[index]
-        if not _same(ours, theirs, mock):
-            return [f"recorded: {ours}\n     got: {theirs}"]
-        if abs(often - times) > 1:
-            return [f"recorded {often} times, got {times} times: {ours}"]
-    return []
-
-
-def _same(wanted: Line, given: Line, mock: MockAutopilot) -> bool:
-    if wanted.name != given.name or wanted.fields.keys() != given.fields.keys():
-        return False
-    passed_over: tuple[str, ...] = RUNNING if wanted.name == "STATUSTEXT" else ()
-    fields = wanted.fields
-    is_item = wanted.name in ("MISSION_ITEM", "MISSION_ITEM_INT")
-    if is_item and mock.stack.item_0_is_home and (fields["seq"], fields["mission_type"]) == (0, 0):
-        passed_over = ("x", "y", "z")
-    return all(
-        _same_value(value, given.fields[name])
-        for name, value in fields.items()
-        if name not in passed_over
-    )
-
-
-def _same_value(wanted: Any, given: Any) -> bool:
-    if wanted is None:
-        return isinstance(given, float) and math.isnan(given)
-    if isinstance(wanted, float):
-        return math.isclose(wanted, given, rel_tol=SINGLE_PRECISION)
-    return bool(wanted == given)
-
-
-def _progress_differs(wanted: list[Line], heard: list[Line]) -> Iterator[str]:
-    """Each MISSION_CURRENT recorded, against what the mock last said by then."""
-    told = [line for line in heard if line.name == "MISSION_CURRENT"]
-    for line in wanted:
-        if line.name != "MISSION_CURRENT":
-            continue
-        by_then = [ours for ours in told if ours.at_s <= line.at_s + 1e-3]
-        if by_then and by_then[-1].fields != line.fields:
-            yield f"recorded: {line}\n     got: {by_then[-1]}"
-            return
+        found[case] = compared(once(wanted), once(given), mock)
+        wanted, given = (
+            [(line, 1) for line in texts(lines) if line.fields["text"].startswith(FLIGHT_TEXTS)]
+            for lines in (transcript.heard, heard)
+        )
+        found[case] += compared(wanted, given, mock)
+        fault = progress_fault(transcript.heard, heard)
+        found[case] += [fault] if fault else []
+    return found

@@ -1,0 +1,181 @@
+"""Where two exchanges differ, and what may differ."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from autopilot_bridge.mock.autopilot import MockAutopilot
+
+# What differs rightly, and nothing else:
+# - the order between texts, progress and answers: they wait in different queues, so each of the
+#   three is compared by itself; of MISSION_CURRENT what it says, not how often;
+# - how often a question is repeated while nobody answers, by one;
+# - texts of the estimator and of the arming checks, and those link B is told anew when it connects;
+# - the running number of a text;
+# - where ArduPilot believes its home to be, centimetres off;
+# - the last digit of numbers in single precision.
+# In flight besides:
+# - when a place is reached: the mock flies at its own speed, so what was sent after the autopilot
+#   told of its progress is sent after the mock told of the same;
+# - texts that are not about the mission, and how far off a waypoint was passed;
+# - PX4's second acknowledgement of a change of mode, and how often it tells an item as reached.
+FLIGHT_TEXTS = ("Mission:", "Flight plan", "Auto mission changed", "No valid mission")
+EXCHANGE = (
+    "MISSION_REQUEST",
+    "MISSION_REQUEST_INT",
+    "MISSION_COUNT",
+    "MISSION_ITEM",
+    "MISSION_ITEM_INT",
+    "MISSION_ACK",
+    "COMMAND_ACK",
+)
+PROGRESS = ("MISSION_CURRENT", "MISSION_ITEM_REACHED")
+OTHER_TEXTS = ("PreArm", "EKF")
+RUNNING = ("id", "chunk_seq")
+SINGLE_PRECISION = 1e-6
+
+
+@dataclass(frozen=True)
+class Line:
+    """One message of a transcript, or of the mock."""
+
+    at_s: float
+    link: str
+    name: str
+    fields: dict[str, Any]
+
+    def __str__(self) -> str:
+        values = " ".join(f"{name}={value}" for name, value in self.fields.items())
+        return f"{self.at_s:.3f} {self.link} {self.name} {values}"
+
+
+def differences(recorded: list[Line], heard: list[Line], mock: MockAutopilot) -> list[str]:
+    """Where the mock's answers are not the autopilot's."""
+    found: list[str] = []
+    for link in ("A", "B"):
+        wanted = list(collapsed(exchange(recorded, link)))
+        given = list(collapsed(exchange(heard, link)))
+        found += compared(wanted, given, mock)
+    found += compared(
+        [(line, 1) for line in texts(recorded)],
+        [(line, 1) for line in texts(heard)],
+        mock,
+    )
+    return found + list(_progress_differs(recorded, heard))
+
+
+def once(lines: list[tuple[Line, int]]) -> list[tuple[Line, int]]:
+    """Without the second of two same acknowledgements of a command."""
+    return [
+        entry
+        for index, entry in enumerate(lines)
+        if index == 0
+        or entry[0].name != "COMMAND_ACK"
+        or entry[0].fields != lines[index - 1][0].fields
+    ]
+
+
+def progress_fault(wanted: list[Line], heard: list[Line]) -> str:
+    """Of the progress recorded, once a second and no oftener, what the mock has not told in turn.
+
+    An item told as reached again, and progress told again, count once.
+    """
+    for name in PROGRESS:
+        given = iter(_changes(heard, name))
+        for line in _changes(wanted, name):
+            if not any(ours.fields == line.fields for ours in given):
+                return f"not told in its turn: {line}"
+    return ""
+
+
+def _changes(lines: list[Line], name: str) -> list[Line]:
+    said = [line for line in lines if line.name == name]
+    return [
+        line
+        for before, line in zip([None, *said], said, strict=False)
+        if before is None or before.fields != line.fields
+    ]
+
+
+def exchange(lines: list[Line], link: str) -> list[Line]:
+    return [line for line in lines if line.link == link and line.name in EXCHANGE]
+
+
+def texts(lines: list[Line]) -> list[Line]:
+    return [
+        line
+        for line in lines
+        if line.name == "STATUSTEXT"
+        and line.link == "A"
+        and not line.fields["text"].startswith(OTHER_TEXTS)
+    ]
+
+
+def collapsed(lines: list[Line]) -> Iterator[tuple[Line, int]]:
+    """Questions repeated, as one with their number."""
+    before: Line | None = None
+    times = 0
+    for line in lines:
+        repeated = (
+            before is not None
+            and line.name.startswith("MISSION_REQUEST")
+            and (line.name, line.fields) == (before.name, before.fields)
+        )
+        if before is not None and not repeated:
+            yield before, times
+            times = 0
+        before, times = line, times + 1
+    if before is not None:
+        yield before, times
+
+
+def compared(
+    wanted: list[tuple[Line, int]], given: list[tuple[Line, int]], mock: MockAutopilot
+) -> list[str]:
+    for index in range(max(len(wanted), len(given))):
+        if index >= len(wanted):
+            return [f"more than recorded: {given[index][0]}"]
+        if index >= len(given):
+            return [f"missing: {wanted[index][0]}"]
+        (ours, often), (theirs, times) = wanted[index], given[index]
+        if not _same(ours, theirs, mock):
+            return [f"recorded: {ours}\n     got: {theirs}"]
+        if abs(often - times) > 1:
+            return [f"recorded {often} times, got {times} times: {ours}"]
+    return []
+
+
+def _same(wanted: Line, given: Line, mock: MockAutopilot) -> bool:
+    if wanted.name != given.name or wanted.fields.keys() != given.fields.keys():
+        return False
+    passed_over: tuple[str, ...] = RUNNING if wanted.name == "STATUSTEXT" else ()
+    fields = wanted.fields
+    is_item = wanted.name in ("MISSION_ITEM", "MISSION_ITEM_INT")
+    if is_item and mock.stack.item_0_is_home and (fields["seq"], fields["mission_type"]) == (0, 0):
+        passed_over = ("x", "y", "z")
+    return all(
+        _same_value(value, given.fields[name])
+        for name, value in fields.items()
+        if name not in passed_over
+    )
+
+
+def _same_value(wanted: Any, given: Any) -> bool:
+    if wanted is None:
+        return isinstance(given, float) and math.isnan(given)
+    if isinstance(wanted, float):
+        return math.isclose(wanted, given, rel_tol=SINGLE_PRECISION)
+    return bool(wanted == given)
+
+
+def _progress_differs(wanted: list[Line], heard: list[Line]) -> Iterator[str]:
+    """Each MISSION_CURRENT recorded, against what the mock last said by then."""
+    told = [line for line in heard if line.name == "MISSION_CURRENT"]
+    for line in wanted:
+        if line.name != "MISSION_CURRENT":
+            continue
+        by_then = [ours for ours in told if ours.at_s <= line.at_s + 1e-3]
+        if by_then and by_then[-1].fields != line.fields:
+            yield f"recorded: {line}\n     got: {by_then[-1]}"
+            return
