@@ -13,11 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
+from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_ERROR
+
 from autopilot_bridge.codec import Message
 from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
 from autopilot_bridge.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
 from autopilot_bridge.items import MissionItem, jumps_moved
 from autopilot_bridge.mode import SetMode
+from autopilot_bridge.read_back import same_mission
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import (
     MISSION_TYPES,
@@ -26,7 +29,6 @@ from autopilot_bridge.transfer import (
     Kind,
     TransferResult,
     TransferTiming,
-    same_mission,
 )
 from autopilot_bridge.upload import MissionUpload
 
@@ -241,7 +243,7 @@ class Jobs:
             outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
             holds = "one of both" if stack.atomic_upload else "not known"
             return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
-        if same_mission(job.wire_items, result.items, job.hidden == 1):
+        if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
             return self._set_current(job, address)
@@ -261,7 +263,7 @@ class Jobs:
             outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
             holds: Holds = "the old one" if untouched else "one of both"
             return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
-        if same_mission(job.wire_items, read.items, job.hidden == 1):
+        if same_mission(job.wire_items, read.items, seen.stack, MISSION_TYPES[job.kind]):
             return self._set_current(job, self._address(job, seen))
         if not untouched and not job.cancelled:
             job.uploaded = None
@@ -304,4 +306,5 @@ def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Ho
         return "the old one"
     if not stack.atomic_upload:
         return "not known"
-    return "one of both" if result.outcome in ("unknown", "cancelled") else "the old one"
+    doubtful = result.outcome in ("unknown", "cancelled") or result.code == MAV_MISSION_ERROR
+    return "one of both" if doubtful else "the old one"

@@ -167,3 +167,20 @@ def same_as_sent(
             (due.param4, read.param4),
         )
     )
+
+
+def same_mission(
+    sent: tuple[MissionItem, ...],
+    read: tuple[MissionItem, ...],
+    stack: Stack,
+    mission_type: int = MISSION,
+) -> bool:
+    """Whether a list read back is what the stack makes of the one sent.
+
+    Both as they are on the wire; item 0 of an ArduPilot's mission is its home, whatever was sent.
+    """
+    first = 1 if stack.item_0_is_home and mission_type == MISSION else 0
+    return len(sent) == len(read) and all(
+        same_as_sent(ours, theirs, stack, mission_type)
+        for ours, theirs in zip(sent[first:], read[first:], strict=True)
+    )

@@ -24,6 +24,7 @@ GLOBAL_FRAMES = frozenset((0, 3, 5, 6))
 TERRAIN_FRAMES = frozenset((10, 11))
 TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and what they mean
 FENCE_COMMANDS = frozenset(range(5000, 5005))
+RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
 GOES_ON = frozenset((177, 601, 213, 42702, 42703))  # jumps and NAV items numbered otherwise
 LAND_SEQUENCES = frozenset((188, 189))  # where failsafes enter what lies behind an endless loiter

@@ -1,6 +1,5 @@
 """What mission transfers share: timing, results, matching of messages, comparison of missions."""
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -83,38 +82,3 @@ def rejected(code: int, seq: int | None) -> TransferResult:
     words = REASONS.get(code, "the autopilot refused")
     where = "" if seq is None else f" at item {seq}"
     return TransferResult("rejected", f"{words}{where} (MAV_MISSION_RESULT {code})", code, seq)
-
-
-_SAME_FRAME = {5: 0, 6: 3, 11: 10}
-
-
-def same_item(sent: MissionItem, read: MissionItem) -> bool:
-    """Whether an item read back is the one sent, but for what autopilots rewrite.
-
-    Tolerated: the INT twin of a frame, altitudes and parameters in single precision or cut to
-    centimetres, a NaN read back as any number.
-    """
-    frames = (sent.frame, read.frame)
-    if sent.command != read.command or len({_SAME_FRAME.get(frame, frame) for frame in frames}) > 1:
-        return False
-    if (sent.x, sent.y) != (read.x, read.y):
-        return False
-    if abs(sent.z - read.z) > 0.011:
-        return False
-    return all(
-        math.isnan(ours) or abs(ours - theirs) <= 1e-3 * max(1.0, abs(ours))
-        for ours, theirs in (
-            (sent.param2, read.param2),
-            (sent.param3, read.param3),
-        )
-    )
-
-
-def same_mission(
-    sent: tuple[MissionItem, ...], read: tuple[MissionItem, ...], item_0_is_home: bool
-) -> bool:
-    """Whether a mission read back is the one sent; a home at item 0 is the autopilot's own."""
-    first = 1 if item_0_is_home else 0
-    return len(sent) == len(read) and all(
-        same_item(ours, theirs) for ours, theirs in zip(sent[first:], read[first:], strict=True)
-    )

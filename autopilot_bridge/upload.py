@@ -4,6 +4,8 @@ idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
 sending: items are sent only when asked for; the autopilot asks again for what got lost
 any --MISSION_ACK--> ended
+sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
+to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
 any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
 cancelling: nothing is sent any more; PX4 forgets the transfer when told, ArduPilot after 8 s
 """
@@ -34,6 +36,7 @@ class MissionUpload:
         self._tries = 0
         self._asked: int | None = None
         self._all_sent = False
+        self._doubt: TransferResult | None = None  # a refusal that may not be one
         self._deadline_us = 0
 
     def start(self, now_us: int) -> list[Message]:
@@ -54,7 +57,7 @@ class MissionUpload:
         if not self._address.concerns(message):
             return []
         if kind == "MISSION_ACK":
-            self._acknowledged(message.type)
+            self._acknowledged(message.type, now_us)
             return []
         return self._requested(message.seq, now_us)
 
@@ -64,6 +67,7 @@ class MissionUpload:
             return []
         self._state = "sending"
         self._tries = 0
+        self._doubt = None
         self._asked = seq
         self._all_sent |= seq == len(self.items) - 1
         self._deadline_us = now_us + self._timing.timeout_us
@@ -84,13 +88,16 @@ class MissionUpload:
             )
         ]
 
-    def _acknowledged(self, code: int) -> None:
+    def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
             return  # ArduPilot says so of a duplicate and carries on
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._asked)
             return
-        if code != mavlink.MAV_MISSION_ACCEPTED:
+        if code == mavlink.MAV_MISSION_ERROR and self._state == "sending":
+            self._doubt = rejected(code, self._asked)
+            self._deadline_us = now_us + self._timing.timeout_us
+        elif code != mavlink.MAV_MISSION_ACCEPTED:
             self.result = rejected(code, self._asked)
         elif self._all_sent or not self.items:
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
@@ -105,6 +112,9 @@ class MissionUpload:
             return []
         if self._state == "cancelling":
             self.result = TransferResult("cancelled", "cancelled, and the autopilot fell silent")
+            return []
+        if self._doubt is not None:
+            self.result = self._doubt
             return []
         self._tries += 1
         self._deadline_us = now_us + self._timing.timeout_us

@@ -17,13 +17,17 @@ from autopilot_bridge.ftp import FtpDownload, FtpUpload, next_session
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.read_back import same_mission
 from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, same_mission
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.upload import MissionUpload
 
 STATION = (255, 190)
 HOME = (36.3, -84.2, 300.0)
 Transfer = MissionUpload | MissionDownload | FtpUpload | FtpDownload
+
+
+ARDUPLANE = stack_named("ardupilot", "plane")
 
 
 class Vehicle(Protocol):
@@ -41,9 +45,8 @@ class MockVehicle:
     target = (1, 1)
 
     def __init__(self, loss: float, delay_us: int = 10_000) -> None:
-        stack = stack_named("ardupilot", "plane")
         self._mock = MockAutopilot(
-            stack, home_lat_deg=HOME[0], home_lon_deg=HOME[1], home_altitude_amsl_m=HOME[2]
+            ARDUPLANE, home_lat_deg=HOME[0], home_lon_deg=HOME[1], home_altitude_amsl_m=HOME[2]
         )
         self._up, self._down = (MemoryLink(loss, delay_us, seed=seed) for seed in (1, 2))
         self._codec = Codec(*STATION)
@@ -145,7 +148,7 @@ def compare(vehicle: Vehicle, count: int) -> dict[str, float]:
     ):
         taken[name] = vehicle.run(transfer)
         read = _checked(transfer.result).items or ()
-        if not same_mission(held, read, item_0_is_home=True):
+        if not same_mission(held, read, ARDUPLANE):
             raise SystemExit(f"{name}: the vehicle holds another mission than was sent")
     return taken
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.mock.ardupilot_items import fence_fault, judge, rewritten
+from autopilot_bridge.mock.ardupilot_items import fence_fault, judge
 from autopilot_bridge.mock.mission_server import (
     ACCEPTED,
     ERROR,
@@ -26,6 +26,7 @@ from autopilot_bridge.mock.mission_server import (
     item_out,
     text,
 )
+from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import Stack
 
 DENIED = int(mavlink.MAV_MISSION_DENIED)
@@ -85,18 +86,29 @@ class ArduPilotServer(MissionServer):
         self._receiving.clear()
         self._queue.clear()
 
-    def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
+    def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
         """Take over a file's items one by one, up to the first refused; nobody is told.
 
         A mission being flown is not cleared: a shorter file leaves the old items behind its own.
+        A fence is taken over when it is whole.
         """
-        if may_clear:
-            self.items = []
-        self.changed = True
-        for seq, item in enumerate(items[: self.stack.most_items]):
-            if judge(item, MISSION) != ACCEPTED:
-                return
-            self._put(MISSION, seq, item)
+        good = []
+        for item in items[: self.habits.most[mission_type]]:
+            jump = mission_type == MISSION and item.command == mavlink.MAV_CMD_DO_JUMP
+            to_nowhere = jump and not 0 < item.param1 < len(items)
+            if to_nowhere or judge(item, mission_type, self.stack) != ACCEPTED:
+                break
+            good.append(item)
+        if mission_type == FENCE:
+            fence = [as_read_back(item, self.stack, FENCE) for item in good]
+            if len(good) == len(items) and fence_fault(fence) is None:
+                self.lists[FENCE] = fence
+            return
+        if mission_type != MISSION or not self.flying_mission():
+            self.lists[mission_type] = []
+        self.changed |= mission_type == MISSION
+        for seq, item in enumerate(good):
+            self._put(mission_type, seq, item)
 
     def _due_us(self, receiving: Receiving) -> int:
         return min(
@@ -185,12 +197,12 @@ class ArduPilotServer(MissionServer):
             return [ack(client, int(mavlink.MAV_MISSION_INVALID_SEQUENCE), mission_type)]
         item = item_in(message)
         ordered = self.faults.refuse.get((mission_type, message.seq), ACCEPTED)
-        code = ordered or judge(item, mission_type)
+        code = ordered or judge(item, mission_type, self.stack)
         if code != ACCEPTED:
             del self._receiving[mission_type]
             return [ack(client, code, mission_type)]
         if mission_type == FENCE:
-            receiving.fence.append(rewritten(item, FENCE, self.stack.vehicle))
+            receiving.fence.append(as_read_back(item, self.stack, FENCE))
         else:
             self._put(mission_type, message.seq, item)
         receiving.heard_us = now_us
@@ -204,9 +216,9 @@ class ArduPilotServer(MissionServer):
         """Replace an item or add it at the end; item 0 of a mission is home, whatever was sent."""
         held = self.lists[mission_type]
         if mission_type == MISSION and seq == 0:
-            kept = self._home
+            kept = self.home
         else:
-            kept = rewritten(item, mission_type, self.stack.vehicle)
+            kept = as_read_back(item, self.stack, mission_type)
         held[seq : seq + 1] = [kept]
         self.written |= mission_type == MISSION
 

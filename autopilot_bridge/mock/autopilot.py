@@ -48,7 +48,7 @@ class MockAutopilot:
         self.missions.flying_mission = self._flying_mission
         self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)
-        self.ftp = FtpServer(self.missions, self._flying_mission)
+        self.ftp = FtpServer(self.missions)
         self.positions = True  # False: GPS is lost, no position is told
         self.battery_percent: int | None = None  # told once a second when given
         self._codec = Codec(system_id, COMPONENT)

@@ -5,7 +5,6 @@ applied when its session is closed, by whomever. PX4 has no such files.
 """
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from autopilot_bridge import ftp_packet as ftp
@@ -38,13 +37,11 @@ class Session:
 
 
 class FtpServer:
-    """``flying_mission`` tells whether the vehicle is armed in its mission mode."""
+    """Reads and writes the lists of a mission server."""
 
-    def __init__(self, missions: MissionServer, flying_mission: Callable[[], bool]) -> None:
-        self.others: dict[int, tuple[MissionItem, ...]] = {1: (), 2: ()}  # fence, rally points
+    def __init__(self, missions: MissionServer) -> None:
         self.session: Session | None = None
         self._missions = missions
-        self._flying_mission = flying_mission
         self._queue: deque[tuple[tuple[int, int], Packet]] = deque()
         self._due_us: int | None = None
         self._last_sent_us = LONG_AGO_US
@@ -128,7 +125,7 @@ class FtpServer:
         if self.session.written is not None:
             return _refusal(reply, ftp.FAIL)
         mission_type = self.session.mission_type
-        held = self.others.get(mission_type, tuple(self._missions.items))
+        held = tuple(self._missions.lists[mission_type])
         whole = encode_mission_file(held, mission_type, (1, 1))
         data = whole[request.offset : request.offset + min(request.size, ftp.MOST_DATA_BYTES)]
         return _with(reply, request.offset, data) if data else _refusal(reply, ftp.END_OF_FILE)
@@ -164,10 +161,7 @@ class FtpServer:
         if any(not any(data[place : place + ITEM.size]) for place in places):
             return  # an item of zeros: not all was written
         items = tuple(_item(data, place) for place in places)
-        if session.mission_type:
-            self.others[session.mission_type] = items
-        else:
-            self._missions.apply_file(items, may_clear=not self._flying_mission())
+        self._missions.apply_file(session.mission_type, items)
 
 
 def _item(data: bytes, place: int) -> MissionItem:

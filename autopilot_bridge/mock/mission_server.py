@@ -54,7 +54,7 @@ class MissionServer(ABC):
         self.faults = Faults({})
         self.flying_mission: Callable[[], bool] = lambda: False
         self.current_seq: Callable[[], int] = lambda: 0
-        self._home = home
+        self.home = home
 
     @property
     def items(self) -> list[MissionItem]:
@@ -82,8 +82,8 @@ class MissionServer(ABC):
         """What a reboot does to transfers under way."""
 
     @abstractmethod
-    def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
-        """Take over the items of a mission file."""
+    def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
+        """Take over the items of a file of this type."""
 
     def progress(self) -> tuple[int, tuple[int, ...]]:
         """MISSION_CURRENT's total, and the opaque ids of the three lists where there are any."""

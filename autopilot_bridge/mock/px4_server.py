@@ -34,8 +34,9 @@ from autopilot_bridge.mock.px4_feasibility import (
     shapes_of,
     usable,
 )
-from autopilot_bridge.mock.px4_items import FLOAT_FRAMES, checksum, judge, rewritten
+from autopilot_bridge.mock.px4_items import FLOAT_FRAMES, checksum, judge
 from autopilot_bridge.mock.wire import with_extension
+from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import Stack
 
 COMPONENTS = (0, 1, 190)  # all, the autopilot, the "mission planner"
@@ -111,7 +112,7 @@ class Px4Server(MissionServer):
         """After a reboot nobody is asked for items any more."""
         self._managers.clear()
 
-    def apply_file(self, items: tuple[MissionItem, ...], may_clear: bool) -> None:
+    def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
         """PX4 has no mission files."""
         raise NotImplementedError
 
@@ -203,12 +204,12 @@ class Px4Server(MissionServer):
             return []
         item = item_in(message)
         ordered = self.faults.refuse.get((mission_type, message.seq), ACCEPTED)
-        code = ordered or judge(item, mission_type)
+        code = ordered or judge(item, mission_type, self.stack)
         if code != ACCEPTED:
             manager.state = "idle"
             told = [] if code == ERROR else [critical("IGN MISSION_ITEM: Invalid item")]
             return [ack(client, code, mission_type), *told]
-        manager.items.append(rewritten(item, mission_type))
+        manager.items.append(as_read_back(item, self.stack, mission_type))
         manager.checksum = checksum(message, manager.checksum)
         if message.current:
             manager.start_at = message.seq
@@ -291,8 +292,8 @@ class Px4Server(MissionServer):
 
     def _look_at_mission(self) -> list[Message]:
         """Judge the mission by the fence; the texts that go with it."""
-        scale = math.cos(math.radians(self._home.x / 1e7))
-        shapes = usable(self.lists[FENCE], (self._home.x, self._home.y), scale)
+        scale = math.cos(math.radians(self.home.x / 1e7))
+        shapes = usable(self.lists[FENCE], (self.home.x, self.home.y), scale)
         outside = first_outside(self.items, shapes, scale)
         if outside is None:
             self._reason = None
@@ -301,9 +302,9 @@ class Px4Server(MissionServer):
         return [critical(self._reason)]
 
     def _look_at_fence(self) -> list[Message]:
-        scale = math.cos(math.radians(self._home.x / 1e7))
+        scale = math.cos(math.radians(self.home.x / 1e7))
         fence = self.lists[FENCE]
         texts = self._look_at_mission()
-        if len(usable(fence, (self._home.x, self._home.y), scale)) < len(shapes_of(fence)):
+        if len(usable(fence, (self.home.x, self.home.y), scale)) < len(shapes_of(fence)):
             texts.append(critical("Geofence invalid, doesn't contain Home position"))
         return texts

@@ -133,7 +133,7 @@ def wire(items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
 
 def holding(items: tuple[MissionItem, ...] = OLD) -> Bench:
     bench = Bench()
-    bench.mock.missions.items = [bench.mock.missions.items[0], *items]
+    bench.mock.missions.items = [bench.mock.missions.home, *items]
     return bench
 
 

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from autopilot_bridge import ftp_packet as ftp
 from autopilot_bridge.ftp_packet import Packet
 from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.read_back import as_read_back
 from tests.bridge.ftp_helpers import (
+    ARDUPILOT,
     NEW,
     OLD,
     STATION,
@@ -64,9 +66,10 @@ def test_missions_of_any_length_round_trip(count: int) -> None:
 @pytest.mark.parametrize(("mission_type", "command"), [(1, 5003), (2, 5100)])
 def test_fence_and_rally_points_round_trip(mission_type: int, command: int) -> None:
     bench = Bench()
-    points = tuple(replace(item, command=command) for item in line_of(9))
-    assert bench.run(upload_of(points, mission_type=mission_type)).outcome == "accepted"
-    assert bench.mock.ftp.others[mission_type] == points
+    sent = tuple(replace(item, command=command, param1=50.0) for item in line_of(9))
+    points = tuple(as_read_back(item, ARDUPILOT, mission_type) for item in sent)
+    assert bench.run(upload_of(sent, mission_type=mission_type)).outcome == "accepted"
+    assert tuple(bench.mock.missions.lists[mission_type]) == points
     assert bench.run(download_of(mission_type=mission_type)).items == points
     assert bench.held() == ()
 

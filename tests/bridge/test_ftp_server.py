@@ -46,7 +46,7 @@ def test_a_file_that_lacks_its_last_bytes_is_applied_with_zeros(close: Packet) -
     bench.idle(4.0)
     bench.ask(close)
     assert bench.held()[:-1] == relative[:-1]
-    assert bench.held()[-1] == replace(relative[-1], frame=0, autocontinue=0)
+    assert bench.held()[-1] == replace(relative[-1], frame=0)
 
 
 def test_a_file_that_lacks_whole_items_is_refused_and_the_closing_acknowledged() -> None:

@@ -36,18 +36,21 @@ def test_silence_from_a_message_on_is_a_failure_the_client_tells_of(stack: Stack
     pair = Pair(mock_of(stack))
     pair.run_for(1.0)
     pair.mock.missions.faults.silent_after = 3
-    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us))
+    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us, by_file=False))
     assert result.outcome in ("failed", "unknown")
     pair.mock.missions.faults.silent_after = None
     pair.run_for(10.0)
-    assert pair.result_of(pair.client.upload(line_of(6), pair.now_us)).outcome == "accepted"
+    assert (
+        pair.result_of(pair.client.upload(line_of(6), pair.now_us, by_file=False)).outcome
+        == "accepted"
+    )
 
 
 @pytest.mark.parametrize(("target", "mission_type"), [((254, 190), 0), ((255, 190), 1)])
 def test_a_stray_acknowledgement_ends_no_upload(target: tuple[int, int], mission_type: int) -> None:
     pair = Pair(mock_of(PLANE))
     pair.run_for(1.0)
-    transfer_id = pair.client.upload(line_of(40), pair.now_us)
+    transfer_id = pair.client.upload(line_of(40), pair.now_us, by_file=False)
     pair.run_for(0.2)
     pair.mock.say(mavlink.MAVLink_mission_ack_message(*target, 1, mission_type))
     pair.run_for(0.1)

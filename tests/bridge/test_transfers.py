@@ -1,7 +1,6 @@
 """Uploads and downloads between the client and the mock, over good and bad links."""
 
 from collections import Counter
-from dataclasses import replace
 from random import Random
 from typing import Any
 
@@ -14,8 +13,9 @@ from autopilot_bridge.client_events import MissionProgress
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import STACKS, Stack, stack_named
-from autopilot_bridge.transfer import TransferResult, same_mission
+from autopilot_bridge.transfer import TransferResult
 from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
@@ -40,12 +40,12 @@ class Choosy(MemoryLink):
 
 def held(pair: Pair) -> tuple[MissionItem, ...]:
     """What the mock holds, without ArduPilot's home."""
-    return plain(tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :]))
+    return tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :])
 
 
-def plain(items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """Items with PX4's INT frames as they were sent."""
-    return tuple(replace(item, frame={5: 0, 6: 3}.get(item.frame, item.frame)) for item in items)
+def kept(items: Items, stack: Stack) -> tuple[MissionItem, ...]:
+    """What the mock is to hold of items sent."""
+    return tuple(as_read_back(item, stack) for item in items)
 
 
 def upload(pair: Pair, items: Items, by_file: bool = False, **more: Any) -> int:
@@ -65,10 +65,10 @@ def test_an_uploaded_mission_is_held_and_read_back_as_sent(stack: Stack) -> None
     sent = line_of(12)
     result = pair.result_of(upload(pair, sent))
     assert result.outcome == "accepted"
-    assert same_mission(sent, held(pair), item_0_is_home=False)
+    assert held(pair) == kept(sent, stack)
     read = pair.result_of(pair.client.download(pair.now_us, by_file=False))
     assert read.items is not None
-    assert same_mission(sent, read.items, item_0_is_home=False)
+    assert read.items == kept(sent, stack)
 
 
 @each_stack
@@ -98,7 +98,7 @@ def test_after_a_refused_upload_px4_holds_the_old_mission_and_ardupilot_a_mixtur
         pair = connected(stack)
         pair.result_of(upload(pair, line_of(6)))
         pair.result_of(upload(pair, new))
-        assert (held(pair) == line_of(6)) == keeps
+        assert (held(pair) == kept(line_of(6), pair.mock.stack)) == keeps
 
 
 def test_a_mission_too_long_is_refused_in_words() -> None:
@@ -112,7 +112,7 @@ def test_a_lost_acknowledgement_is_resolved_by_reading_back(stack: Stack) -> Non
     pair = connected(stack, down=Choosy(lambda name: name == "MISSION_ACK"))
     result = pair.result_of(upload(pair, line_of(6)))
     assert result.outcome == "accepted"
-    assert held(pair) == line_of(6)
+    assert held(pair) == kept(line_of(6), pair.mock.stack)
 
 
 @both
@@ -145,7 +145,7 @@ def test_any_one_message_may_get_lost(stack: Stack, lost: str) -> None:
     pair = connected(stack, up=Choosy(second_of_its_kind), down=Choosy(second_of_its_kind))
     result = pair.result_of(upload(pair, line_of(6)))
     assert result.outcome == "accepted"
-    assert held(pair) == line_of(6)
+    assert held(pair) == kept(line_of(6), pair.mock.stack)
 
 
 links: st.SearchStrategy[dict[str, Any]] = st.builds(
@@ -215,7 +215,12 @@ def test_over_a_bad_link_an_upload_ends_and_tells_what_the_vehicle_holds(hundred
         transfer_id = upload(pair, new, rng.random() < 0.5, check=rng.random() < 0.5)
         result = pair.result_of(transfer_id, within_s=200.0)
         pair.run_for(10.0)  # what is still under way must not change it either
-        assert agrees(result, old, new, held(pair), stack), (seed, result, held(pair))
+        now = held(pair)
+        assert agrees(result, kept(old, stack), kept(new, stack), now, stack), (
+            seed,
+            result,
+            held(pair),
+        )
         outcomes[result.outcome] += 1
     assert outcomes["accepted"] >= 80
 
@@ -249,7 +254,7 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
     assert result.outcome in ("accepted", "failed", "rejected")
     if result.outcome == "accepted":
         assert result.items is not None
-        assert plain(result.items) == line_of(8)
+        assert result.items == kept(line_of(8), stack)
 
 
 def test_a_last_item_that_never_arrived_is_not_taken_for_success() -> None:
@@ -344,7 +349,7 @@ def test_a_newer_mission_takes_the_place_of_one_that_waits() -> None:
     ids = [upload(pair, line_of(5, first)) for first in range(3)]
     outcomes = [pair.result_of(transfer_id).outcome for transfer_id in ids]
     assert outcomes == ["accepted", "superseded", "accepted"]
-    assert held(pair) == line_of(5, 2)
+    assert held(pair) == kept(line_of(5, 2), pair.mock.stack)
 
 
 def test_an_ardupilot_upload_left_alone_is_cancelled_after_eight_seconds() -> None:

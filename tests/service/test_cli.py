@@ -11,7 +11,8 @@ from click.testing import CliRunner, Result
 
 from autopilot_bridge.items import MissionItem, Plan
 from autopilot_bridge.planfile import read_plan, write_plan
-from autopilot_bridge.transfer import same_mission
+from autopilot_bridge.read_back import same_mission
+from autopilot_bridge.stacks import stack_named
 from mission_service import __version__
 from mission_service.cli import main
 from mission_service.config import SHIPPED
@@ -133,7 +134,9 @@ def test_missions_go_up_and_come_down_over_udp(tmp_path: Path) -> None:
         told = {"result": "accepted", "items": len(read_plan(sent).mission), "holds": "the new one"}
         assert json.loads(up.stdout) == told
         assert call("mission", "download", "-o", str(read), *link).exit_code == 0
-        assert same_mission(read_plan(sent).mission, read_plan(read).mission, item_0_is_home=False)
+        assert same_mission(
+            read_plan(sent).mission, read_plan(read).mission, stack_named("px4", "plane")
+        )
         assert call("mission", "clear", *link).exit_code == 0
         call("mission", "download", "-o", str(read), *link)
         assert read_plan(read).mission == ()
