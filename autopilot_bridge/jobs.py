@@ -220,7 +220,7 @@ class Jobs:
                 return SetMode(address, stack, stack.mission_mode, self._timing)
             if result.outcome == "accepted":
                 return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
-            words = "the vehicle holds the mission but did not begin it"
+            words = f"the vehicle holds the mission but did not begin it: {result.reason}"
             return TransferResult("failed", words, items=job.items, holds="the new one")
         if isinstance(ended, FtpUpload):
             if result.outcome == "rejected" and not job.cancelled:
@@ -289,7 +289,7 @@ class Jobs:
     def _set_current(self, job: Job, address: Address) -> Transfer | TransferResult:
         # ArduPilot flies its old target on until told; PX4 may begin elsewhere.
         if job.kind == "mission" and job.items:
-            return SetCurrent(address, self._seq(job), self._timing)
+            return SetCurrent(address, self._seq(job), len(job.wire_items), self._timing)
         return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
 
 

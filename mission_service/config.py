@@ -226,6 +226,8 @@ class VehicleSection(Section):
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
     autostart: bool = False
+    landing: bool = True  # a PX4 plane's missions end with a landing at home
+    landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
 
 
 class Scenario(Section):

@@ -34,6 +34,7 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
+from mission_service.landing import landing_of, needs_landing
 from mission_service.planners.perimeter import Decision, PerimeterPlanner, PerimeterSettings
 from mission_service.translate import mission_along
 
@@ -64,6 +65,7 @@ class Vehicle:
 
     section: VehicleSection
     planner: PerimeterPlanner
+    landing: tuple[MissionItem, ...] = ()
     online: bool = False
     atomic_upload: bool = False
     deployed: bool = False
@@ -87,7 +89,11 @@ class Core:
         self.landscape = landscape
         self._next_mission_id = 1
         self.vehicles = {
-            section.name: Vehicle(section, planner_of(scenario, section, landscape))
+            section.name: Vehicle(
+                section,
+                planner_of(scenario, section, landscape),
+                landing_of_vehicle(scenario, section, landscape),
+            )
             for section in scenario.vehicles
         }
 
@@ -220,6 +226,7 @@ class Core:
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.airborne,
+            landing=vehicle.landing,
         )
         mission_id = self._next_mission_id
         self._next_mission_id += 1
@@ -335,7 +342,18 @@ def approach_mission(
         section,
         landscape,
         from_ground=True,
+        landing=landing_of_vehicle(scenario, section, landscape),
     )
+
+
+def landing_of_vehicle(
+    scenario: Scenario, section: VehicleSection, landscape: Landscape
+) -> tuple[MissionItem, ...]:
+    """The landing that a vehicle's missions end with, if they must; into the first wind given."""
+    if not needs_landing(section):
+        return ()
+    wind_from_deg = scenario.weather[0].wind_from_deg if scenario.weather else 0.0
+    return landing_of(section, landscape, wind_from_deg)
 
 
 def _decided(vehicle: Vehicle, decision: Decision) -> Decided:

@@ -84,8 +84,12 @@ def mission_along(
     vehicle: VehicleSection,
     landscape: Landscape,
     from_ground: bool,
+    landing: tuple[MissionItem, ...] = (),
 ) -> tuple[MissionItem, ...]:
-    """The items that fly a path (x, y in metres) and then loiter at its end."""
+    """The items that fly a path (x, y in metres) and then loiter at its end without end.
+
+    ``landing`` comes behind the loiter, for autopilots that ask for one.
+    """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.least_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(
         points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m
@@ -99,4 +103,4 @@ def mission_along(
     items.append(loiter_unlimited(float(lat[-1]), float(lon[-1]), altitudes[-1], radius_m))
     if from_ground:
         items.insert(0, takeoff(vehicle.home_lat_deg, vehicle.home_lon_deg, altitudes[0]))
-    return tuple(items)
+    return (*items, *landing)

@@ -71,7 +71,7 @@ class Px4Server(MissionServer):
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         super().__init__(stack, home)
-        self.required = 0
+        self.required = 2 if stack.vehicle == "plane" else 0  # as each airframe sets it
         self.ids = {MISSION: 0, FENCE: 0, RALLY: 0}
         self._managers: dict[Client, Manager] = {}
         self._check_us: int | None = None

@@ -8,6 +8,7 @@ from autopilot_bridge.client_events import ClientEvent, TransferFinished
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.px4_server import Px4Server
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import TransferResult
 
@@ -15,14 +16,18 @@ HOME = (36.3, -84.2, 300.0)
 SECOND = 1_000_000
 
 
-def mock_of(stack: Stack, **more: Any) -> MockAutopilot:
-    return MockAutopilot(
+def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopilot:
+    """A mock; the lines flown here have no landing, so a PX4 plane is set not to ask for one."""
+    mock = MockAutopilot(
         stack,
         home_lat_deg=HOME[0],
         home_lon_deg=HOME[1],
         home_altitude_amsl_m=HOME[2],
         **more,
     )
+    if isinstance(mock.missions, Px4Server):
+        mock.missions.required = landing_required
+    return mock
 
 
 def line_of(count: int, first: int = 0) -> tuple[MissionItem, ...]:

@@ -357,3 +357,21 @@ def test_an_ardupilot_upload_left_alone_is_cancelled_after_eight_seconds() -> No
     result = pair.result_of(upload(pair, line_of(4)), within_s=30.0)
     assert result.code == mavlink.MAV_MISSION_OPERATION_CANCELLED
     assert 7.5 < pair.now_us / SECOND < 12.0
+
+
+LANDING = (
+    MissionItem(189, 2, 0, 0, 0.0),
+    MissionItem(31, 3, 363_000_000, -841_900_000, 50.0, 1.0, 90.0, 0.0, 1.0),
+    MissionItem(21, 3, 363_000_000, -842_000_000, 0.0),
+)
+
+
+@pytest.mark.parametrize("lands", [True, False])
+def test_a_mission_that_px4_acknowledges_and_will_not_fly_is_a_failure(lands: bool) -> None:
+    mock = mock_of(stack_named("px4", "plane"), landing_required=2)
+    pair = Pair(mock)
+    pair.run_for(1.0)
+    result = pair.result_of(upload(pair, (*line_of(5), *LANDING) if lands else line_of(5)))
+    assert result.holds == "the new one"
+    assert result.outcome == ("accepted" if lands else "failed")
+    assert ("does not take it for one to fly" in result.reason) != lands

@@ -85,6 +85,9 @@ def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
     assert all(entry.intact for entry in entries)
 
 
+LANDING = (189, 31, 21)  # what PX4 asks of a plane
+
+
 def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
     stack = stack_named("px4", "plane")  # the default scenario's
     missions = [
@@ -95,8 +98,10 @@ def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
     assert len(missions) > 20
     for mission in missions:
         for each in (stack, stack_named("ardupilot", "plane"), stack_named("ardupilot", "copter")):
-            assert [str(problem) for problem in check(mission, each)] == []
-            assert all(same_as_sent(item, as_read_back(item, each), each) for item in mission)
+            items = mission if each is stack else mission[: -len(LANDING)]
+            assert [str(problem) for problem in check(items, each)] == []
+            assert all(same_as_sent(item, as_read_back(item, each), each) for item in items)
+        assert tuple(item.command for item in mission[-3:]) == LANDING
         assert adapted(mission, stack) == mission
 
 

@@ -75,11 +75,16 @@ def test_nothing_is_sent_before_the_time_of_deployment(land: Landscape) -> None:
     assert flight.at_height(0.0) == []
 
 
-def test_the_first_mission_takes_off_and_ends_in_a_loiter(land: Landscape) -> None:
-    flight = Flight(load_scenario("default"), land)
+@pytest.mark.parametrize(("stack", "landing"), [("px4", [189, 31, 21]), ("ardupilot", [])])
+def test_the_first_mission_takes_off_and_ends_in_a_loiter(
+    land: Landscape, stack: str, landing: list[int]
+) -> None:
+    flight = Flight(load_scenario("default", (f"vehicles.0.stack={stack}",)), land)
     (mission,) = uploads(flight.at_height(0.0))
-    assert mission.items[0].command == NAV_TAKEOFF
-    assert mission.items[-1].command == NAV_LOITER_UNLIM
+    commands = [item.command for item in mission.items]
+    assert commands[0] == NAV_TAKEOFF
+    # What PX4 asks of a plane comes behind the loiter, where nothing gets by itself.
+    assert commands[commands.index(NAV_LOITER_UNLIM) + 1 :] == landing
 
 
 def test_a_flight_starts_by_itself_only_where_the_scenario_says_so(land: Landscape) -> None:
