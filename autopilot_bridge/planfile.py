@@ -33,6 +33,7 @@ _Read = TypeVar("_Read")
 # QGroundControl's AltitudeMode by frame. Its numbers have changed between versions, so that the
 # frame is what counts in a file that is read.
 _ALTITUDE_MODES = {3: 1, 6: 1, 0: 2, 5: 2, 10: 4, 11: 4}
+WPL_SUFFIXES = (".waypoints", ".txt")
 
 
 def read_any(path: Path) -> Plan:
@@ -43,7 +44,7 @@ def read_any(path: Path) -> Plan:
 
 def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
     """Write a plan; .waypoints and .txt become QGC WPL 110, anything else .plan."""
-    if path.suffix.lower() in (".waypoints", ".txt"):
+    if path.suffix.lower() in WPL_SUFFIXES:
         wpl.write_wpl(path, plan)
     else:
         write_plan(path, plan, stack)

@@ -294,14 +294,14 @@ def mission() -> None:
 def mission_upload(
     plan_file: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
 ) -> None:
-    """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight."""
+    """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight.
+
+    Fence and rally points that the autopilot has stay where the plan has none.
+    """
     from autopilot_bridge.planfile import read_any
     from mission_service.transfers import upload
 
-    plan = read_any(plan_file)
-    if plan.fence or plan.rally:
-        click.echo(f"{plan_file}: its fence and rally points are not sent", err=True)
-    _echo(upload(plan.mission, link, timeout_s, tlog), as_json)
+    _echo(upload(read_any(plan_file), link, timeout_s, tlog), as_json)
 
 
 @mission.command("download")
@@ -313,22 +313,25 @@ def mission_upload(
 def mission_download(
     output: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
 ) -> None:
-    """Write the autopilot's mission to a .plan file."""
+    """Write mission, fence and rally points to a .plan file, or the mission to a .waypoints one."""
     from mission_service.transfers import download
 
     _echo(download(output, link, timeout_s, tlog), as_json)
 
 
 @mission.command("clear")
+@click.option("--all", "everything", is_flag=True, help="The fence and the rally points too.")
 @LINK
 @TIMEOUT
 @TLOG
 @JSON
-def mission_clear(link: str, timeout_s: float, tlog: Path | None, as_json: bool) -> None:
+def mission_clear(
+    everything: bool, link: str, timeout_s: float, tlog: Path | None, as_json: bool
+) -> None:
     """Remove the autopilot's mission."""
     from mission_service.transfers import clear
 
-    _echo(clear(link, timeout_s, tlog), as_json)
+    _echo(clear(link, timeout_s, tlog, everything), as_json)
 
 
 @main.command()

@@ -10,84 +10,122 @@ from autopilot_bridge.check import adapted, check
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import Connected, TransferFinished
 from autopilot_bridge.connection import Connection
-from autopilot_bridge.items import MissionItem, Plan, has_position
-from autopilot_bridge.planfile import write_any
+from autopilot_bridge.items import Items, Plan, has_position
+from autopilot_bridge.planfile import WPL_SUFFIXES, write_any
+from autopilot_bridge.stacks import Stack
 from autopilot_bridge.tlog import Tlog
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.transfer import MISSION_TYPES, Kind, TransferResult
 from mission_service.daemon import clock_us, wall_us
 from mission_service.errors import MissionServiceError
 
-Begin = Callable[[VehicleClient, int], int]
+Ask = Callable[[VehicleClient, int], int]
+KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 judges a mission by its fence
 
 
-def upload(
-    items: tuple[MissionItem, ...], link: str, timeout_s: float, tlog: Path | None = None
-) -> dict[str, Any]:
-    """Replace the autopilot's mission; the flight is not started.
+def upload(plan: Plan, link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:
+    """Replace the autopilot's mission, and its fence and rally points where the plan has any.
 
-    Raises MissionServiceError, before anything is sent, for items its autopilot would not fly as
-    they are meant.
+    The flight is not started. Raises MissionServiceError, before anything is sent, for items the
+    autopilot would not fly as they are meant.
     """
 
-    def begin(client: VehicleClient, now_us: int) -> int:
-        assert client.stack is not None
-        fitted = adapted(items, client.stack)
-        for problem in check(fitted, client.stack):
-            if problem.kind != "changed":
-                raise MissionServiceError(str(problem))
-        return client.upload(fitted, now_us, check=True, holds_first=True)
+    def asks(stack: Stack) -> list[Ask]:
+        parts = _fitted(plan, stack)
+        for kind, items in parts.items():
+            for problem in check(items, stack, MISSION_TYPES[kind]):
+                if problem.kind != "changed":
+                    raise MissionServiceError(f"{kind}: {problem}")
+        return [_upload_of(kind, items) for kind, items in parts.items()]
 
-    _, result = _run(begin, link, timeout_s, tlog)
-    return {"result": result.outcome, "items": len(items), "holds": result.holds}
+    _, results = _run(asks, link, timeout_s, tlog)
+    counts = {"items": len(plan.mission), "fence": len(plan.fence), "rally": len(plan.rally)}
+    return {"result": results[-1].outcome, **counts, "holds": results[-1].holds}
+
+
+def _fitted(plan: Plan, stack: Stack) -> dict[Kind, Items]:
+    """What is sent of a plan, in order."""
+    parts: dict[Kind, Items] = {
+        "fence": plan.fence,
+        "rally": plan.rally,
+        "mission": adapted(plan.mission, stack),
+    }
+    return {kind: items for kind, items in parts.items() if items or kind == "mission"}
+
+
+def _upload_of(kind: Kind, items: Items) -> Ask:
+    return lambda client, now_us: client.upload(items, now_us, kind, check=True, holds_first=True)
 
 
 def download(output: Path, link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:
-    """Write the autopilot's mission to a .plan or QGC WPL file."""
-    client, result = _run(VehicleClient.download, link, timeout_s, tlog)
-    items = result.items or ()
+    """Write what the autopilot holds to a .plan file, or its mission to a QGC WPL file."""
+    kinds = KINDS[-1:] if output.suffix.lower() in WPL_SUFFIXES else KINDS
+    client, results = _run(lambda _: [_download_of(kind) for kind in kinds], link, timeout_s, tlog)
+    read = {kind: result.items or () for kind, result in zip(kinds, results, strict=True)}
+    items = read["mission"]
     first = next((item for item in items if has_position(item.command)), None)
     home = (first.x / 1e7, first.y / 1e7, first.z) if first else None
-    write_any(output, Plan(items, home=home), client.stack)
-    return {"result": result.outcome, "items": len(items), "file": str(output)}
+    plan = Plan(items, read.get("fence", ()), read.get("rally", ()), home)
+    write_any(output, plan, client.stack)
+    counts = {"items": len(items), "fence": len(plan.fence), "rally": len(plan.rally)}
+    return {"result": results[-1].outcome, **counts, "file": str(output)}
 
 
-def clear(link: str, timeout_s: float, tlog: Path | None = None) -> dict[str, Any]:
-    """Remove the autopilot's mission."""
-    _, result = _run(VehicleClient.clear, link, timeout_s, tlog)
-    return {"result": result.outcome}
+def _download_of(kind: Kind) -> Ask:
+    return lambda client, now_us: client.download(now_us, kind)
+
+
+def clear(
+    link: str, timeout_s: float, tlog: Path | None = None, everything: bool = False
+) -> dict[str, Any]:
+    """Remove the autopilot's mission; with ``everything`` its fence and rally points too."""
+    kinds = KINDS if everything else KINDS[-1:]
+    _, results = _run(lambda _: [_clear_of(kind) for kind in kinds], link, timeout_s, tlog)
+    return {"result": results[-1].outcome}
+
+
+def _clear_of(kind: Kind) -> Ask:
+    return lambda client, now_us: client.clear(now_us, kind)
 
 
 def _run(
-    begin: Begin, link: str, timeout_s: float, tlog_path: Path | None
-) -> tuple[VehicleClient, TransferResult]:
+    asks: Callable[[Stack], list[Ask]], link: str, timeout_s: float, tlog_path: Path | None
+) -> tuple[VehicleClient, list[TransferResult]]:
+    """Ask one thing after another of the first autopilot heard; all must be accepted."""
     client = VehicleClient(target_system=None)
     try:
         with contextlib.ExitStack() as stack:
             tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
-            transfer = _transfer(client, begin, link, tlog)
-            result = asyncio.run(asyncio.wait_for(transfer, timeout_s))
+            transfers = _transfers(client, asks, link, tlog)
+            results = asyncio.run(asyncio.wait_for(transfers, timeout_s))
     except TimeoutError:
         heard = "the transfer did not end" if client.stack else "no autopilot was heard"
         raise MissionServiceError(
             f"{link}: {heard} within {timeout_s:g} s; is it running, and is this its port?"
         ) from None
-    if result.outcome != "accepted":
-        raise MissionServiceError(f"{link}: {result.outcome}: {result.reason}")
-    return client, result
+    return client, results
 
 
-async def _transfer(
-    client: VehicleClient, begin: Begin, link: str, tlog: Tlog | None
-) -> TransferResult:
+async def _transfers(
+    client: VehicleClient, asks: Callable[[Stack], list[Ask]], link: str, tlog: Tlog | None
+) -> list[TransferResult]:
+    waiting: list[Ask] = []
+    results: list[TransferResult] = []
     async with Connection(link, client, clock_us, tlog=tlog) as connection:
         while True:
             await connection.wait()
             while (event := client.next_event()) is not None:
                 match event:
                     case Connected():
-                        begin(client, clock_us())
-                        connection.flush()
+                        waiting = asks(event.stack)
+                    case TransferFinished() if event.result.outcome != "accepted":
+                        result = event.result
+                        words = f"{event.kind} {event.action} {result.outcome}: {result.reason}"
+                        raise MissionServiceError(f"{link}: {words}")
                     case TransferFinished():
-                        return event.result
+                        results.append(event.result)
+                        if not waiting:
+                            return results
                     case _:
-                        pass
+                        continue
+                waiting.pop(0)(client, clock_us())
+                connection.flush()

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import Plan
 from autopilot_bridge.link import other_end
 from autopilot_bridge.mock.process import serve
 from autopilot_bridge.stacks import stack_named
@@ -128,7 +129,7 @@ def test_a_mission_goes_up_and_down_over_every_kind_of_link(kind: str, tmp_path:
     path = tmp_path / "transfer.tlog"
     ours = f"{kind}:127.0.0.1:{free_port(socket.SOCK_STREAM)}"
     with autopilot_on(other_end(ours)) as mock:
-        assert upload(line_of(20), ours, 8.0, path)["result"] == "accepted"
+        assert upload(Plan(line_of(20)), ours, 8.0, path)["result"] == "accepted"
         assert tuple(mock.missions.items[1:]) == line_of(20)
         assert download(tmp_path / "back.plan", ours, 8.0, path)["items"] == 20
     recorded = [(system, words) for _, system, words in read(path)]

@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 
 from autopilot_bridge.items import MissionItem, Plan
 from autopilot_bridge.planfile import read_plan, write_plan
-from autopilot_bridge.read_back import same_mission
+from autopilot_bridge.read_back import same_as_sent
 from autopilot_bridge.stacks import stack_named
 from mission_service import __version__
 from mission_service.cli import main
@@ -106,13 +106,6 @@ def test_bad_input_gets_one_line_and_exit_code_1(
     assert "Traceback" not in result.output
 
 
-def test_a_fence_that_is_not_sent_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "fenced.plan"
-    write_plan(path, Plan((), (MissionItem(5003, 0, 0, 0, 0.0, 90.0),)), None)
-    result = call("mission", "upload", str(path), "--link", "bus:1")
-    assert "its fence and rally points are not sent" in result.stderr
-
-
 def test_a_vehicle_that_never_answers_is_told() -> None:
     link = f"udpin:127.0.0.1:{free_port()}"
     began = time.monotonic()
@@ -122,24 +115,55 @@ def test_a_vehicle_that_never_answers_is_told() -> None:
     assert "no autopilot was heard within 0.5 s" in result.stderr
 
 
-def test_missions_go_up_and_come_down_over_udp(tmp_path: Path) -> None:
+FENCE = (MissionItem(5003, 0, 363_700_000, -841_300_000, 0.0, 5000.0, autocontinue=0),)
+RALLY = (MissionItem(5100, 3, 363_710_000, -841_310_000, 100.0),)
+
+
+@pytest.mark.parametrize(("name", "stack"), [("hawk", "px4"), ("kite", "ardupilot")])
+def test_plans_go_up_and_come_down_over_udp(tmp_path: Path, name: str, stack: str) -> None:
     port = free_port()
     sent, read = tmp_path / "sent.plan", tmp_path / "read.plan"
-    call("plan", "default", "-o", str(sent))
-    command = [*CLI, "mock", "default", "--link", f"udpout:127.0.0.1:{port}"]
+    assert call("plan", "demo", "--vehicle", name, "-o", str(sent)).exit_code == 0
+    mission = read_plan(sent).mission
+    write_plan(sent, Plan(mission, FENCE, RALLY), stack_named(stack, "plane"))
+    command = [*CLI, "mock", "demo", "--vehicle", name, "--link", f"udpout:127.0.0.1:{port}"]
     link = ("--link", f"udpin:127.0.0.1:{port}", "--timeout", "20")
     mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    counts = {"items": len(mission), "fence": 1, "rally": 1}
     try:
         up = call("mission", "upload", str(sent), *link, "--json")
-        told = {"result": "accepted", "items": len(read_plan(sent).mission), "holds": "the new one"}
-        assert json.loads(up.stdout) == told
-        assert call("mission", "download", "-o", str(read), *link).exit_code == 0
-        assert same_mission(
-            read_plan(sent).mission, read_plan(read).mission, stack_named("px4", "plane")
-        )
+        assert up.exit_code == 0, up.stderr
+        assert json.loads(up.stdout) == {"result": "accepted", **counts, "holds": "the new one"}
+        down = call("mission", "download", "-o", str(read), *link, "--json")
+        assert json.loads(down.stdout) == {"result": "accepted", **counts, "file": str(read)}
+        held = read_plan(read)
+        alike = stack_named(stack, "plane")
+        users = zip(mission, held.mission, strict=True)
+        assert all(same_as_sent(ours, theirs, alike) for ours, theirs in users)
+        assert (held.fence[0].param1, held.rally[0].z) == (5000.0, 100.0)
         assert call("mission", "clear", *link).exit_code == 0
         call("mission", "download", "-o", str(read), *link)
-        assert read_plan(read).mission == ()
+        assert (read_plan(read).mission, len(read_plan(read).fence)) == ((), 1)
+        assert call("mission", "clear", "--all", *link).exit_code == 0
+        call("mission", "download", "-o", str(read), *link)
+        assert (read_plan(read).fence, read_plan(read).rally) == ((), ())
+    finally:
+        mock.kill()
+        mock.wait(timeout=10)
+
+
+def test_a_fence_that_would_be_refused_stops_the_upload_before_it_begins(tmp_path: Path) -> None:
+    port = free_port()
+    path = tmp_path / "fenced.plan"
+    bad = MissionItem(5003, 0, 363_700_000, -841_300_000, 0.0, -1.0, autocontinue=0)
+    write_plan(path, Plan((), (bad,)), stack_named("px4", "plane"))
+    command = [*CLI, "mock", "default", "--link", f"udpout:127.0.0.1:{port}"]
+    mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        link = f"udpin:127.0.0.1:{port}"
+        result = call("mission", "upload", str(path), "--link", link, "--timeout", "20")
+        assert result.exit_code == 1
+        assert "fence: item 0" in result.stderr
     finally:
         mock.kill()
         mock.wait(timeout=10)
