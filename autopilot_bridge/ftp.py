@@ -52,7 +52,7 @@ def next_session(session: int) -> int:
 
 
 def leaves_old_tail(flying_mission: bool, held_items: int, new_items: int) -> bool:
-    """Whether a file would leave old items behind its own: then use the item protocol.
+    """Whether a file would leave old items behind its own.
 
     ArduPilot does not clear a mission that it is flying. Counts include home; ``held_items`` is
     MISSION_CURRENT.total + 1.

@@ -1,6 +1,7 @@
 """Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
 
-upload: file -> read the file back -> [set current], where the autopilot takes whole files, or else
+upload: file -> read the file back -> [set current -> [cut off the old tail -> read it back]],
+        where the autopilot takes whole files, or else
         [hold] -> items -> [read back] -> [set current] -> [fly on]
 download: file, or else items
 clear: itself
@@ -30,11 +31,21 @@ from autopilot_bridge.transfer import (
     TransferResult,
     TransferTiming,
 )
+from autopilot_bridge.truncate import Truncate
 from autopilot_bridge.upload import MissionUpload
 
+# Behind these a vehicle never gets by itself: loiter without end, return, land.
+LAST_FOR_GOOD = (17, 20, 21)
 Begin = Literal["restart", "keep"] | int
 Transfer = (
-    MissionUpload | MissionDownload | MissionClear | SetCurrent | SetMode | FtpUpload | FtpDownload
+    MissionUpload
+    | MissionDownload
+    | MissionClear
+    | SetCurrent
+    | SetMode
+    | Truncate
+    | FtpUpload
+    | FtpDownload
 )
 
 
@@ -69,6 +80,7 @@ class Job:
     under_way: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
     hidden: int = 0  # items the user does not know of: ArduPilot's home
+    old_tail: bool = False  # old items still stand behind the new ones of a file
     paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
     cancelled: bool = False
@@ -139,7 +151,8 @@ class Jobs:
             return self._read_file(address) if by_file else MissionDownload(address, self._timing)
         flying = job.kind == "mission" and seen.in_mission
         held = seen.stack.most_items if seen.total is None else seen.total
-        if by_file and job.items and not leaves_old_tail(flying, held, len(job.wire_items)):
+        longer = leaves_old_tail(flying, held, len(job.wire_items))
+        if by_file and job.items and (not longer or job.items[-1].command in LAST_FOR_GOOD):
             most, self._session = seen.stack.most_items, next_session(self._session)
             return FtpUpload(address, job.wire_items, most, self._session, self._timing)
         return self._by_items(job, seen)
@@ -216,12 +229,16 @@ class Jobs:
         if isinstance(ended, SetMode):
             return self._after_mode(job, result, address)
         if isinstance(ended, SetCurrent):
+            if result.outcome == "accepted" and job.old_tail:
+                return Truncate(address, len(job.wire_items), self._timing)
             if result.outcome == "accepted" and job.paused:
                 return SetMode(address, stack, stack.mission_mode, self._timing)
             if result.outcome == "accepted":
                 return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
             words = f"the vehicle holds the mission but did not begin it: {result.reason}"
             return TransferResult("failed", words, items=job.items, holds="the new one")
+        if isinstance(ended, Truncate):
+            return self._read_file(address)
         if isinstance(ended, FtpUpload):
             if result.outcome == "rejected" and not job.cancelled:
                 return self._by_items(job, seen)
@@ -263,11 +280,20 @@ class Jobs:
             outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
             holds: Holds = "the old one" if untouched else "one of both"
             return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
-        if same_mission(job.wire_items, read.items, seen.stack, MISSION_TYPES[job.kind]):
+        mission_type = MISSION_TYPES[job.kind]
+        if same_mission(job.wire_items, read.items, seen.stack, mission_type):
+            if job.old_tail:  # cut off by now, and the new mission has begun
+                return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
             return self._set_current(job, self._address(job, seen))
-        if not untouched and not job.cancelled:
-            job.uploaded = None
-            return self._by_items(job, seen)  # not applied, or in part: a command it does not know
+        to_go_on = not untouched and not job.cancelled
+        begun = read.items[: len(job.wire_items)]
+        longer = job.kind == "mission" and same_mission(job.wire_items, begun, seen.stack)
+        if to_go_on and longer and not job.old_tail:
+            job.old_tail = True
+            return self._set_current(job, self._address(job, seen))
+        if to_go_on:  # not applied, or in part: a command it does not know
+            job.uploaded, job.old_tail = None, False
+            return self._by_items(job, seen)
         holds = "the old one" if untouched else "a mixture"
         read_items = users_items(job, read.items)
         return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)

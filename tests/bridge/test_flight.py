@@ -10,9 +10,11 @@ from autopilot_bridge.client_events import (
     ItemReached,
     LinkLost,
     LinkRestored,
+    ModeChanged,
     Position,
     Rebooted,
 )
+from autopilot_bridge.items import Items
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
 from autopilot_bridge.read_back import as_read_back
@@ -73,11 +75,12 @@ def test_ardupilot_flies_its_old_target_until_the_index_is_set() -> None:
     pair = flying(stack_named("ardupilot", "plane"))
     pair.run_for(60.0)
     old = pair.mock.flight.target
-    pair.client.upload(line_of(4, first=20), pair.now_us)
-    pair.run_for(0.0)
-    while pair.mock.missions.items[1:] != list(line_of(4, first=20)):
-        pair.run(pair.client.next_timer() and pair.now_us + 1000)
-        assert pair.mock.flight.target is old or pair.mock.flight.items[-1].z == 440.0
+    pair.client.upload(line_of(6, first=20), pair.now_us)
+    while pair.mock.missions.items[1:] != list(line_of(6, first=20)):
+        pair.run(pair.now_us + 1000)
+        assert pair.mock.flight.target is old
+    pair.run_for(2.0)
+    assert pair.mock.flight.target is not old
 
 
 def test_hold_stops_a_mission_where_it_is() -> None:
@@ -143,34 +146,42 @@ class CutAfter(MemoryLink):
             super().send(datagram, now_us)
 
 
-def frames_of_a_reupload(stack: Stack, by_file: bool) -> int:
+SHORTER = (*line_of(3, first=20)[:1], *line_of(3, first=30)[2:])
+
+
+def frames_of_a_reupload(stack: Stack, by_file: bool, new: Items) -> int:
     """How many frames pass, both ways, from the call to its end."""
     CutAfter.left = 10_000
     pair = flying(stack)
     pair.run_for(60.0)
     pair.up, pair.down = CutAfter(), CutAfter()
-    result = pair.result_of(reupload(pair, by_file))
+    result = pair.result_of(reupload(pair, by_file, new))
     assert (result.outcome, pair.mock.flight.mode) == ("accepted", "mission")
     return 10_000 - CutAfter.left
 
 
-def reupload(pair: Pair, by_file: bool) -> int:
-    return pair.client.upload(NEW, pair.now_us, holds_first=True, by_file=by_file)
+def reupload(pair: Pair, by_file: bool, new: Items) -> int:
+    return pair.client.upload(new, pair.now_us, holds_first=True, by_file=by_file)
 
 
 @each_stack
-@pytest.mark.parametrize("by_file", [False, True])
+@pytest.mark.parametrize("by_file", [False, True], ids=["items", "file"])
+@pytest.mark.parametrize("replacement", [NEW, SHORTER], ids=["longer", "shorter"])
 def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
-    stack: Stack, by_file: bool
+    stack: Stack, by_file: bool, replacement: Items
 ) -> None:
-    old, new = (tuple(as_read_back(item, stack) for item in items) for items in (flight_of(), NEW))
+    old, new = (
+        tuple(as_read_back(item, stack) for item in items) for items in (flight_of(), replacement)
+    )
+    # A shorter file leaves the old items behind its own endless loiter until they are cut off.
+    whole_ones = (old, new, (*new, *old[len(new) :])) if by_file else (old, new)
     hidden = 1 if stack.item_0_is_home else 0
-    for frames in range(frames_of_a_reupload(stack, by_file)):
+    for frames in range(frames_of_a_reupload(stack, by_file, replacement)):
         pair = flying(stack)
         pair.run_for(60.0)
         CutAfter.left = frames
         pair.up, pair.down = CutAfter(), CutAfter()
-        transfer_id = reupload(pair, by_file)
+        transfer_id = reupload(pair, by_file, replacement)
         for _ in range(600):
             pair.run_for(0.1)
             flight = pair.mock.flight
@@ -178,10 +189,31 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
                 # All that is still to come is of one mission. A plane that got a whole file flies
                 # on to the item it had until it is told where to begin.
                 whole = tuple(flight.items[hidden:])
-                assert whole in (old, new), frames
+                assert whole in whole_ones, frames
                 assert flight.target is not None
                 assert flight.target.item in (whole if not by_file else (*old, *new)), frames
             else:
                 assert flight.mode == "hold"
         result = pair.result_of(transfer_id, within_s=60.0)
         assert result.holds != "the old one" or tuple(pair.mock.flight.items[hidden:]) == old
+
+
+@pytest.mark.parametrize("vehicle", ["plane", "copter"])
+def test_a_shorter_mission_goes_to_an_ardupilot_without_a_hold(vehicle: str) -> None:
+    stack = stack_named("ardupilot", vehicle)
+    CutAfter.left = 10_000
+    pair = flying(stack)
+    pair.run_for(60.0)
+    pair.events.clear()
+    assert pair.result_of(reupload(pair, True, SHORTER)).outcome == "accepted"
+    assert pair.of(ModeChanged) == []
+    assert len(pair.mock.flight.items) == 1 + len(SHORTER)
+    assert pair.mock.flight.current == 1
+
+
+def test_a_shorter_mission_that_goes_on_behind_its_end_is_not_laid_over_the_old_one() -> None:
+    pair = flying(stack_named("ardupilot", "plane"))
+    pair.run_for(60.0)
+    pair.events.clear()
+    assert pair.result_of(reupload(pair, True, line_of(4)[:3])).outcome == "accepted"
+    assert pair.of(ModeChanged) != []  # it held meanwhile
