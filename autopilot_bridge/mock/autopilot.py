@@ -53,7 +53,7 @@ class MockAutopilot:
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions, self._flying_mission)
         self._codec = Codec(system_id, COMPONENT)
-        self._system_id = system_id
+        self.system_id = system_id
         self._outgoing: list[bytes] = []
         self._boot_us: int | None = None
         self._steps = 0
@@ -87,9 +87,9 @@ class MockAutopilot:
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram from any ground station."""
         for message in self._codec.decode(data):
-            target = getattr(message, "target_system", self._system_id)
+            target = getattr(message, "target_system", self.system_id)
             broadcast = target == 0 and self.stack.name == "ardupilot"
-            if target == self._system_id or broadcast:
+            if target == self.system_id or broadcast:
                 self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:

@@ -190,6 +190,11 @@ class Flight:
         else:
             self.current = seq
 
+    def change_cruise(self, airspeed_m_s: float) -> None:
+        """What it flies unless told otherwise."""
+        self._cruise_m_s = airspeed_m_s
+        self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
+
     def change_speed(self, kind: int, speed_m_s: float) -> bool:
         """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
 

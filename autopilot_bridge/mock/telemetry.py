@@ -129,7 +129,9 @@ class Telemetry:
         """Once a second, as PX4 does by itself and ArduPilot when asked."""
         servos = flight.payload.servos_us
         self._send(
-            mavlink.MAVLink_servo_output_raw_message(steps * STEP_US, 0, *servos[:8], *servos[8:])
+            mavlink.MAVLink_servo_output_raw_message(
+                steps * STEP_US % 2**32, 0, *servos[:8], *servos[8:]
+            )
         )
 
     def _home(self, flight: Flight) -> None:
