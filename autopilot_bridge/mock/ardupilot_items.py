@@ -67,6 +67,7 @@ _PLACES: dict[int, tuple[Rewrite, Rewrite, Rewrite, Rewrite]] = {
     21: (_cut, _none, _none, _none),
     22: (_cut, _none, _none, _none),
     31: (_none, _wrapped_radius, _none, _switch),
+    189: (_none, _none, _none, _none),
     201: (_cut, _cut, _none, _none),
 }
 _WAYPOINT = {
@@ -75,13 +76,17 @@ _WAYPOINT = {
 }
 _OTHERS: dict[int, tuple[Rewrite, Rewrite, Rewrite, Rewrite]] = {
     20: (_none, _none, _none, _none),
+    93: (_kept, _cut, _cut, _cut),
     112: (_kept, _none, _none, _none),
+    114: (_kept, _none, _none, _none),
     177: (_cut, _cut, _none, _none),
     178: (_kept, _kept, _kept, _none),
     181: (_cut, _cut, _none, _none),
     183: (_cut, _cut, _none, _none),
     206: (_kept, _none, _kept, _none),
     211: (_cut, _cut, _none, _none),
+    216: (_cut, _none, _none, _none),
+    42600: (_cut, _cut, _kept, _kept),
 }
 
 
