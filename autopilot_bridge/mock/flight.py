@@ -40,7 +40,8 @@ Mode = Literal["idle", "mission", "hold", "rtl"]
 Place = tuple[float, float]  # metres north and east of home
 
 APPROACH_M = 60.0
-NEAR_M = 5.0  # a copter is there
+NEAR_M = 5.0  # a copter that flies on is there
+STOP_WITHIN_M = 2.0  # one that stays
 LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
 GLIDE = math.tan(math.radians(6.0))
 FALL_M_S = 8.0  # of a copter without power
@@ -410,7 +411,8 @@ class Flight:
         if self.stack.vehicle == "copter":
             stop = hold_s > 0.0
             step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
-            there = self._distance(place) <= acceptance_m(item, self.stack, NEAR_M)
+            near_m = STOP_WITHIN_M if stop else NEAR_M
+            there = self._distance(place) <= acceptance_m(item, self.stack, near_m)
         else:
             course = course_along(self.motion, target.leg_start, place, APPROACH_M)
             step_plane(self.motion, course, altitude_m, self.limits, wind=self.wind)

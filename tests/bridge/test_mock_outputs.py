@@ -78,7 +78,8 @@ def test_servos_are_told_on_the_wire() -> None:
     flight.steps(60.0)
     mock = flight.mock
     mock.handle_timer(0)
-    mock.handle_timer(80 * 60 * 1_000_000)  # beyond 2**32 microseconds
+    for minute in range(80):  # beyond 2**32 microseconds
+        mock.handle_timer(60_000_000 * minute)
     heard = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
     servos = [m for m in heard if m.get_type() == "SERVO_OUTPUT_RAW"]
     assert (servos[-1].servo9_raw, servos[-1].servo10_raw) == (0, 1234)
@@ -122,6 +123,9 @@ def test_jumps_repeat_what_lies_before_them(stack: Stack, times: int) -> None:
     flight.steps(250.0)
     assert switched(flight) == [("gripper", 1, 0.0)] * (times + 1)
     assert flight.mock.flight.current == first + 5
+    flight.mock.flight.make_current(first, flight.now_s)
+    flight.steps(250.0)
+    assert len(flight.mock.outputs) == 2 * (times + 1)
 
 
 def test_jumps_without_a_nav_item_between_them_end() -> None:

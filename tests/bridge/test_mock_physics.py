@@ -100,7 +100,7 @@ def test_a_plane_holds_its_circle_in_wind(radius_m: float) -> None:
     centre = flight.mock.flight.frame.local(place)
     circling = flight.steps(120.0)
     off = [math.hypot(m.north_m - centre[0], m.east_m - centre[1]) - 120.0 for m in circling]
-    assert max(map(abs, off)) < 3.0
+    assert max(map(abs, off)) < 0.1
     assert max(m.speed_m_s for m in circling) == pytest.approx(24.0, abs=0.3)
     assert min(m.speed_m_s for m in circling) == pytest.approx(12.0, abs=0.3)
 
