@@ -130,50 +130,82 @@ def run(
 
 @main.command()
 @click.argument("scenario", required=False)
-@click.option("--vehicle", help="Which vehicle of the scenario (default: the first).")
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
-@click.option("--kind", type=click.Choice(["plane", "copter"]), default="plane")
-@click.option("--system-id", type=click.IntRange(1, 250), default=1)
-@click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
-@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
-@click.option("--link", default="udpout:127.0.0.1:14550", show_default=True)
+@click.option(
+    "--vehicle", help="plane or copter; with SCENARIO the name of its vehicle (default: the first)."
+)
 @click.option("--count", type=click.IntRange(1, 250), default=1, help="Vehicles on the link.")
+@click.option("--system-id", type=click.IntRange(1, 250), default=1, help="Of the first one.")
+@click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
+@click.option("--link", default="udpout:127.0.0.1:14550", show_default=True)
+@click.option("--listen", help="Instead of --link: wait for callers at HOST:PORT, udpin or tcpin.")
+@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
+@click.option("--wind", default="0,0", help="FROM_DEG,SPEED_M_S of a steady wind, e.g. 240,5.")
+@click.option(
+    "--battery",
+    "battery_minutes",
+    type=click.FloatRange(0.1, 10_000),
+    metavar="MINUTES",
+    help="A battery for so many minutes in the air; at 15 % it returns home.",
+)
+@click.option(
+    "--terrain",
+    "terrain_amsl_m",
+    type=click.FloatRange(-500, 9000),
+    metavar="AMSL_M",
+    help="Height of the ground everywhere; who flies below it has crashed.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="FAULT",
+    help="Something to go wrong (repeatable), e.g. reboot@30; see the README.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of faults by chance.")
+@click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
 def mock(
     scenario: str | None,
-    vehicle: str | None,
     stack: str,
-    kind: str,
+    vehicle: str | None,
+    count: int,
     system_id: int,
     home: str,
-    speedup: float,
     link: str,
-    count: int,
+    listen: str | None,
+    speedup: float,
+    wind: str,
+    battery_minutes: float | None,
+    terrain_amsl_m: float | None,
+    faults: tuple[str, ...],
+    seed: int,
+    as_json: bool,
 ) -> None:
-    """A mock autopilot as a process of its own, until Ctrl-C.
+    """Mock autopilots as a process of their own, until Ctrl-C.
 
     With SCENARIO it is the vehicle of that name standing at its home. With --count there are
     several without a scenario, with system ids in a row.
     """
-    import asyncio
-    import contextlib
-
-    from autopilot_bridge.mock.fleet import Fleet
-    from autopilot_bridge.mock.process import serve
-    from mission_service.daemon import clock_us
-    from mission_service.demo import fleet_by_hand, mock_from_scenario
+    from mission_service.mocks import (
+        Surroundings,
+        by_hand,
+        from_scenario,
+        listening,
+        read_wind,
+        run,
+    )
 
     if scenario and count > 1:
         raise click.UsageError("--count is for mocks without a scenario")
+    if not scenario and vehicle not in (None, "plane", "copter"):
+        raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
+    around = Surroundings(read_wind(wind), battery_minutes, terrain_amsl_m, faults, seed)
     fleet = (
-        Fleet((mock_from_scenario(scenario, vehicle),))
+        from_scenario(scenario, vehicle, around)
         if scenario
-        else fleet_by_hand(stack, kind, system_id, home, count)
+        else by_hand(stack, vehicle or "plane", system_id, home, count, around)
     )
-    kinds = fleet.mocks[0].stack
-    number = f"{count} mocks" if count > 1 else "mock"
-    click.echo(f"{number} {kinds.name} {kinds.vehicle} on {link}, x{speedup:g}")
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(serve(fleet, link, speedup, clock_us))
+    run(fleet, listening(listen) if listen else link, speedup, as_json, click.echo)
 
 
 @main.command()

@@ -10,8 +10,6 @@ from typing import Any
 
 from autopilot_bridge.items import Plan
 from autopilot_bridge.link import other_end
-from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
 from mission_service.config import Scenario, VehicleSection, flying, load_scenario, scenario_path
@@ -21,7 +19,6 @@ from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire_setup import landscape_of
 from mission_service.outputs import write_outputs
 from mission_service.record import Record
-from mission_service.sim import mock_of
 from mission_service.world import FireWorld
 
 Progress = Callable[[Record, FireWorld], None]
@@ -77,47 +74,6 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
             return section
     known = ", ".join(section.name for section in scenario.vehicles)
     raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
-
-
-def mock_from_scenario(name: str, vehicle: str | None) -> MockAutopilot:
-    """The mock of a scenario's vehicle."""
-    scenario = flying(load_scenario(name))
-    return mock_of(vehicle_of(scenario, vehicle), landscape_of(scenario))
-
-
-def mock_by_hand(stack: str, kind: str, system_id: int, home: str) -> MockAutopilot:
-    """A mock from command-line values; ``home`` is LAT,LON,ALTITUDE_AMSL_M."""
-    try:
-        lat_deg, lon_deg, altitude_m = (float(part) for part in home.split(","))
-    except ValueError:
-        raise MissionServiceError(f"--home {home}: write it as LAT,LON,ALTITUDE_AMSL_M") from None
-    return MockAutopilot(
-        stack_named(stack, kind),
-        system_id=system_id,
-        home_lat_deg=lat_deg,
-        home_lon_deg=lon_deg,
-        home_altitude_amsl_m=altitude_m,
-    )
-
-
-def fleet_by_hand(stack: str, kind: str, system_id: int, home: str, count: int) -> Fleet:
-    """Mocks with system ids in a row, a thousandth of a degree of longitude apart."""
-    if system_id + count > 251:
-        last = system_id + count - 1
-        raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the last there is")
-    first = mock_by_hand(stack, kind, system_id, home)
-    frame = first.flight.frame
-    others = [
-        MockAutopilot(
-            first.stack,
-            system_id=system_id + number,
-            home_lat_deg=frame.lat_deg,
-            home_lon_deg=frame.lon_deg + 0.001 * number,
-            home_altitude_amsl_m=frame.altitude_m,
-        )
-        for number in range(1, count)
-    ]
-    return Fleet((first, *others))
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:

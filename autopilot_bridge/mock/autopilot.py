@@ -3,24 +3,22 @@
 The time it is given is its simulation clock; ``time_boot_ms`` counts from the first time it sees.
 """
 
-import math
-
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import waypoint
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
-from autopilot_bridge.mock.flight import Flight, LocalFrame, Mode
+from autopilot_bridge.mock.flight import Flight, Mode
 from autopilot_bridge.mock.ftp_server import FtpServer
-from autopilot_bridge.mock.kinematics import STEP_US, Limits
+from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
+from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
+from autopilot_bridge.mock.payload import Output
+from autopilot_bridge.mock.power import Battery
 from autopilot_bridge.mock.px4_server import Px4Server
-from autopilot_bridge.mock.wire import with_extension
+from autopilot_bridge.mock.telemetry import Telemetry
 from autopilot_bridge.stacks import Stack
 
-HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
-POSITION_EVERY_STEPS = 2  # 4 Hz
-HOME_EVERY_STEPS = 80
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 # A process that was held up does not try to make up for more than this at once.
 MOST_STEPS_AT_ONCE = 4000
@@ -38,10 +36,15 @@ class MockAutopilot:
         home_lon_deg: float,
         home_altitude_amsl_m: float,
         airspeed_m_s: float = 18.0,
+        wind: Wind = CALM,
+        terrain: Terrain | None = None,
+        battery_minutes: float | None = None,
     ) -> None:
         self.stack = stack
         frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
-        self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s))
+        self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s), wind, terrain)
+        if battery_minutes is not None:
+            self.flight.battery = Battery(100.0, battery_minutes * 60.0)
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         server = ArduPilotServer if stack.item_0_is_home else Px4Server
         self.missions: MissionServer = server(stack, home)
@@ -49,24 +52,44 @@ class MockAutopilot:
         self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions)
-        self.positions = True  # False: GPS is lost, no position is told
-        self.battery_percent: int | None = None  # told once a second when given
         self._codec = Codec(system_id, COMPONENT)
-        self._system_id = system_id
+        self.system_id = system_id
         self._outgoing: list[bytes] = []
         self._boot_us: int | None = None
         self._steps = 0
-        self._told_current: object = None
-        self._reached = self._reached_again = 0
+        self.telemetry = Telemetry(stack, self.missions, self._send)
+
+    @property
+    def positions(self) -> bool:
+        """Whether there is a GPS position to tell."""
+        return self.flight.gps
+
+    @positions.setter
+    def positions(self, told: bool) -> None:
+        self.flight.gps = told
+
+    @property
+    def outputs(self) -> list[Output]:
+        """What missions and commands switched: (at_us since boot, what, its number, value)."""
+        return self.flight.payload.outputs
+
+    @property
+    def battery_percent(self) -> float | None:
+        """Charge left; None: not told."""
+        return self.flight.battery_percent
+
+    @battery_percent.setter
+    def battery_percent(self, percent: float | None) -> None:
+        self.flight.battery_percent = percent
 
     # Bytes and time -----------------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram from any ground station."""
         for message in self._codec.decode(data):
-            target = getattr(message, "target_system", self._system_id)
+            target = getattr(message, "target_system", self.system_id)
             broadcast = target == 0 and self.stack.name == "ardupilot"
-            if target == self._system_id or broadcast:
+            if target == self.system_id or broadcast:
                 self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:
@@ -95,7 +118,7 @@ class MockAutopilot:
         for _ in range(min(due, MOST_STEPS_AT_ONCE)):
             self._steps += 1
             self.flight.step(self._now_s())
-            self._report()
+            self.telemetry.report(self.flight, self._steps)
 
     def say(self, message: Message) -> None:
         """Send any message, such as an acknowledgement nobody waits for."""
@@ -103,12 +126,10 @@ class MockAutopilot:
 
     def reboot(self, now_us: int) -> None:
         """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
-        fresh = Flight(self.stack, self.flight.frame, self.flight.limits)
-        fresh.motion = self.flight.motion
-        fresh.items = tuple(self.missions.items)
-        self.flight = fresh
+        self.flight = self.flight.rebooted()
         self.missions.forget_transfers()
-        self._boot_us, self._steps, self._reached_again = now_us, 0, 0
+        self.telemetry.forget()
+        self._boot_us, self._steps = now_us, 0
 
     def _flying_mission(self) -> bool:
         return self.flight.armed and self.flight.mode == "mission"
@@ -145,12 +166,12 @@ class MockAutopilot:
             flight.current = 0
         if not self.stack.keeps_target:
             self._begin_anew()
-        self._tell_current()
+        self.telemetry.tell_current(self.flight)
 
     def _begin_anew(self) -> None:
         """PX4 flies a new mission at once; without one it loiters."""
         flight = self.flight
-        self._reached_again = 0
+        self.telemetry.forget()
         if flight.mode == "mission" and not flight.items:
             self._send(text(2, "No valid mission available, loitering\t"))
             flight.set_mode("hold", self._now_s())
@@ -161,7 +182,7 @@ class MockAutopilot:
         flight, missions = self.flight, self.missions
         if flight.current < len(flight.items) and (missions.cut or missions.written):
             flight.go_to(flight.current, self._now_s())
-            self._tell_begun()
+            self.telemetry.tell_texts(self.flight)
             self._send(text(2, "Auto mission changed, restarted command"))
         elif missions.cut:
             self._send(text(2, "Auto mission changed but failed to restart command"))
@@ -177,8 +198,8 @@ class MockAutopilot:
     def _make_current(self, seq: int) -> None:
         asked = max(seq, 1 if self.stack.item_0_is_home else 0)
         self.flight.make_current(asked, self._now_s())
-        self._tell_current(asked)
-        self._tell_begun()
+        self.telemetry.tell_current(self.flight, asked)
+        self.telemetry.tell_texts(self.flight)
 
     def _command(self, message: Message) -> None:
         result = self._obey(message)
@@ -241,117 +262,6 @@ class MockAutopilot:
             return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         self.flight.set_mode(mode, self._now_s())
         return int(mavlink.MAV_RESULT_ACCEPTED)
-
-    # Telemetry ----------------------------------------------------------------------------------
-
-    def _report(self) -> None:
-        flight = self.flight
-        self._tell_reached()
-        self._tell_begun()
-        if self._steps % HEARTBEAT_EVERY_STEPS == 1:
-            self._heartbeat()
-            self._battery()
-            self._tell_current()
-        elif self._told_current != (flight.current, *self.missions.progress()):
-            self._tell_current()
-        if self.positions and self._steps % POSITION_EVERY_STEPS == 0:
-            self._position()
-        if self._steps % HOME_EVERY_STEPS == 1:
-            self._home()
-
-    def _tell_reached(self) -> None:
-        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
-        for seq in self.flight.reached:
-            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
-            self._reached, self._reached_again = seq, 10 if self.stack.name == "px4" else 0
-        again = self._reached_again and self._steps % HEARTBEAT_EVERY_STEPS == 1
-        if again and not self.flight.reached:
-            self._send(mavlink.MAVLink_mission_item_reached_message(self._reached))
-            self._reached_again -= 1
-        self.flight.reached.clear()
-
-    def _tell_begun(self) -> None:
-        """ArduPilot tells of each item it begins in AUTO, by name."""
-        flight, names = self.flight, self.missions.habits.mission_names
-        if names and flight.mode == "mission":
-            for seq, command in flight.begun:
-                self._send(text(6, f"Mission: {seq} {names.get(command, command)}"))
-        flight.begun.clear()
-
-    def _heartbeat(self) -> None:
-        custom_mode = {
-            "mission": self.stack.mission_mode,
-            "hold": self.stack.hold_mode,
-            "rtl": self.stack.rtl_mode,
-            "idle": 0,
-        }[self.flight.mode]
-        base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        if self.flight.armed:
-            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        active = mavlink.MAV_STATE_ACTIVE if self.flight.armed else mavlink.MAV_STATE_STANDBY
-        self._send(
-            mavlink.MAVLink_heartbeat_message(
-                self.stack.mav_type, self.stack.autopilot, base_mode, custom_mode, active, 3
-            )
-        )
-
-    def _tell_current(self, asked: int | None = None) -> None:
-        """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
-        flight = self.flight
-        total, ids = self.missions.progress()
-        self._told_current = (flight.current, total, ids)
-        px4 = self.stack.name == "px4"
-        active = flight.mode == "mission" and flight.armed
-        if not flight.items or self.missions.infeasible() is not None:
-            state = mavlink.MISSION_STATE_NO_MISSION
-        elif active:
-            state = mavlink.MISSION_STATE_ACTIVE
-        else:
-            state = mavlink.MISSION_STATE_NOT_STARTED
-        mode = 1 if active else 2 if px4 else 0
-        current = mavlink.MAVLink_mission_current_message(
-            flight.current if asked is None else asked, total, state, mode
-        )
-        self._send(with_extension(current, *ids))
-
-    def _position(self) -> None:
-        motion, frame = self.flight.motion, self.flight.frame
-        lat_deg, lon_deg = frame.global_position(motion)
-        self._send(
-            mavlink.MAVLink_global_position_int_message(
-                self._steps * STEP_US // 1000,
-                round(lat_deg * 1e7),
-                round(lon_deg * 1e7),
-                round(motion.altitude_m * 1e3),
-                round((motion.altitude_m - frame.altitude_m) * 1e3),
-                round(motion.speed_m_s * math.cos(motion.course_rad) * 100),
-                round(motion.speed_m_s * math.sin(motion.course_rad) * 100),
-                round(-motion.climb_m_s * 100),
-                round(math.degrees(motion.course_rad) * 100) % 36000,
-            )
-        )
-
-    def _battery(self) -> None:
-        if self.battery_percent is not None:
-            self._send(
-                mavlink.MAVLink_sys_status_message(
-                    *(0, 0, 0, 0, 12_000, 0, self.battery_percent),
-                    *(0, 0, 0, 0, 0, 0),
-                )
-            )
-
-    def _home(self) -> None:
-        frame = self.flight.frame
-        self._send(
-            mavlink.MAVLink_home_position_message(
-                round(frame.lat_deg * 1e7),
-                round(frame.lon_deg * 1e7),
-                round(frame.altitude_m * 1e3),
-                *(0.0, 0.0, 0.0),
-                (1.0, 0.0, 0.0, 0.0),
-                *(0.0, 0.0, 0.0),
-            )
-        )
 
     def _send(self, *messages: Message) -> None:
         self._outgoing.extend(self._codec.encode(message) for message in messages)

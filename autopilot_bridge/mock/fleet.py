@@ -3,28 +3,30 @@
 from collections.abc import Sequence
 
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.troubled import Troubled
 
 
 class Fleet:
     """Takes the place of one mock on a link: all hear everything, all may speak."""
 
-    def __init__(self, mocks: Sequence[MockAutopilot]) -> None:
-        self.mocks = mocks
+    def __init__(self, peers: Sequence[MockAutopilot | Troubled]) -> None:
+        self.peers = peers
+        self.mocks = [peer.mock if isinstance(peer, Troubled) else peer for peer in peers]
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram."""
-        for mock in self.mocks:
-            mock.receive_data(data, now_us)
+        for peer in self.peers:
+            peer.receive_data(data, now_us)
 
     def data_to_send(self) -> list[bytes]:
         """Datagrams of all."""
-        return [datagram for mock in self.mocks for datagram in mock.data_to_send()]
+        return [datagram for peer in self.peers for datagram in peer.data_to_send()]
 
     def next_timer(self) -> int:
         """When the first of them has something to do."""
-        return min(mock.next_timer() for mock in self.mocks)
+        return min(peer.next_timer() for peer in self.peers)
 
     def handle_timer(self, now_us: int) -> None:
         """Fly all of them."""
-        for mock in self.mocks:
-            mock.handle_timer(now_us)
+        for peer in self.peers:
+            peer.handle_timer(now_us)

@@ -1,73 +1,54 @@
 """Flight of the mock: modes, and the execution of a mission's items."""
 
 import math
-from dataclasses import dataclass, field
+from collections import deque
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import MissionItem
+from autopilot_bridge.items import MissionItem, params_of
+from autopilot_bridge.mock.course_of_items import (
+    DEFAULT_RADIUS_M,
+    LANDINGS,
+    LOITERS,
+    NAVIGATION,
+    TAKEOFFS,
+    WAYPOINTS,
+    acceptance_m,
+    loiter_radius_m,
+    next_of,
+)
+from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.mock.kinematics import (
+    CALM,
+    STEP_S,
     Limits,
     Motion,
+    Wind,
     course_along,
     course_around,
     step_copter,
     step_plane,
 )
+from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
+from autopilot_bridge.mock.payload import Payload
+from autopilot_bridge.mock.power import Battery
 from autopilot_bridge.stacks import Stack
 
 Mode = Literal["idle", "mission", "hold", "rtl"]
+Place = tuple[float, float]  # metres north and east of home
 
-DEFAULT_RADIUS_M = 80.0
 APPROACH_M = 60.0
-RELATIVE_FRAMES = (
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-)
-LOITERS = (
-    mavlink.MAV_CMD_NAV_LOITER_UNLIM,
-    mavlink.MAV_CMD_NAV_LOITER_TURNS,
-    mavlink.MAV_CMD_NAV_LOITER_TIME,
-)
-NAVIGATION = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_TAKEOFF, *LOITERS)
-
-
-@dataclass(slots=True)
-class LocalFrame:
-    """Metres north and east of home by the WGS84 radii of curvature there."""
-
-    lat_deg: float
-    lon_deg: float
-    altitude_m: float
-    north_m_per_deg: float = field(init=False)
-    east_m_per_deg: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        sine = math.sin(math.radians(self.lat_deg))
-        first = 1.0 - 6.69437999014e-3 * sine * sine
-        meridian = 6378137.0 * (1.0 - 6.69437999014e-3) / first**1.5
-        normal = 6378137.0 / math.sqrt(first)
-        self.north_m_per_deg = math.radians(meridian)
-        self.east_m_per_deg = math.radians(normal) * math.cos(math.radians(self.lat_deg))
-
-    def local(self, item: MissionItem) -> tuple[float, float]:
-        """(north, east) of an item."""
-        return (
-            (item.x / 1e7 - self.lat_deg) * self.north_m_per_deg,
-            (item.y / 1e7 - self.lon_deg) * self.east_m_per_deg,
-        )
-
-    def global_position(self, motion: Motion) -> tuple[float, float]:
-        """(latitude, longitude) in degrees."""
-        return (
-            self.lat_deg + motion.north_m / self.north_m_per_deg,
-            self.lon_deg + motion.east_m / self.east_m_per_deg,
-        )
-
-    def altitude_amsl_m(self, item: MissionItem) -> float:
-        """Altitude of an item above mean sea level."""
-        return item.z + (self.altitude_m if item.frame in RELATIVE_FRAMES else 0.0)
+NEAR_M = 5.0  # a copter that flies on is there
+STOP_WITHIN_M = 2.0  # one that stays
+LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
+GLIDE = math.tan(math.radians(6.0))
+FALL_M_S = 8.0  # of a copter without power
+CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
+RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
+# From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
+DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
 
 @dataclass(slots=True)
@@ -75,159 +56,474 @@ class Target:
     """What is being flown: an item, and the leg that leads to it."""
 
     item: MissionItem
-    leg_start: tuple[float, float]
+    leg_start: Place
+    begun_amsl_m: float
     begun_at_s: float
+    arrived_at_s: float | None = None
     turned_rad: float = 0.0
     last_bearing: float | None = None
 
 
+@dataclass(slots=True)
 class Flight:
-    """Moves one vehicle through its mission. ``current`` is a wire sequence number."""
+    """Moves one vehicle through its mission. ``current`` is a wire sequence number.
 
-    def __init__(self, stack: Stack, frame: LocalFrame, limits: Limits) -> None:
-        self.motion = Motion(0.0, 0.0, frame.altitude_m)
-        self.frame = frame
-        self.limits = limits
-        self.mode: Mode = "idle"
-        self.armed = False
-        self.items: tuple[MissionItem, ...] = ()
-        self.current = 0
-        self.reached: list[int] = []
-        self.begun: list[tuple[int, int]] = []  # items and their commands
-        self.target: Target | None = None
-        self._stack = stack
-        self._hold_at: tuple[float, float, float] = (0.0, 0.0, frame.altitude_m)
-        self._finished = False
+    ``reached`` and ``texts`` are for the telemetry to tell and clear.
+    """
+
+    stack: Stack
+    frame: LocalFrame
+    limits: Limits
+    wind: Wind = CALM
+    terrain: Terrain | None = None
+    battery: Battery = field(default_factory=Battery)
+    gps: bool = True
+    mode: Mode = "idle"
+    armed: bool = False
+    airborne: bool = False
+    crashed: bool = False
+    items: tuple[MissionItem, ...] = ()
+    current: int = 0
+    reached: list[int] = field(default_factory=list)
+    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words
+    target: Target | None = None
+    motion: Motion = field(init=False)
+    payload: Payload = field(init=False)
+    _hold_at: tuple[float, float, float] = field(init=False)
+    _cruise_m_s: float = field(init=False)
+    _return_amsl_m: float = field(init=False)
+    _stood_amsl_m: float = field(init=False)
+    _disarm_at_s: float = math.inf
+    _jumps: dict[int, int] = field(default_factory=dict)
+    _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items still to run
+    _wait_until_s: float = 0.0
+    _wait_within_m: float = math.inf
+
+    def __post_init__(self) -> None:
+        self.motion = Motion(0.0, 0.0, self.frame.altitude_m)
+        self.payload = Payload(self.stack)
+        self.texts = self.payload.texts
+        self._hold_at = (0.0, 0.0, self.frame.altitude_m)
+        self._cruise_m_s = self.limits.airspeed_m_s
+        self._return_amsl_m = self._stood_amsl_m = self.frame.altitude_m
+
+    def rebooted(self) -> "Flight":
+        """The same vehicle where it is, disarmed, its autopilot started anew."""
+        cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
+        fresh = Flight(self.stack, self.frame, cruise, self.wind, self.terrain, self.battery)
+        fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
+        fresh.airborne, fresh.crashed = self.airborne, self.crashed
+        fresh._stood_amsl_m = self._stood_amsl_m
+        fresh.payload.outputs = self.payload.outputs
+        return fresh
+
+    # What there is to see ---------------------------------------------------------------------
 
     @property
-    def airborne(self) -> bool:
-        """Off the ground."""
-        return self.motion.altitude_m > self.frame.altitude_m + 0.5
+    def roll_rad(self) -> float:
+        """Bank, right wing down positive; 0 for copters."""
+        return self.motion.roll_rad
+
+    @property
+    def heading_rad(self) -> float:
+        """Where the nose points."""
+        return self.motion.heading_rad
+
+    @property
+    def airspeed_m_s(self) -> float:
+        """Speed through the air."""
+        return self.motion.airspeed_m_s
+
+    @property
+    def ground_speed_m_s(self) -> float:
+        """Speed over the ground."""
+        return self.motion.speed_m_s
+
+    @property
+    def climb_m_s(self) -> float:
+        """Upwards positive."""
+        return self.motion.climb_m_s
+
+    @property
+    def wind_from_deg(self) -> float:
+        """Where the wind comes from."""
+        return self.wind.from_deg
+
+    @property
+    def wind_speed_m_s(self) -> float:
+        """How strong the wind is."""
+        return self.wind.speed_m_s
+
+    @property
+    def battery_percent(self) -> float | None:
+        """Charge left; None: not told."""
+        return self.battery.percent
+
+    @battery_percent.setter
+    def battery_percent(self, percent: float | None) -> None:
+        self.battery.percent = percent
+
+    @property
+    def ground_amsl_m(self) -> float:
+        """The terrain below; without one, where the vehicle last stood."""
+        if self.terrain is None:
+            return self._stood_amsl_m
+        return self.terrain(*self.frame.global_position(self.motion))
+
+    # What is asked of it ----------------------------------------------------------------------
 
     def set_mode(self, mode: Mode, now_s: float) -> None:
         """Change mode; holding happens where the vehicle is."""
-        motion = self.motion
-        if mode != self.mode:
-            self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
-        if mode == "mission" and self.mode != "mission":
-            self.go_to(self.current, now_s)
+        motion, before = self.motion, self.mode
         self.mode = mode
+        if mode != before:
+            self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
+            self._return_amsl_m = self._way_home_amsl_m()
+        if mode == "mission" and before != "mission":
+            self.go_to(self.current, now_s)
 
     def make_current(self, seq: int, now_s: float) -> None:
         """Make an item the current one; PX4 leaves a DO item there until it flies the mission."""
-        if self._stack.item_0_is_home or self.mode == "mission":
+        if seq <= 1:
+            self._jumps.clear()
+        if self.stack.item_0_is_home or self.mode == "mission":
             self.go_to(seq, now_s)
         else:
             self.current = seq
 
+    def change_cruise(self, airspeed_m_s: float) -> None:
+        """What it flies unless told otherwise."""
+        self._cruise_m_s = airspeed_m_s
+        self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
+
+    def change_speed(self, kind: int, speed_m_s: float) -> bool:
+        """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
+
+        Planes take an airspeed within their limits and fly no ground speed.
+        """
+        if speed_m_s == -2.0:
+            speed_m_s = self._cruise_m_s
+        plane = self.stack.vehicle == "plane"
+        if plane and kind != 0:
+            return True
+        least = self.limits.least_airspeed_m_s if plane else 0.1
+        if not least <= speed_m_s <= self.limits.most_airspeed_m_s:
+            return False
+        self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
+        return True
+
     def go_to(self, seq: int, now_s: float) -> None:
-        """Make an item the current one and fly it; DO items are passed over."""
-        seq = max(seq, 1 if self._stack.item_0_is_home else 0)
-        asked = seq
-        while seq < len(self.items) and self.items[seq].command not in NAVIGATION:
-            seq += 1
-        begun = enumerate(self.items[asked : seq + 1], start=asked)
-        self.begun.extend((number, item.command) for number, item in begun)
-        self.current = min(seq, max(len(self.items) - 1, 0))
-        self._finished = seq >= len(self.items)
-        if self._finished:
+        """Make an item the current one and fly it; DO items on the way to it are run.
+
+        ArduPilot runs the first of them, begins the NAV item, and runs the others one by one while
+        it flies; behind the last NAV item only the first runs. PX4 runs all in their order.
+        """
+        seq = max(seq, 1 if self.stack.item_0_is_home else 0)
+        met, nav = next_of(self.items, seq, self._jumps)
+        ardupilot = self.stack.item_0_is_home
+        first = met[:1] if ardupilot else met
+        self._waiting = deque(met[1:] if ardupilot and nav is not None else ())
+        self._wait_until_s, self._wait_within_m = now_s, math.inf
+        for number in first:
+            self._run(number, now_s)
+        if nav is None:
+            self.current = max(len(self.items) - 1, 0)
             self.target = None
             self._hold_at = (self.motion.north_m, self.motion.east_m, self.motion.altitude_m)
             return
+        self.current = nav
+        self._name(nav)
         here = (self.motion.north_m, self.motion.east_m)
-        self.target = Target(self.items[seq], here, now_s)
+        self.target = Target(self.items[nav], here, self.motion.altitude_m, now_s)
 
     def step(self, now_s: float) -> None:
         """One time step."""
-        if not self.armed or self.mode == "idle":
+        if self.crashed or not self.armed or self.mode == "idle":
+            self.armed = self.armed and not self.crashed
+            return
+        if now_s >= self._disarm_at_s:
+            self._disarm_at_s = math.inf
+            self.armed = self.airborne
+            return
+        if self.battery.percent is not None and self.airborne and self._out_of_power(now_s):
             return
         if self.mode == "mission" and self.target is not None:
             self._fly(self.target, now_s)
+            if self._waiting and self.mode == "mission":
+                self._run_waiting(now_s)
         elif self.mode == "rtl":
-            self._loiter((0.0, 0.0), self.frame.altitude_m + 100.0, DEFAULT_RADIUS_M)
+            self._return(now_s)
         elif self.airborne:
             north, east, altitude_m = self._hold_at
-            self._loiter((north, east), altitude_m, DEFAULT_RADIUS_M)
+            self.loiter((north, east), altitude_m, DEFAULT_RADIUS_M)
+        if not self.airborne:
+            self.airborne = self.motion.altitude_m > self._stood_amsl_m + 0.5
+        if self.terrain is not None and self.airborne:
+            self._look_down(now_s)
+
+    # Items ------------------------------------------------------------------------------------
+
+    def _run(self, seq: int, now_s: float) -> None:
+        """A DO item, if the mission is being flown."""
+        item = self.items[seq]
+        if self.mode != "mission":
+            return
+        self._name(seq)
+        match item.command:
+            case mavlink.MAV_CMD_DO_CHANGE_SPEED:
+                self.change_speed(int(item.param1), item.param2)
+            case mavlink.MAV_CMD_CONDITION_DELAY:
+                self._wait_until_s = now_s + item.param1
+            case mavlink.MAV_CMD_CONDITION_DISTANCE:
+                self._wait_within_m = item.param1
+            case command:
+                self.payload.obey(command, params_of(item), round(now_s * 1e6))
+
+    def _name(self, seq: int) -> None:
+        """ArduPilot tells of each item it begins in AUTO, by name."""
+        names, command = habits_of(self.stack).mission_names, self.items[seq].command
+        if names and self.mode == "mission":
+            self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
+
+    def _run_waiting(self, now_s: float) -> None:
+        assert self.target is not None
+        if now_s <= self._wait_until_s:
+            return
+        if self._distance(self.frame.local(self.target.item)) <= self._wait_within_m:
+            self._wait_within_m = math.inf
+            self._run(self._waiting.popleft(), now_s)
 
     def _fly(self, target: Target, now_s: float) -> None:
         item = target.item
-        altitude_m = self.frame.altitude_amsl_m(item)
-        place = self.frame.local(item)
-        if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            self._loiter((0.0, 0.0), altitude_m, DEFAULT_RADIUS_M)
-            if self.motion.altitude_m >= altitude_m - 2.0:
-                self._advance(now_s)
+        place = self._place(target)
+        if item.command in TAKEOFFS:
+            altitude_m = self._altitude(item)
+            self.loiter(target.leg_start, altitude_m, DEFAULT_RADIUS_M)
+            done = self.motion.altitude_m >= altitude_m - 2.0
         elif item.command in LOITERS:
-            self._loiter(place, altitude_m, item.param3 or DEFAULT_RADIUS_M)
-            if self._loitered(target, place, now_s):
-                self._advance(now_s)
-        elif self._stack.vehicle == "copter":
-            step_copter(self.motion, place, altitude_m, self.limits, stop=False)
-            if self._distance(place) <= max(item.param2, 5.0):
-                self._advance(now_s)
+            done = self._loitered(target, place, now_s)
+        elif item.command in WAYPOINTS:
+            done = self._passed(target, place, now_s)
+        elif item.command == mavlink.MAV_CMD_NAV_DELAY:
+            self.loiter(target.leg_start, target.begun_amsl_m, DEFAULT_RADIUS_M)
+            done = now_s - target.begun_at_s >= item.param1
+        elif item.command in LANDINGS:
+            done = self.airborne and self._land(target, place, now_s)
+        elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            done = self._return_item(now_s)
         else:
-            course = course_along(self.motion, target.leg_start, place, APPROACH_M)
-            step_plane(self.motion, course, altitude_m, self.limits)
-            if self._passed(target, place):
-                self._advance(now_s)
+            done = True
+        if done:
+            self._advance(now_s)
+
+    def _place(self, target: Target) -> Place:
+        """Of an item; one at 0, 0 means where it was begun."""
+        item = target.item
+        return self.frame.local(item) if item.x or item.y else target.leg_start
+
+    def _altitude(self, item: MissionItem) -> float:
+        return self.frame.altitude_amsl_m(item, self.ground_amsl_m)
 
     def _advance(self, now_s: float) -> None:
         assert self.target is not None
         self.reached.append(self._told_reached())
-        ended_at = self.frame.local(self.target.item)
-        was_takeoff = self.target.item.command == mavlink.MAV_CMD_NAV_TAKEOFF
-        if self.current + 1 >= len(self.items):
-            self.target = None
-            self._finished = True
-            self._hold_at = (*ended_at, self.motion.altitude_m)
-            if self._stack.keeps_target and self._stack.vehicle == "plane":
-                self.mode = "rtl"  # ArduPlane goes home after its last item
+        ended, flown = self.target, self.current
+        self._hold_at = (*self._place(ended), self.motion.altitude_m)
+        self.go_to(flown + 1, now_s)
+        if self.target is not None:
+            if ended.item.command not in TAKEOFFS:
+                self.target.leg_start = self._place(ended)
             return
-        self.go_to(self.current + 1, now_s)
-        if self.target is not None and not was_takeoff:
-            self.target.leg_start = ended_at
+        self.current = flown
+        self._hold_at = (*self._place(ended), self.motion.altitude_m)
+        if self.stack.keeps_target and self.stack.vehicle == "plane":
+            self.set_mode("rtl", now_s)  # ArduPlane goes home after its last item
+            self.texts.append((6, "Mission complete, changing mode to RTL"))
 
     def _told_reached(self) -> int:
         """PX4 tells of the DO items after a waypoint in the waypoint's place."""
         seq = self.current
-        if not self._stack.item_0_is_home:
+        if not self.stack.item_0_is_home:
             while seq + 1 < len(self.items) and self.items[seq + 1].command not in NAVIGATION:
                 seq += 1
         return seq
 
-    def _loiter(self, centre: tuple[float, float], altitude_m: float, radius_m: float) -> None:
-        if self._stack.vehicle == "copter":
-            step_copter(self.motion, centre, altitude_m, self.limits, stop=True)
+    # Manoeuvres -------------------------------------------------------------------------------
+
+    def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
+        """A step of circling; copters stand at the centre. Negative radius: anticlockwise."""
+        if self.stack.vehicle == "copter":
+            step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
         clockwise, radius_m = radius_m > 0.0, abs(radius_m)
         course = course_around(self.motion, centre, radius_m, clockwise)
         near = abs(self._distance(centre) - radius_m) < 0.2 * radius_m
         turn = self.limits.airspeed_m_s / radius_m if near else 0.0
-        step_plane(self.motion, course, altitude_m, self.limits, turn if clockwise else -turn)
+        turn = turn if clockwise else -turn
+        step_plane(self.motion, course, altitude_m, self.limits, turn, self.wind)
 
-    def _loitered(self, target: Target, centre: tuple[float, float], now_s: float) -> bool:
-        """Whether a loiter with an end has come to it."""
-        if target.item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:
-            return now_s - target.begun_at_s >= target.item.param1
-        if target.item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS:
-            bearing = math.atan2(self.motion.east_m - centre[1], self.motion.north_m - centre[0])
-            if target.last_bearing is not None:
-                change = (bearing - target.last_bearing + math.pi) % math.tau - math.pi
-                target.turned_rad += abs(change)
-            target.last_bearing = bearing
-            return target.turned_rad >= target.item.param1 * math.tau
-        return False
+    def _circle(self, centre: Place, altitude_m: float, radius_m: float) -> None:
+        """A step of ArduCopter's circle."""
+        motion, limits, size = self.motion, self.limits, abs(radius_m)
+        bearing = math.atan2(motion.east_m - centre[1], motion.north_m - centre[0])
+        fastest = math.sqrt(limits.acceleration_m_s2 * size)
+        speed = min(limits.airspeed_m_s, CIRCLE_RATE_RAD_S * size, fastest)
+        ahead = bearing + math.copysign(2.0 * speed * STEP_S / size, radius_m)
+        on = (centre[0] + size * math.cos(ahead), centre[1] + size * math.sin(ahead))
+        slow = replace(limits, airspeed_m_s=speed)
+        step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
 
-    def _distance(self, place: tuple[float, float]) -> float:
-        return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)
+    def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
+        """Fly a loiter; whether it has come to its end. Time and turns count from the arrival."""
+        item, altitude_m = target.item, self._altitude(target.item)
+        radius_m = loiter_radius_m(item, self.stack)
+        turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
+        if turns and self.stack.vehicle == "copter":
+            self._circle(centre, altitude_m, radius_m)
+        else:
+            self.loiter(centre, altitude_m, radius_m)
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            return False
+        if target.arrived_at_s is None:
+            on_circle = turns or self.stack.vehicle == "plane"
+            if self._distance(centre) > (abs(radius_m) * 1.1 if on_circle else 0.0) + NEAR_M:
+                return False
+            target.arrived_at_s = now_s
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
+            return abs(self.motion.altitude_m - altitude_m) < 2.0
+        if not turns:
+            return now_s - target.arrived_at_s >= item.param1
+        bearing = math.atan2(self.motion.east_m - centre[1], self.motion.north_m - centre[0])
+        if target.last_bearing is not None:
+            change = (bearing - target.last_bearing + math.pi) % math.tau - math.pi
+            target.turned_rad += abs(change)
+        target.last_bearing = bearing
+        return target.turned_rad >= item.param1 * math.tau
 
-    def _passed(self, target: Target, place: tuple[float, float]) -> bool:
+    def _passed(self, target: Target, place: Place, now_s: float) -> bool:
+        """Fly to a waypoint; whether it is reached and the time there is over."""
+        item, altitude_m = target.item, self._altitude(target.item)
+        # ArduPlane keeps no holding time.
+        hold_s = 0.0 if math.isnan(item.param1) else item.param1
+        if target.arrived_at_s is not None:
+            self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
+            return now_s - target.arrived_at_s >= hold_s
+        if self.stack.vehicle == "copter":
+            stop = hold_s > 0.0
+            step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
+            near_m = STOP_WITHIN_M if stop else NEAR_M
+            there = self._distance(place) <= acceptance_m(item, self.stack, near_m)
+        else:
+            course = course_along(self.motion, target.leg_start, place, APPROACH_M)
+            step_plane(self.motion, course, altitude_m, self.limits, wind=self.wind)
+            there = self._past(target, place)
+        if there and hold_s > 0.0:
+            target.arrived_at_s = now_s
+            return False
+        return there
+
+    def _past(self, target: Target, place: Place) -> bool:
         """Within the acceptance radius, or past the end of the leg."""
         turn_radius_m = self.limits.airspeed_m_s / self.limits.turn_rate_rad_s
-        if self._distance(place) <= max(target.item.param2, 0.7 * turn_radius_m):
+        if self._distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
             return True
         leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
         beyond = (self.motion.north_m - place[0]) * leg[0] + (self.motion.east_m - place[1]) * leg[
             1
         ]
         return beyond > 0.0 and self._distance(place) < 3.0 * turn_radius_m
+
+    def _land(self, target: Target, place: Place, now_s: float) -> bool:
+        """Land at an item's place; a plane does so at the item's altitude where no terrain is."""
+        if self.stack.vehicle == "copter":
+            return self._descend(place, now_s)
+        ground_m = self._altitude(target.item) if self.terrain is None else self.ground_amsl_m
+        course = course_along(self.motion, target.leg_start, place, APPROACH_M)
+        leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
+        left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
+        length = max(math.hypot(*leg), 1.0)
+        ahead_m = max((left[0] * leg[0] + left[1] * leg[1]) / length, 0.0)
+        wanted_m = min(ground_m + ahead_m * GLIDE, self.motion.altitude_m)
+        step_plane(self.motion, course, wanted_m, self.limits, wind=self.wind)
+        if self.motion.altitude_m > ground_m + 0.1:
+            return False
+        self._touch(ground_m, now_s)
+        return self.stack.name == "px4"  # ArduPlane's landing is not told as reached
+
+    def _descend(self, place: Place, now_s: float) -> bool:
+        """A copter's landing: over the place, then down; True when it stands."""
+        height_m = self.motion.altitude_m - self.ground_amsl_m
+        rate = 0.0
+        if self._distance(place) < 1.0:
+            rate = self.limits.sink_m_s if height_m > LAST_DESCENT_M else LAST_DESCENT_M_S
+        wanted_m = self.motion.altitude_m - min(rate * STEP_S, max(height_m, 0.0))
+        step_copter(self.motion, place, wanted_m, self.limits, stop=True, wind=self.wind)
+        if height_m > rate * STEP_S or rate == 0.0:
+            return False
+        self._touch(self.ground_amsl_m, now_s)
+        return True
+
+    def _touch(self, ground_m: float, now_s: float) -> None:
+        self.motion.stop()
+        self.motion.altitude_m = self._stood_amsl_m = ground_m
+        self.airborne = False
+        self._disarm_at_s = now_s + DISARM_AFTER_S.get((self.stack.name, self.stack.vehicle), 2.0)
+
+    def _way_home_amsl_m(self) -> float:
+        if self.stack.vehicle == "plane":
+            return self.frame.altitude_m + 100.0
+        least_m = RETURN_M[self.stack.name, self.stack.vehicle]
+        return max(self.motion.altitude_m, self.frame.altitude_m + least_m)
+
+    def _return(self, now_s: float) -> bool:
+        """Fly home; a plane circles there, a copter lands (True when it stands)."""
+        if self.stack.vehicle == "plane":
+            self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
+            return False
+        if not self.airborne:
+            return True
+        if self._distance((0.0, 0.0)) < 1.0:
+            return self._descend((0.0, 0.0), now_s)
+        self.loiter((0.0, 0.0), self._return_amsl_m, 0.0)
+        return False
+
+    def _return_item(self, now_s: float) -> bool:
+        """NAV_RETURN_TO_LAUNCH: ArduCopter flies it as an item, the others change their mode."""
+        if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
+            return self._return(now_s)
+        self.set_mode("rtl", now_s)
+        return False
+
+    # Mishaps ----------------------------------------------------------------------------------
+
+    def _out_of_power(self, now_s: float) -> bool:
+        """Drain the battery, go home when it is low, come down when it is empty (True)."""
+        if self.battery.drain():
+            self.texts.append(self.battery.low_text(self.stack.name == "ardupilot"))
+            if self.mode != "rtl":
+                self.set_mode("rtl", now_s)
+        if not self.battery.empty:
+            return False
+        motion = self.motion
+        if self.stack.vehicle == "plane":
+            step_plane(motion, motion.course_rad, -math.inf, self.limits, wind=self.wind)
+        else:
+            motion.climb_m_s = -FALL_M_S
+            motion.altitude_m -= FALL_M_S * STEP_S
+        self._look_down(now_s)
+        return True
+
+    def _look_down(self, now_s: float) -> None:
+        """Below the ground is a crash: the vehicle stays there for good."""
+        ground_m = self.ground_amsl_m
+        if self.motion.altitude_m > ground_m - 0.5:
+            return
+        hit = math.hypot(self.motion.climb_m_s, self.motion.speed_m_s)
+        self.texts.append((6, f"SIM Hit ground at {hit:.1f} m/s"))
+        self.texts.append((0, "Crash: Disarming"))
+        self._touch(ground_m, now_s)
+        self.target = None
+        self.crashed, self.armed = True, False
+
+    def _distance(self, place: Place) -> float:
+        return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)

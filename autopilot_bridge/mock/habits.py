@@ -28,9 +28,20 @@ _NAMES = {
     21: "Land",
     22: "Takeoff",
     31: "LoitAltitude",
+    82: "SplineWP",
+    84: "VTOLTakeoff",
+    85: "VTOLLand",
+    93: "Delay",
+    112: "CondDelay",
+    114: "CondDist",
     178: "ChangeSpeed",
+    181: "SetRelay",
     183: "SetServo",
+    189: "LandStart",
+    201: "SetROI",
     211: "Gripper",
+    216: "Sprayer",
+    42600: "Winch",
 }
 
 # Read: PX4 keeps up to 64 fence points and 32 safe points.

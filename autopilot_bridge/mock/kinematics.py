@@ -1,11 +1,12 @@
 """How mock vehicles move. Pure functions of floats, in metres north and east of home.
 
-One step is short (``STEP_US``), so that plain Euler steps serve. Courses are radians clockwise
-from north.
+One step is short (``STEP_US``), so that plain Euler steps serve. Courses (over the ground) and
+headings (of the nose) are radians clockwise from north.
 """
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 STEP_US = 125_000
 STEP_S = STEP_US / 1e6
@@ -14,12 +15,16 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the airframe can do."""
+    """What the airframe can do; ``airspeed_m_s`` is what it flies unless told otherwise."""
 
     airspeed_m_s: float = 18.0
+    least_airspeed_m_s: float = 9.0  # fixed wing
+    most_airspeed_m_s: float = 30.0
     bank_deg: float = 40.0
     climb_m_s: float = 4.0
-    acceleration_m_s2: float = 3.0  # multirotor
+    sink_m_s: float = 4.0
+    acceleration_m_s2: float = 3.0
+    yaw_rate_deg_s: float = 90.0  # multirotor
 
     @property
     def turn_rate_rad_s(self) -> float:
@@ -27,9 +32,34 @@ class Limits:
         return GRAVITY_M_S2 * math.tan(math.radians(self.bank_deg)) / self.airspeed_m_s
 
 
+@dataclass(frozen=True)
+class Wind:
+    """A steady wind, by where it comes from and as (north, east) it blows towards."""
+
+    from_deg: float = 0.0
+    speed_m_s: float = 0.0
+
+    @cached_property
+    def north_m_s(self) -> float:
+        """Northwards."""
+        return -self.speed_m_s * math.cos(math.radians(self.from_deg))
+
+    @cached_property
+    def east_m_s(self) -> float:
+        """Eastwards."""
+        return -self.speed_m_s * math.sin(math.radians(self.from_deg))
+
+
+CALM = Wind()
+
+
 @dataclass(slots=True)
 class Motion:
-    """Where a vehicle is and how it moves; ``altitude_m`` is above mean sea level."""
+    """Where a vehicle is and how it moves.
+
+    ``altitude_m`` is above mean sea level; ``course_rad`` and ``speed_m_s`` are over the ground,
+    ``heading_rad`` and ``airspeed_m_s`` through the air.
+    """
 
     north_m: float
     east_m: float
@@ -37,6 +67,13 @@ class Motion:
     course_rad: float = 0.0
     speed_m_s: float = 0.0
     climb_m_s: float = 0.0
+    heading_rad: float = 0.0
+    airspeed_m_s: float = 0.0
+    roll_rad: float = 0.0
+
+    def stop(self) -> None:
+        """Come to rest where it is."""
+        self.speed_m_s = self.climb_m_s = self.airspeed_m_s = self.roll_rad = 0.0
 
 
 def wrap(angle_rad: float) -> float:
@@ -75,32 +112,76 @@ def course_around(
 def climb_towards(motion: Motion, altitude_m: float, limits: Limits) -> None:
     """Move the altitude one step towards the wished one."""
     wanted = (altitude_m - motion.altitude_m) / STEP_S
-    motion.climb_m_s = max(-limits.climb_m_s, min(limits.climb_m_s, wanted))
+    motion.climb_m_s = max(-limits.sink_m_s, min(limits.climb_m_s, wanted))
     motion.altitude_m += motion.climb_m_s * STEP_S
 
 
-def step_plane(
-    motion: Motion, course_rad: float, altitude_m: float, limits: Limits, feed_rad_s: float = 0.0
-) -> None:
-    """One step of a fixed wing: constant airspeed, turn rate within the bank limit.
+def crab(course_rad: float, airspeed_m_s: float, wind: Wind) -> tuple[float, float]:
+    """Heading that keeps a course in a wind, and the speed over the ground (wind triangle).
 
-    ``feed_rad_s`` is the turn rate the path itself has (on a circle), so that it is held exactly.
+    Where the wind across is stronger than the airspeed, the nose points into it.
     """
+    north, east = math.cos(course_rad), math.sin(course_rad)
+    across = wind.east_m_s * north - wind.north_m_s * east  # from the left
+    along = wind.north_m_s * north + wind.east_m_s * east
+    sine = max(-1.0, min(1.0, across / airspeed_m_s))
+    speed = airspeed_m_s * math.sqrt(1.0 - sine * sine) + along
+    return course_rad - math.asin(sine), speed
+
+
+def step_plane(
+    motion: Motion,
+    course_rad: float,
+    altitude_m: float,
+    limits: Limits,
+    feed_rad_s: float = 0.0,
+    wind: Wind = CALM,
+) -> None:
+    """One step of a fixed wing: airspeed held, turn rate within the bank limit.
+
+    ``feed_rad_s`` is the turn rate the path itself has (on a circle, without wind), so that it is
+    held exactly.
+    """
+    airspeed = limits.airspeed_m_s
+    if motion.airspeed_m_s > 0.0:  # it is launched at its airspeed
+        gain = limits.acceleration_m_s2 * STEP_S
+        airspeed = max(motion.airspeed_m_s - gain, min(motion.airspeed_m_s + gain, airspeed))
+    wanted_rad = course_rad
+    if wind.speed_m_s > 0.0:
+        wanted_rad, ground = crab(course_rad, airspeed, wind)
+        ahead = max(airspeed * math.cos(wanted_rad - course_rad), 0.1 * airspeed)
+        feed_rad_s *= ground * ground / (airspeed * ahead)  # d(heading)/d(course) is ground / ahead
     most = limits.turn_rate_rad_s
-    turn = feed_rad_s + wrap(course_rad - motion.course_rad) / (2.0 * STEP_S)
+    turn = feed_rad_s + wrap(wanted_rad - motion.heading_rad) / (2.0 * STEP_S)
     turn = max(-most, min(most, turn))
-    middle = motion.course_rad + turn * STEP_S / 2.0
-    motion.speed_m_s = limits.airspeed_m_s
-    motion.north_m += motion.speed_m_s * math.cos(middle) * STEP_S
-    motion.east_m += motion.speed_m_s * math.sin(middle) * STEP_S
-    motion.course_rad = (motion.course_rad + turn * STEP_S) % math.tau
+    middle = motion.heading_rad + turn * STEP_S / 2.0
+    north, east = airspeed * math.cos(middle), airspeed * math.sin(middle)
+    motion.heading_rad = (motion.heading_rad + turn * STEP_S) % math.tau
+    if wind.speed_m_s > 0.0:
+        north, east = north + wind.north_m_s, east + wind.east_m_s
+        motion.speed_m_s, motion.course_rad = math.hypot(north, east), math.atan2(east, north)
+    else:
+        motion.speed_m_s, motion.course_rad = airspeed, motion.heading_rad
+    motion.north_m += north * STEP_S
+    motion.east_m += east * STEP_S
+    motion.airspeed_m_s = airspeed
+    motion.roll_rad = math.atan(airspeed * turn / GRAVITY_M_S2)
     climb_towards(motion, altitude_m, limits)
 
 
 def step_copter(
-    motion: Motion, target: tuple[float, float], altitude_m: float, limits: Limits, stop: bool
+    motion: Motion,
+    target: tuple[float, float],
+    altitude_m: float,
+    limits: Limits,
+    stop: bool,
+    wind: Wind = CALM,
 ) -> None:
-    """One step of a multirotor towards a point; with ``stop`` it slows down to hover there."""
+    """One step of a multirotor towards a point; with ``stop`` it slows down to hover there.
+
+    It flies its speed over the ground as long as its highest airspeed allows. The nose follows the
+    course at the yaw rate limit.
+    """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)
     fastest = limits.airspeed_m_s
@@ -109,9 +190,27 @@ def step_copter(
     gain = limits.acceleration_m_s2 * STEP_S
     speed = max(min(fastest, motion.speed_m_s + gain), motion.speed_m_s - gain)
     speed = min(speed, distance / STEP_S) if stop else speed
+    north_m_s = east_m_s = 0.0
+    if distance > 1e-6:
+        north_m_s, east_m_s = speed * north / distance, speed * east / distance
+    motion.airspeed_m_s = speed
+    if wind.speed_m_s > 0.0:
+        air_north, air_east = north_m_s - wind.north_m_s, east_m_s - wind.east_m_s
+        motion.airspeed_m_s = math.hypot(air_north, air_east)
+        if motion.airspeed_m_s > limits.most_airspeed_m_s:  # blown off
+            share = limits.most_airspeed_m_s / motion.airspeed_m_s
+            north_m_s = air_north * share + wind.north_m_s
+            east_m_s = air_east * share + wind.east_m_s
+            motion.airspeed_m_s = limits.most_airspeed_m_s
+            north, east, distance = north_m_s, east_m_s, math.hypot(north_m_s, east_m_s)
+            speed = distance
     if distance > 1e-6:
         motion.course_rad = math.atan2(east, north) % math.tau
-        motion.north_m += speed * north / distance * STEP_S
-        motion.east_m += speed * east / distance * STEP_S
+    motion.north_m += north_m_s * STEP_S
+    motion.east_m += east_m_s * STEP_S
     motion.speed_m_s = speed
+    if speed > 0.5:
+        most = math.radians(limits.yaw_rate_deg_s) * STEP_S
+        turn = max(-most, min(most, wrap(motion.course_rad - motion.heading_rad)))
+        motion.heading_rad = (motion.heading_rad + turn) % math.tau
     climb_towards(motion, altitude_m, limits)

@@ -5,12 +5,13 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message, item_message, item_of
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mock.faults import Faults
 from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.stacks import Stack
 
@@ -28,18 +29,6 @@ Client = tuple[int, int]
 Lists = dict[int, list[MissionItem]]
 
 
-@dataclass
-class Faults:
-    """Faults to order, for tests.
-
-    ``refuse``: (mission type, item) refused with a MAV_MISSION_RESULT. ``silent_after``: the
-    autopilot sends that many more messages of the mission protocol, then none.
-    """
-
-    refuse: dict[tuple[int, int], int]
-    silent_after: int | None = None
-
-
 class MissionServer(ABC):
     """Holds the three lists; ``changed`` is set when the vehicle has a new mission to fly."""
 
@@ -51,7 +40,7 @@ class MissionServer(ABC):
         self.cleared = False  # by MISSION_CLEAR_ALL
         self.cut = self.written = False  # the mission was shortened, an item was put into it
         self.start_at = 0  # the item to begin a changed mission with
-        self.faults = Faults({})
+        self.faults = Faults()
         self.flying_mission: Callable[[], bool] = lambda: False
         self.current_seq: Callable[[], int] = lambda: 0
         self.home = home

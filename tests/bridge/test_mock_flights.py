@@ -18,7 +18,7 @@ from tests.bridge.mock_talk import (
 from tests.bridge.transcript_diff import Line
 from tests.bridge.transcripts import Player
 
-DROP = MissionItem(211, 2, 0, 0, 0.0, 1.0)
+DROP = MissionItem(211, 2, 0, 0, 0.0, 1.0, 0.0)
 
 
 def flown(stack: Stack, seconds: float) -> tuple[Player, list[Line]]:
@@ -55,6 +55,7 @@ def test_ardupilot_tells_waypoints_once_and_names_what_it_begins() -> None:
         "Mission: 1 Takeoff",
         "Mission: 2 WP",
         "Mission: 3 Gripper",
+        "Gripper Released",
         "Mission: 4 WP",
         "Mission: 5 WP",
         "Mission: 6 LoitUnlim",

@@ -176,7 +176,8 @@ class Player:
             while progress_fault(so_far, self.heard) and self.now_us < give_up_us:
                 self.run(self.now_us + 50_000)
             late_us = max(self.now_us - self._began_us - round(line.at_s * SECOND), 0)
-        self.run(self.now_us + SECOND)
+        end_us = self._began_us + round(transcript.end_s * SECOND) + late_us
+        self.run(max(end_us, self.now_us) + SECOND)
         return self.heard
 
     def upload(self, items: list[Any]) -> None:

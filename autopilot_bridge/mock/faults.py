@@ -1,0 +1,93 @@
+"""Faults to order, as data. ``troubled.py`` makes them happen."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from autopilot_bridge.errors import BridgeError
+
+Span = tuple[float, float]  # from, to; seconds since the mock began
+
+
+@dataclass
+class Faults:
+    """What is to go wrong with one mock. All times are seconds since it began.
+
+    ``refuse``: (mission type, item) refused with a MAV_MISSION_RESULT. ``silent_after``: the
+    autopilot sends that many more messages of the mission protocol, then none. ``loss`` and
+    ``duplication`` (shares) and ``delay_s``, ``jitter_s`` (which reorders) hold for each direction.
+    """
+
+    refuse: dict[tuple[int, int], int] = field(default_factory=dict)
+    silent_after: int | None = None
+    loss: float = 0.0
+    duplication: float = 0.0
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    late_ack_s: float = 0.0  # how much later than all else MISSION_ACKs arrive
+    silence: list[Span] = field(default_factory=list)  # hears and says nothing
+    gps_loss: list[Span] = field(default_factory=list)
+    reboot: list[float] = field(default_factory=list)
+    battery_low: list[float] = field(default_factory=list)
+    stray_ack: list[float] = field(default_factory=list)
+    second_upload: list[float] = field(default_factory=list)  # by another ground station
+    second_download: list[float] = field(default_factory=list)
+
+
+FORMS = (
+    "loss=SHARE, duplication=SHARE, delay=S, jitter=S, late-ack=S, refuse=ITEM:CODE, "
+    "silent-after=MESSAGES, silence@FROM..TO, gps-loss@FROM..TO, reboot@S, battery-low@S, "
+    "stray-ack@S, second-upload@S, second-download@S"
+)
+_SECONDS = {"delay": "delay_s", "jitter": "jitter_s", "late-ack": "late_ack_s"}
+_SPANS = ("silence", "gps-loss")
+_TIMES = ("reboot", "battery-low", "stray-ack", "second-upload", "second-download")
+
+
+def parse_faults(texts: Sequence[str]) -> Faults:
+    """Read faults such as ``reboot@30``, ``gps-loss@10..20``, ``refuse=3:13`` (see ``FORMS``).
+
+    A span without its end lasts for ever. Raises BridgeError.
+    """
+    faults = Faults()
+    for text in texts:
+        name, _, value = text.replace("@", "=", 1).partition("=")
+        if name == "refuse":
+            item, colon, code = value.partition(":")
+            number = _whole(text, item, "ITEM:CODE", 0, 65534)
+            faults.refuse[0, number] = _whole(text, code if colon else "", "ITEM:CODE", 1, 15)
+        elif name == "silent-after":
+            faults.silent_after = _whole(text, value, "MESSAGES", 0, 10**9)
+        elif name in ("loss", "duplication"):
+            setattr(faults, name, _number(text, value, "a share from 0 to 1", most=1.0))
+        elif name in _SECONDS:
+            setattr(faults, _SECONDS[name], _number(text, value, "seconds"))
+        elif name in _SPANS:
+            start, _, end = value.partition("..")
+            start_s = _number(text, start, "FROM..TO")
+            end_s = _number(text, end, "FROM..TO, TO after FROM", start_s) if end else math.inf
+            getattr(faults, name.replace("-", "_")).append((start_s, end_s))
+        elif name in _TIMES:
+            getattr(faults, name.replace("-", "_")).append(_number(text, value, "seconds"))
+        else:
+            raise BridgeError(f"--fault {text!r}: no such fault; there are {FORMS}")
+    return faults
+
+
+def _number(text: str, value: str, form: str, least: float = 0.0, most: float = 1e9) -> float:
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not least <= number <= most:
+        raise BridgeError(f"--fault {text!r}: {value!r} does not fit, give {form}")
+    return number
+
+
+def _whole(text: str, value: str, form: str, least: int, most: int) -> int:
+    if not (value.isascii() and value.isdigit() and least <= int(value) <= most):
+        raise BridgeError(
+            f"--fault {text!r}: {value!r} does not fit, give {form}, "
+            f"a whole number from {least} to {most}"
+        )
+    return int(value)

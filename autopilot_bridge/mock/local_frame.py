@@ -1,0 +1,59 @@
+"""Places near home in metres, and altitudes in the frames of mission items."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mock.kinematics import Motion
+
+RELATIVE_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+)
+TERRAIN_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+)
+Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees: metres AMSL
+
+
+@dataclass(slots=True)
+class LocalFrame:
+    """Metres north and east of home by the WGS84 radii of curvature there."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_m: float
+    north_m_per_deg: float = field(init=False)
+    east_m_per_deg: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        sine = math.sin(math.radians(self.lat_deg))
+        first = 1.0 - 6.69437999014e-3 * sine * sine
+        meridian = 6378137.0 * (1.0 - 6.69437999014e-3) / first**1.5
+        normal = 6378137.0 / math.sqrt(first)
+        self.north_m_per_deg = math.radians(meridian)
+        self.east_m_per_deg = math.radians(normal) * math.cos(math.radians(self.lat_deg))
+
+    def local(self, item: MissionItem) -> tuple[float, float]:
+        """(north, east) of an item."""
+        return (
+            (item.x / 1e7 - self.lat_deg) * self.north_m_per_deg,
+            (item.y / 1e7 - self.lon_deg) * self.east_m_per_deg,
+        )
+
+    def global_position(self, motion: Motion) -> tuple[float, float]:
+        """(latitude, longitude) in degrees."""
+        return (
+            self.lat_deg + motion.north_m / self.north_m_per_deg,
+            self.lon_deg + motion.east_m / self.east_m_per_deg,
+        )
+
+    def altitude_amsl_m(self, item: MissionItem, terrain_amsl_m: float) -> float:
+        """Altitude of an item above mean sea level, with the terrain where the vehicle is."""
+        if item.frame in TERRAIN_FRAMES:
+            return item.z + terrain_amsl_m
+        return item.z + (self.altitude_m if item.frame in RELATIVE_FRAMES else 0.0)

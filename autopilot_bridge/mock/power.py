@@ -1,0 +1,47 @@
+"""The mock's battery: it drains while armed."""
+
+from dataclasses import dataclass
+
+from autopilot_bridge.mock.kinematics import STEP_S
+
+LOW_PERCENT = 15.0  # PX4's BAT_LOW_THR
+VOLTS_FULL, VOLTS_EMPTY = 12.6, 10.5  # three cells
+CAPACITY_MAH = 5000.0
+
+
+@dataclass(slots=True)
+class Battery:
+    """``percent`` None: no battery is told of. ``endurance_s`` None: it does not drain."""
+
+    percent: float | None = None
+    endurance_s: float | None = None
+    acted: bool = False  # on being low
+
+    def drain(self) -> bool:
+        """One step in the air; True once, when it has become low."""
+        if self.percent is None:
+            return False
+        if self.endurance_s is not None:
+            self.percent = max(self.percent - 100.0 * STEP_S / self.endurance_s, 0.0)
+        if self.percent > LOW_PERCENT or self.acted:
+            return False
+        self.acted = True
+        return True
+
+    @property
+    def empty(self) -> bool:
+        """Nothing left to fly with."""
+        return self.percent == 0.0
+
+    @property
+    def volts(self) -> float:
+        """Falls evenly with the charge; full where no battery is told of."""
+        share = 1.0 if self.percent is None else self.percent / 100.0
+        return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
+
+    def low_text(self, ardupilot: bool) -> tuple[int, str]:
+        """Severity and words of what the stack tells when it acts."""
+        if not ardupilot:
+            return 2, "Low battery\t"
+        used_mah = CAPACITY_MAH * (1.0 - (self.percent or 0.0) / 100.0)
+        return 4, f"Battery 1 is low {self.volts:.2f}V used {used_mah:.0f} mAh"

@@ -1,0 +1,148 @@
+"""What the mock tells by itself, without being asked."""
+
+import math
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.mock.flight import Flight
+from autopilot_bridge.mock.kinematics import STEP_US
+from autopilot_bridge.mock.mission_server import MissionServer, text
+from autopilot_bridge.mock.wire import with_extension
+from autopilot_bridge.stacks import Stack
+
+HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
+POSITION_EVERY_STEPS = 2  # 4 Hz
+HOME_EVERY_STEPS = 80
+
+
+class Telemetry:
+    """Says what is due after each step of a flight. ``send`` takes any number of messages."""
+
+    def __init__(self, stack: Stack, missions: MissionServer, send: Callable[..., None]) -> None:
+        self._stack = stack
+        self._missions = missions
+        self._send = send
+        self._told_current: object = None
+        self._reached = self._reached_again = 0
+
+    def forget(self) -> None:
+        """A new mission or a reboot: what was reached is not told again."""
+        self._reached_again = 0
+
+    def report(self, flight: Flight, steps: int) -> None:
+        """All that is due after the step with this number."""
+        self._tell_reached(flight, steps)
+        self.tell_texts(flight)
+        if steps % HEARTBEAT_EVERY_STEPS == 1:
+            self._heartbeat(flight)
+            self._battery(flight)
+            self._servos(flight, steps)
+            self.tell_current(flight)
+        elif self._told_current != (flight.current, *self._missions.progress()):
+            self.tell_current(flight)
+        if flight.gps and steps % POSITION_EVERY_STEPS == 0:
+            self._position(flight, steps)
+        if steps % HOME_EVERY_STEPS == 1:
+            self._home(flight)
+
+    def tell_texts(self, flight: Flight) -> None:
+        """What the vehicle has to say: items begun, what was switched, mishaps."""
+        for severity, words in flight.texts:
+            self._send(text(severity, words))
+        flight.texts.clear()
+
+    def tell_current(self, flight: Flight, asked: int | None = None) -> None:
+        """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
+        total, ids = self._missions.progress()
+        self._told_current = (flight.current, total, ids)
+        px4 = self._stack.name == "px4"
+        active = flight.mode == "mission" and flight.armed
+        if not flight.items or self._missions.infeasible() is not None:
+            state = mavlink.MISSION_STATE_NO_MISSION
+        elif active:
+            state = mavlink.MISSION_STATE_ACTIVE
+        else:
+            state = mavlink.MISSION_STATE_NOT_STARTED
+        mode = 1 if active else 2 if px4 else 0
+        current = mavlink.MAVLink_mission_current_message(
+            flight.current if asked is None else asked, total, state, mode
+        )
+        self._send(with_extension(current, *ids))
+
+    def _tell_reached(self, flight: Flight, steps: int) -> None:
+        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
+        for seq in flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
+            self._reached, self._reached_again = seq, 10 if self._stack.name == "px4" else 0
+        again = self._reached_again and steps % HEARTBEAT_EVERY_STEPS == 1
+        if again and not flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(self._reached))
+            self._reached_again -= 1
+        flight.reached.clear()
+
+    def _heartbeat(self, flight: Flight) -> None:
+        custom_mode = {
+            "mission": self._stack.mission_mode,
+            "hold": self._stack.hold_mode,
+            "rtl": self._stack.rtl_mode,
+            "idle": 0,
+        }[flight.mode]
+        base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if flight.armed:
+            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        active = mavlink.MAV_STATE_ACTIVE if flight.armed else mavlink.MAV_STATE_STANDBY
+        self._send(
+            mavlink.MAVLink_heartbeat_message(
+                self._stack.mav_type, self._stack.autopilot, base_mode, custom_mode, active, 3
+            )
+        )
+
+    def _position(self, flight: Flight, steps: int) -> None:
+        motion, frame = flight.motion, flight.frame
+        lat_deg, lon_deg = frame.global_position(motion)
+        self._send(
+            mavlink.MAVLink_global_position_int_message(
+                steps * STEP_US // 1000,
+                round(lat_deg * 1e7),
+                round(lon_deg * 1e7),
+                round(motion.altitude_m * 1e3),
+                round((motion.altitude_m - frame.altitude_m) * 1e3),
+                round(motion.speed_m_s * math.cos(motion.course_rad) * 100),
+                round(motion.speed_m_s * math.sin(motion.course_rad) * 100),
+                round(-motion.climb_m_s * 100),
+                round(math.degrees(motion.heading_rad) * 100) % 36000,
+            )
+        )
+
+    def _battery(self, flight: Flight) -> None:
+        if flight.battery_percent is not None:
+            self._send(
+                mavlink.MAVLink_sys_status_message(
+                    *(0, 0, 0, 0, round(flight.battery.volts * 1e3)),
+                    *(-1, math.ceil(flight.battery_percent)),
+                    *(0, 0, 0, 0, 0, 0),
+                )
+            )
+
+    def _servos(self, flight: Flight, steps: int) -> None:
+        """Once a second, as PX4 does by itself and ArduPilot when asked."""
+        servos = flight.payload.servos_us
+        self._send(
+            mavlink.MAVLink_servo_output_raw_message(
+                steps * STEP_US % 2**32, 0, *servos[:8], *servos[8:]
+            )
+        )
+
+    def _home(self, flight: Flight) -> None:
+        frame = flight.frame
+        self._send(
+            mavlink.MAVLink_home_position_message(
+                round(frame.lat_deg * 1e7),
+                round(frame.lon_deg * 1e7),
+                round(frame.altitude_m * 1e3),
+                *(0.0, 0.0, 0.0),
+                (1.0, 0.0, 0.0, 0.0),
+                *(0.0, 0.0, 0.0),
+            )
+        )

@@ -1,0 +1,111 @@
+"""The command ``mock`` as a process, and its one-line errors."""
+
+import json
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Codec
+from mission_service.mocks import Surroundings, by_hand, listening, read_wind
+from tests.service.test_cli import call
+from tests.service.test_live import CLI, free_port
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--wind", "5"), "--wind 5: write it as FROM_DEG,SPEED_M_S"),
+        (("--wind", "240,x"), "FROM_DEG,SPEED_M_S"),
+        (("--wind", "240,nan"), "nan is not between 0 and 60"),
+        (("--home", "95,0,0"), "95 is not between -90 and 90"),
+        (("--terrain", "301"), "would be under the ground"),
+        (("--fault", "rebot@3"), "no such fault; there are loss=SHARE"),
+        (("--fault", "refuse=3:0"), "a whole number from 1 to 15"),
+        (("--listen", "udpout:127.0.0.1:9"), "it does not listen"),
+        (("--listen", "127.0.0.1"), "write it as udpin:HOST:PORT"),
+    ],
+)
+def test_bad_words_get_one_line_and_exit_code_1(arguments: tuple[str, ...], words: str) -> None:
+    result = call("mock", *arguments)
+    assert result.exit_code == 1
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_without_a_scenario_the_vehicle_is_plane_or_copter() -> None:
+    result = call("mock", "--vehicle", "owl")
+    assert result.exit_code == 2
+    assert "without a scenario it is plane or copter" in result.stderr
+
+
+def test_links_to_listen_on() -> None:
+    assert listening("127.0.0.1:9") == "udpin:127.0.0.1:9"
+    assert listening("tcpin:127.0.0.1:9") == "tcpin:127.0.0.1:9"
+
+
+def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
+    around = Surroundings(read_wind("270,4"), 20.0, 250.0, ("loss=0.5",), 7)
+    fleet = by_hand("ardupilot", "copter", 5, "36.5,-84,300", 3, around)
+    assert [mock.system_id for mock in fleet.mocks] == [5, 6, 7]
+    assert [round(mock.flight.frame.lon_deg, 6) for mock in fleet.mocks] == [
+        -84.0,
+        -83.999,
+        -83.998,
+    ]
+    last = fleet.mocks[2]
+    assert (last.stack.name, last.stack.vehicle) == ("ardupilot", "copter")
+    assert (last.flight.wind_speed_m_s, last.flight.ground_amsl_m) == (4.0, 250.0)
+    assert (last.battery_percent, last.missions.faults.loss) == (100.0, 0.5)
+
+
+def hears(station: socket.socket, address: tuple[str, int]) -> set[int]:
+    """The system ids that answer a ground station's heartbeats within ten seconds."""
+    codec = Codec(255, 190)
+    found: set[int] = set()
+    beat: Any = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    end = time.monotonic() + 10.0
+    station.settimeout(0.2)
+    while time.monotonic() < end and len(found) < 2:
+        station.sendto(codec.encode(beat), address)
+        try:
+            for message in codec.decode(station.recv(2048)):
+                found.add(message.get_srcSystem())
+        except TimeoutError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_mocks_listen_tell_of_themselves_and_end_cleanly(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    port = free_port()
+    words = ("mock", "--stack", "ardupilot", "--vehicle", "copter", "--count", "2", "--json")
+    more = ("--listen", f"127.0.0.1:{port}", "--wind", "240,5")
+    with (tmp_path / "errors").open("w") as errors:
+        process = subprocess.Popen(
+            [*CLI, *words, *more], stdout=subprocess.PIPE, stderr=errors, text=True
+        )
+    assert process.stdout is not None
+    try:
+        with process.stdout as output, socket.socket(type=socket.SOCK_DGRAM) as station:
+            told = [json.loads(output.readline()) for _ in range(2)]
+            assert hears(station, ("127.0.0.1", port)) == {1, 2}
+            process.send_signal(number)
+            assert process.wait(timeout=10) == 0
+            assert output.read() == ""
+    finally:
+        process.kill()
+        process.wait(timeout=10)
+    assert (tmp_path / "errors").read_text() == ""
+    assert [one["system_id"] for one in told] == [1, 2]
+    assert {(one["stack"], one["vehicle"], one["wind_speed_m_s"]) for one in told} == {
+        ("ardupilot", "copter", 5.0)
+    }
+    assert told[0]["link"] == f"udpin:127.0.0.1:{port}"
