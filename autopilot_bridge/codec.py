@@ -1,20 +1,37 @@
 """The one place where bytes become MAVLink 2 messages and back (pymavlink's generated codec)."""
 
+import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.framing import frames_of, message_id_of, payload_of
 from autopilot_bridge.items import MissionItem
 
 Message = Any  # pymavlink's messages carry no types
 
+# Extension fields (all uint32) that the dialect on PyPI leaves out, behind those it has.
+_IDS = {
+    mavlink.MAVLink_mission_count_message: ("opaque_id",),
+    mavlink.MAVLink_mission_ack_message: ("opaque_id",),
+    mavlink.MAVLink_mission_current_message: ("mission_id", "fence_id", "rally_points_id"),
+}
+_IDS_LEFT_OUT = {
+    known.id: (known.unpacker.size, names)
+    for known, names in _IDS.items()
+    if names[0] not in known.fieldnames
+}
+
 
 class Codec:
-    """Encoder and parser of one end of one link."""
+    """Encoder and parser of one end of one link.
+
+    MISSION_CURRENT comes with ``mission_id``, ``fence_id`` and ``rally_points_id``, MISSION_ACK and
+    MISSION_COUNT with ``opaque_id``: 0 where the autopilot tells none.
+    """
 
     def __init__(self, system_id: int, component_id: int) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
-        self._mav.robust_parsing = True
 
     def encode(self, message: Message) -> bytes:
         """The frame of a message, with the next sequence number."""
@@ -23,9 +40,28 @@ class Codec:
         return bytes(frame)
 
     def decode(self, data: bytes) -> list[Message]:
-        """The messages in the data; what is no message is passed over."""
-        found = self._mav.parse_buffer(data) or []
-        return [message for message in found if message.get_type() != "BAD_DATA"]
+        """The messages in a datagram or in whole frames; what is no message is passed over."""
+        messages = (self._message(frame) for frame in frames_of(data))
+        return [message for message in messages if message is not None]
+
+    def _message(self, frame: bytes) -> Message | None:
+        message_id = message_id_of(frame)
+        if message_id not in mavlink.mavlink_map:
+            return None
+        try:
+            message = self._mav.decode(bytearray(frame))
+        except mavlink.MAVError:
+            return None
+        if message_id in _IDS_LEFT_OUT:
+            _set_ids(message, payload_of(frame), *_IDS_LEFT_OUT[message_id])
+        return message
+
+
+def _set_ids(message: Message, payload: bytes, begin: int, names: tuple[str, ...]) -> None:
+    size = 4 * len(names)
+    raw = payload[begin : begin + size].ljust(size, b"\0")
+    for name, value in zip(names, struct.unpack(f"<{len(names)}I", raw), strict=True):
+        setattr(message, name, value)
 
 
 def item_message(

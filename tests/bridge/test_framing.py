@@ -107,3 +107,11 @@ def test_little_is_kept_of_endless_noise() -> None:
     for _ in range(200):
         framer.feed(b"\xfd\xff\x00" * 100)
     assert len(framer._rest) <= 280
+
+
+def test_a_frame_nobody_vouches_for_hides_no_good_ones() -> None:
+    frames = [text("inside"), text("too")]
+    claims = of_another_dialect(b"".join(frames))
+    assert Framer().feed(claims + text("behind")) == [claims, *frames, text("behind")]
+    across = claims[:-20] + text("begins inside and ends behind")
+    assert text("begins inside and ends behind") in Framer().feed(across + bytes(300))
