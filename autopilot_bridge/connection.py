@@ -5,7 +5,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
+from autopilot_bridge.codec import Codec
 from autopilot_bridge.link import parse_link
+from autopilot_bridge.signing import Key, Signing, is_secret, setup_signing
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.wires import wire_of
 
@@ -32,7 +34,8 @@ class Connection:
     """One peer on one link while the context is open.
 
     ``clock`` gives the peer's time in microseconds and runs ``rate`` times as fast as real time.
-    What is sent and received is recorded in ``tlog``, which the caller closes.
+    What is sent and received is recorded in ``tlog``, which the caller closes. With ``signing``
+    all that is sent is signed, as from ``link_id``, and what does not verify never arrives.
     """
 
     def __init__(
@@ -42,12 +45,16 @@ class Connection:
         clock: Callable[[], int],
         rate: float = 1.0,
         tlog: Tlog | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
     ) -> None:
         self._wire = wire_of(parse_link(link), self)
         self._peer = peer
         self._clock = clock
         self._rate = rate
         self._tlog = tlog
+        self._signing = signing
+        self._link_id = link_id
         self._news = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
@@ -83,10 +90,36 @@ class Connection:
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        frames = self._peer.data_to_send()
-        if self._open and frames and self._wire.send(frames) and self._tlog is not None:
-            self._tlog.record(frames)
+        self._send(self._peer.data_to_send())
         self._arm()
+
+    def set_up_signing(
+        self,
+        own: tuple[int, int],
+        target: tuple[int, int],
+        key: Key | None,
+        wall_us: int,
+        signing: Signing | None,
+    ) -> None:
+        """Tell a vehicle the key (None: sign no more), then go on with ``signing``.
+
+        The key goes over this link in clear text, twice as it is not acknowledged; it is not
+        recorded. A vehicle that signs already listens only to what its old key signs.
+        """
+        codec = Codec(*own)
+        for _ in range(2):
+            self._send([codec.encode(setup_signing(target, key, wall_us))])
+        self._signing = signing
+
+    def _send(self, frames: list[bytes]) -> None:
+        if self._signing is not None:
+            frames = [self._signing.sign(frame, self._link_id) for frame in frames]
+        if self._open and frames and self._wire.send(frames):
+            self._record(frames)
+
+    def _record(self, frames: list[bytes]) -> None:
+        if self._tlog is not None:
+            self._tlog.record([frame for frame in frames if not is_secret(frame)])
 
     def _arm(self) -> None:
         if self._timer is not None:
@@ -110,11 +143,13 @@ class Connection:
 
     def frames_received(self, frames: list[bytes]) -> None:
         """Hand the frames of one remote to the peer."""
-        self._guarded(lambda: self._take(frames))
+        if self._signing is not None:
+            frames = [frame for frame in frames if self._signing.accepts(frame)]
+        if frames:
+            self._guarded(lambda: self._take(frames))
 
     def _take(self, frames: list[bytes]) -> None:
-        if self._tlog is not None:
-            self._tlog.record(frames)
+        self._record(frames)
         self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:

@@ -99,9 +99,10 @@ def test_the_mock_gives_the_same_id() -> None:
 
 
 def item_of_record(fields: dict[str, Any]) -> MissionItem:
-    known = ("command", "frame", "x", "y", "z", "param1", "param2", "param3", "param4")
-    values = [math.nan if fields[name] is None else fields[name] for name in known]
-    return MissionItem(*values, fields["autocontinue"])
+    others = ("target_system", "target_component", "seq", "current", "mission_type")
+    kept = {name: value for name, value in fields.items() if name not in others}
+    values: dict[str, Any] = {k: math.nan if v is None else v for k, v in kept.items()}
+    return MissionItem(**values)
 
 
 def uploads_of(path: Path) -> list[tuple[int, int | None]]:
