@@ -8,6 +8,8 @@ start waits until as many bytes have come as that claims: 280 at most.
 """
 
 import re
+import struct
+from functools import cache
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -84,6 +86,24 @@ def payload_of(frame: bytes) -> bytes:
     """A frame's payload; MAVLink 2 leaves zeros at its end out."""
     header = _HEADER_BYTES[frame[0]]
     return frame[header : header + frame[1]]
+
+
+@cache
+def field_at(message_id: int, name: str) -> int | None:
+    """Where in its payload a message has a field; None if it has none of that name."""
+    known = mavlink.mavlink_map.get(message_id)
+    if known is None or name not in known.ordered_fieldnames:
+        return None
+    formats = re.findall(r"\d*[a-zA-Z]", known.unpacker.format)
+    before = formats[: known.ordered_fieldnames.index(name)]
+    return struct.calcsize("<" + "".join(before))
+
+
+def target_system_of(frame: bytes) -> int:
+    """The system a frame is meant for; 0 is all, as it is where a message names none."""
+    at = field_at(message_id_of(frame), "target_system")
+    payload = payload_of(frame)
+    return payload[at] if at is not None and at < len(payload) else 0
 
 
 def checksum(data: bytes, crc_extra: int) -> int:

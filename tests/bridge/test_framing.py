@@ -115,3 +115,9 @@ def test_a_frame_nobody_vouches_for_hides_no_good_ones() -> None:
     assert Framer().feed(claims + text("behind")) == [claims, *frames, text("behind")]
     across = claims[:-20] + text("begins inside and ends behind")
     assert text("begins inside and ends behind") in Framer().feed(across + bytes(300))
+
+
+def test_a_datagram_begins_a_frame_whatever_came_before() -> None:
+    framer, foreign = Framer(), of_another_dialect(b"abc")
+    assert framer.feed_datagram(b"noise without a start") == []
+    assert framer.feed_datagram(foreign) == [foreign]

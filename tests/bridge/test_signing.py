@@ -159,6 +159,7 @@ def test_a_key_holder_whose_clock_is_wrong_moves_neither_our_clock_nor_a_stream(
     assert ours.accepts(by_pymavlink("right again", NOW))
     assert ours.accepts(by_pymavlink("a lead like ArduPilot's", NOW + most, link_id=9))
     assert stamp_of(ours.sign(text("x"), 0)) == NOW
+    assert ours.lead_s() == MOST_AHEAD_S
 
 
 # Restarts -------------------------------------------------------------------------------------
