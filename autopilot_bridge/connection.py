@@ -18,7 +18,7 @@ class Peer(Protocol):
     """Either side of a link: the ground station's client or the mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in whole frames, all of one remote."""
+        """Take in whole frames."""
 
     def data_to_send(self) -> list[bytes]:
         """Frames to send."""
@@ -58,6 +58,7 @@ class Connection:
         self._news = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
+        self._armed_us = 0
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
@@ -122,15 +123,19 @@ class Connection:
             self._tlog.record([frame for frame in frames if not is_secret(frame)])
 
     def _arm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
         due_us = self._peer.next_timer()
         if due_us is None or not self._open:
             return
+        if self._timer is not None:
+            if self._armed_us <= due_us:
+                return  # it looks again then; arming anew for every datagram costs more
+            self._timer.cancel()
+        self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
 
     def _wake(self) -> None:
+        self._timer = None
         self._guarded(lambda: self._peer.handle_timer(self._clock()))
 
     def _guarded(self, handle: Callable[[], None]) -> None:
@@ -142,7 +147,7 @@ class Connection:
         self._news.set()
 
     def frames_received(self, frames: list[bytes]) -> None:
-        """Hand the frames of one remote to the peer."""
+        """Hand the frames to the peer."""
         if self._signing is not None:
             frames = [frame for frame in frames if self._signing.accepts(frame)]
         if frames:

@@ -160,7 +160,7 @@ class Timestamps:
             self._store(self._last + RESERVED_S * TICKS_PER_S)
         return self._last
 
-    def now(self) -> int:
+    def present(self) -> int:
         """The time by which others are judged."""
         return max(self._last, ticks_of(self._wall_us()))
 
@@ -254,8 +254,8 @@ class Signing:
         Seen on ArduPilot 4.6: with our clock two minutes slow its frames verify, and it answers
         nothing.
         """
-        now = self._timestamps.now()
-        return max((at - now for at in self._streams.values()), default=0) / TICKS_PER_S
+        present = self._timestamps.present()
+        return max((at - present for at in self._streams.values()), default=0) / TICKS_PER_S
 
     def _verdict(self, frame: bytes) -> str:
         if frame[0] != V2 or not frame[2] & SIGNED:
@@ -265,10 +265,10 @@ class Signing:
             return "wrong"
         stream = (*source_of(frame), frame[-SIGNATURE_BYTES])
         at = int.from_bytes(frame[1 - SIGNATURE_BYTES : -_HASH_BYTES], "little")
-        now, last = self._timestamps.now(), self._streams.get(stream)
-        if at > now + MOST_AHEAD_S * TICKS_PER_S:
+        present, last = self._timestamps.present(), self._streams.get(stream)
+        if at > present + MOST_AHEAD_S * TICKS_PER_S:
             return "ahead"
-        if last is None and at < now - OLDEST_BEGIN_S * TICKS_PER_S:
+        if last is None and at < present - OLDEST_BEGIN_S * TICKS_PER_S:
             return "old"
         if last is not None and at <= last:
             return "repeated"

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field
 from typing import Protocol, cast
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.framing import Framer
+from autopilot_bridge.framing import Framer, source_of, target_system_of
 from autopilot_bridge.link import LinkAddress, SerialAddress, reconnect_wait_s
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 # Frames for a remote that does not read are lost beyond this, as they would be on a radio.
 MOST_UNSENT_BYTES = 256 * 1024
-MOST_REMOTES = 64
+MOST_REMOTES = 1024
+MOST_AT_ONCE = 256  # datagrams read before others get their turn
+MOST_DATAGRAM_BYTES = 65536
 ANSWER_FOR_S = 10.0
 CONNECT_WITHIN_S = 5.0
 CLOSE_WITHIN_S = 1.0
@@ -70,22 +72,27 @@ def wire_of(address: LinkAddress | SerialAddress, listener: Listener) -> Wire:
 # UDP ------------------------------------------------------------------------------------------
 
 
+Where = tuple[str, int]
+
+
 @dataclass
 class _Remote:
     framer: Framer = field(default_factory=Framer)
     heard_s: float = float("-inf")
+    systems: set[int] = field(default_factory=set)
 
 
 class Udp(asyncio.DatagramProtocol):
     """``udpout`` sends to its address; ``udpin`` to all who sent frames in the last ten seconds,
-    or to the last of all."""
+    or to the last of all. What is meant for one system goes where that was heard, if it was."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self._address = address
         self._listener = listener
-        self._remotes: dict[tuple[str, int], _Remote] = {}  # the one heard last comes last
-        self._target: tuple[str, int] | None = None
+        self._remotes: dict[Where, _Remote] = {}  # the one heard last comes last
+        self._target: Where | None = None
         self._transport: asyncio.DatagramTransport | None = None
+        self._socket: socket.socket | None = None
         self._closed = asyncio.Event()
 
     async def open(self) -> None:
@@ -97,23 +104,33 @@ class Udp(asyncio.DatagramProtocol):
         _bind(sock, address, ("", 0) if self._target else (address.host, address.port))
         loop = asyncio.get_running_loop()
         transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=sock)
-        self._transport = transport
+        self._transport, self._socket = transport, sock
 
     def send(self, frames: list[bytes]) -> bool:
         """A datagram for each frame and remote."""
         targets = self._targets()
-        if self._transport is not None:
-            for frame in frames:
-                for target in targets:
-                    self._transport.sendto(frame, target)
+        if self._transport is None or not frames:
+            return bool(targets)
+        of_system = self._of_system(targets) if len(targets) > 1 else {}
+        for frame in frames:
+            for target in of_system.get(target_system_of(frame), targets):
+                self._transport.sendto(frame, target)
         return bool(targets)
 
-    def _targets(self) -> list[tuple[str, int]]:
+    def _targets(self) -> list[Where]:
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
         recent = [at for at, remote in self._remotes.items() if remote.heard_s >= since_s]
         return recent or [self._target]
+
+    def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
+        """Where each system was heard."""
+        found: dict[int, list[Where]] = {}
+        for target in targets:
+            for system in self._remotes[target].systems - {0}:  # 0 stands for all
+                found.setdefault(system, []).append(target)
+        return found
 
     async def close(self) -> None:
         """Close the socket."""
@@ -121,19 +138,40 @@ class Udp(asyncio.DatagramProtocol):
             self._transport.close()
             await self._closed.wait()
 
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+    def datagram_received(self, data: bytes, addr: Where) -> None:
+        """Hand on what has come; asyncio reads one datagram a turn, the others are read here."""
+        frames = self._frames(data, addr)
+        for _ in range(MOST_AT_ONCE):
+            waiting = self._read()
+            if waiting is None:
+                break
+            frames += self._frames(*waiting)
+        if frames:
+            self._listener.frames_received(frames)
+
+    def _read(self) -> tuple[bytes, Where] | None:
+        assert self._socket is not None
+        try:
+            return self._socket.recvfrom(MOST_DATAGRAM_BYTES)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self.error_received(error)
+        return None
+
+    def _frames(self, data: bytes, addr: Where) -> list[bytes]:
         """Each remote has a parser of its own: one's torn frame is not another's beginning."""
-        remote = self._remotes.pop(addr, _Remote())
+        remote = self._remotes.pop(addr, None) or _Remote()
         self._remotes[addr] = remote
         if len(self._remotes) > MOST_REMOTES:
             del self._remotes[next(iter(self._remotes))]
         frames = remote.framer.feed_datagram(data)
-        if not frames:
-            return
-        remote.heard_s = asyncio.get_running_loop().time()
-        if self._address.kind == "udpin":
-            self._target = addr
-        self._listener.frames_received(frames)
+        if frames:
+            remote.heard_s = asyncio.get_running_loop().time()
+            remote.systems.update(source_of(frame)[0] for frame in frames)
+            if self._address.kind == "udpin":
+                self._target = addr
+        return frames
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet (ICMP), or no network leads there now."""
