@@ -9,7 +9,7 @@ from autopilot_bridge.codec import Codec
 from autopilot_bridge.link import parse_link
 from autopilot_bridge.signing import Key, Signing, is_secret, setup_signing
 from autopilot_bridge.tlog import Tlog
-from autopilot_bridge.wires import wire_of
+from autopilot_bridge.wires import Batch, wire_of
 
 SHORTEST_WAIT_S = 0.001
 
@@ -18,7 +18,7 @@ class Peer(Protocol):
     """Either side of a link: the ground station's client or the mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in whole frames."""
+        """Take in whole frames, all of one remote."""
 
     def data_to_send(self) -> list[bytes]:
         """Frames to send."""
@@ -146,16 +146,18 @@ class Connection:
             self._failure = error
         self._news.set()
 
-    def frames_received(self, frames: list[bytes]) -> None:
-        """Hand the frames to the peer."""
+    def frames_received(self, batch: Batch) -> None:
+        """Hand the frames of each remote to the peer."""
         if self._signing is not None:
-            frames = [frame for frame in frames if self._signing.accepts(frame)]
-        if frames:
-            self._guarded(lambda: self._take(frames))
+            accepts = self._signing.accepts
+            batch = [(remote, [f for f in frames if accepts(f)]) for remote, frames in batch]
+        if any(frames for _, frames in batch):
+            self._guarded(lambda: self._take(batch))
 
-    def _take(self, frames: list[bytes]) -> None:
-        self._record(frames)
-        self._peer.receive_data(b"".join(frames), self._clock())
+    def _take(self, batch: Batch) -> None:
+        for _, frames in batch:
+            self._record(frames)
+            self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
         """The wire is at its end; ``wait`` raises it."""

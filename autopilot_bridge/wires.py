@@ -33,10 +33,13 @@ SILENCE = {
 }
 
 
+Batch = list[tuple[str, list[bytes]]]  # remotes and what each sent, in order
+
+
 class Listener(Protocol):
     """Who wants to know what a wire brings."""
 
-    def frames_received(self, frames: list[bytes]) -> None:
+    def frames_received(self, batch: Batch) -> None:
         """Whole frames came in."""
 
     def failed(self, error: Exception) -> None:
@@ -140,14 +143,12 @@ class Udp(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
         """Hand on what has come; asyncio reads one datagram a turn, the others are read here."""
-        frames = self._frames(data, addr)
-        for _ in range(MOST_AT_ONCE):
-            waiting = self._read()
-            if waiting is None:
-                break
-            frames += self._frames(*waiting)
-        if frames:
-            self._listener.frames_received(frames)
+        batch = [(addr, self._frames(data, addr))]
+        while len(batch) < MOST_AT_ONCE and (waiting := self._read()) is not None:
+            batch.append((waiting[1], self._frames(*waiting)))
+        named = [(f"{host}:{port}", frames) for (host, port), frames in batch if frames]
+        if named:
+            self._listener.frames_received(named)
 
     def _read(self) -> tuple[bytes, Where] | None:
         assert self._socket is not None
@@ -196,6 +197,7 @@ class Stream(asyncio.Protocol):
         self._in: asyncio.BaseTransport | None = None
         self._framer = Framer()
         self._listener = listener
+        self._remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
         """Send, unless the remote has stopped reading."""
@@ -221,6 +223,8 @@ class Stream(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Ready."""
         self._in = transport
+        host_and_port = transport.get_extra_info("peername") or ()
+        self._remote = ":".join(str(part) for part in host_and_port[:2])
         if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
             self.out = transport
 
@@ -229,7 +233,7 @@ class Stream(asyncio.Protocol):
         frames = self._framer.feed(data)
         if frames:
             self.heard = True
-            self._listener.frames_received(frames)
+            self._listener.frames_received([(self._remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The remote is gone, or we closed."""

@@ -21,6 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
+from autopilot_bridge.framing import message_id_of
 
 MOST_SHARE = 0.25
 TICK_S = 0.02
@@ -37,6 +38,8 @@ class Counting:
         self.events = 0
         self._last: dict[int, int] = {}
         self._clients = clients
+        self._touched = set(clients)
+        self._due_us = 0
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Whole frames of MAVLink 2 without signatures."""
@@ -52,20 +55,26 @@ class Counting:
             at = end
         for system, frames in of_system.items():
             client = self._clients[system]
+            self._touched.add(system)
             client.receive_data(frames, now_us)
             while client.next_event() is not None:
                 self.events += 1
 
     def data_to_send(self) -> list[bytes]:
-        """Of all."""
-        return [frame for client in self._clients.values() for frame in client.data_to_send()]
+        """Of those who heard something or whose time had come; one heartbeat does for all."""
+        touched, self._touched = self._touched, set()
+        frames = [frame for system in touched for frame in self._clients[system].data_to_send()]
+        heartbeats = [f for f in frames if message_id_of(f) == 0]
+        return heartbeats[:1] + [f for f in frames if message_id_of(f) != 0]
 
     def next_timer(self) -> int:
-        """The first of all."""
-        return min(client.next_timer() for client in self._clients.values())
+        """Ten times a second."""
+        return self._due_us
 
     def handle_timer(self, now_us: int) -> None:
         """All."""
+        self._due_us = now_us + 100_000
+        self._touched.update(self._clients)
         for client in self._clients.values():
             client.handle_timer(now_us)
 
