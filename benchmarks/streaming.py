@@ -22,6 +22,7 @@ from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.framing import message_id_of
+from benchmarks.link_shared import clock_us, free_ports
 
 MOST_SHARE = 0.25
 TICK_S = 0.02
@@ -79,28 +80,12 @@ class Counting:
             client.handle_timer(now_us)
 
 
-def clock_us() -> int:
-    """Real time."""
-    return time.monotonic_ns() // 1000
-
-
-def ports_of(count: int) -> list[int]:
-    """Free UDP ports."""
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for sock in sockets:
-        sock.bind(("127.0.0.1", 0))
-    ports = [sock.getsockname()[1] for sock in sockets]
-    for sock in sockets:
-        sock.close()
-    return ports
-
-
 async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, float]:
     """What one process needs to hear them all."""
     systems = range(1, vehicles + 1)
     clients = {system: VehicleClient(target_system=system) for system in systems}
     groups = [clients] if one_port else [{system: clients[system]} for system in systems]
-    ports = ports_of(len(groups))
+    ports = free_ports(len(groups))
     peers = [Counting(group) for group in groups]
     connections: list[Connection] = []
     async with AsyncExitStack() as stack:
