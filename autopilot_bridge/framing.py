@@ -11,6 +11,7 @@ import re
 import struct
 from functools import cache
 
+from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _STARTS = bytes((mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2))
@@ -18,7 +19,11 @@ _START = re.compile(b"[" + re.escape(_STARTS) + b"]")
 SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 SIGNATURE_BYTES = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
 V2 = mavlink.PROTOCOL_MARKER_V2
-_HEADER_BYTES = {mavlink.PROTOCOL_MARKER_V1: 6, V2: 10}
+# Of each message of the dialect: its longest payload, and the byte its checksum ends with.
+_KNOWN = {
+    message_id: (known.unpacker.size, bytes((known.crc_extra,)))
+    for message_id, known in mavlink.mavlink_map.items()
+}
 
 
 class Framer:
@@ -46,28 +51,33 @@ class Framer:
         return before + self.feed(data)
 
     def _scan(self, data: bytes, all_is_here: bool) -> list[bytes]:
-        frames: list[bytes] = []
-        at, step_at = 0, self._step_at
-        while (start := _START.search(data, at)) is not None:
-            at = start.start()
-            length = _frame_length(data, at, at == step_at)
-            if length is None and not all_is_here:
-                break
-            if length:
-                frames.append(data[at : at + length])
-                step_at = at + length
-            # A frame no checksum vouches for may hide good ones: look into it all the same.
-            at = step_at if length and message_id_of(frames[-1]) in mavlink.mavlink_map else at + 1
-        else:
-            at = len(data)
+        frames, at, self._step_at = _scan(data, self._step_at, all_is_here)
         self._rest = data[at:]
-        self._step_at = step_at - at
         return frames
 
 
 def frames_of(data: bytes) -> list[bytes]:
     """The whole frames in data of which no more comes, such as a datagram."""
-    return Framer()._scan(data, all_is_here=True)
+    return _scan(data, 0, all_is_here=True)[0]
+
+
+def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], int, int]:
+    """The frames; from where on bytes are to be kept; where among those a frame should begin."""
+    frames: list[bytes] = []
+    at = 0
+    while (start := _START.search(data, at)) is not None:
+        at = start.start()
+        length = _frame_length(data, at, at == step_at)
+        if length is None and not all_is_here:
+            break
+        if length:
+            frames.append(data[at : at + length])
+            step_at = at + length
+        # A frame no checksum vouches for may hide good ones: look into it all the same.
+        at = step_at if length and message_id_of(frames[-1]) in _KNOWN else at + 1
+    else:
+        at = len(data)
+    return frames, at, step_at - at
 
 
 def message_id_of(frame: bytes) -> int:
@@ -84,7 +94,7 @@ def source_of(frame: bytes) -> tuple[int, int]:
 
 def payload_of(frame: bytes) -> bytes:
     """A frame's payload; MAVLink 2 leaves zeros at its end out."""
-    header = _HEADER_BYTES[frame[0]]
+    header = 10 if frame[0] == V2 else 6
     return frame[header : header + frame[1]]
 
 
@@ -106,34 +116,35 @@ def target_system_of(frame: bytes) -> int:
     return payload[at] if at is not None and at < len(payload) else 0
 
 
-def checksum(data: bytes, crc_extra: int) -> int:
-    """Of a frame from behind its marker to the end of its payload."""
-    return int(mavlink.x25crc(data + bytes((crc_extra,))).crc)
+def checksum(data: bytes, message_id: int) -> int:
+    """Of a frame of a known message, from behind its marker to the end of its payload."""
+    return mcrf4xx(_KNOWN[message_id][1], mcrf4xx(data))
 
 
 def _frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     """Length of the frame that starts here; 0 when none does, None when more bytes must tell."""
     have = len(data) - at
     marker = data[at]
-    header = _HEADER_BYTES[marker]
+    header = 10 if marker == V2 else 6
     if have < 3:
         return None
     payload = data[at + 1]
     end = header + payload  # of what the checksum covers
     length = end + 2
-    if marker == V2:
+    if header == 10:
         flags = data[at + 2]
         if flags & ~SIGNED:
             return 0
-        length += SIGNATURE_BYTES if flags & SIGNED else 0
+        length += SIGNATURE_BYTES if flags else 0
     if have < header:
         return None
-    known = mavlink.mavlink_map.get(message_id_of(data[at : at + header]))
-    if known is not None and header == 6 and payload > known.unpacker.size:
+    message_id = message_id_of(data[at : at + header])
+    known = _KNOWN.get(message_id)
+    if known is not None and header == 6 and payload > known[0]:
         return 0  # MAVLink 1 knows no longer variants; saves most checksums of noise
     if have < length:
         return None
     if known is None:  # of another dialect, its checksum unknown: believed between frames only
         return length if in_step and (have == length or data[at + length] in _STARTS) else 0
-    crc = checksum(data[at + 1 : at + end], known.crc_extra)
-    return length if crc == int.from_bytes(data[at + end : at + end + 2], "little") else 0
+    crc = checksum(data[at + 1 : at + end], message_id)
+    return length if crc == data[at + end] | data[at + end + 1] << 8 else 0

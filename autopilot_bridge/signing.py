@@ -230,8 +230,7 @@ class Signing:
         """An unsigned MAVLink 2 frame with our signature; ``link_id`` is the link's own."""
         body = bytearray(frame[:-2])
         body[2] |= SIGNED
-        crc_extra = mavlink.mavlink_map[message_id_of(frame)].crc_extra
-        crc = checksum(bytes(body[1:]), crc_extra)
+        crc = checksum(bytes(body[1:]), message_id_of(frame))
         stamped = b"".join(
             (
                 body,

@@ -71,10 +71,10 @@ class Report:
 
 def frame_of(message_id: int, payload: bytes, source: tuple[int, int], seq: int) -> bytes:
     """A MAVLink 2 frame of any payload, with a right checksum if the message is known."""
-    known = mavlink.mavlink_map.get(message_id)
+    known = message_id in mavlink.mavlink_map
     payload = payload.rstrip(b"\0") or payload[:1]
     head = bytes((len(payload), 0, 0, seq % 256, *source)) + message_id.to_bytes(3, "little")
-    crc = checksum(head + payload, known.crc_extra) if known else 0xABCD
+    crc = checksum(head + payload, message_id) if known else 0xABCD
     return bytes((V2,)) + head + payload + crc.to_bytes(2, "little")
 
 
