@@ -142,9 +142,13 @@ class Udp(asyncio.DatagramProtocol):
             await self._closed.wait()
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
-        """Hand on what has come; asyncio reads one datagram a turn, the others are read here."""
+        """Hand on what has come; asyncio reads one datagram a turn, those of many are read here.
+
+        A single vehicle is answered before looking for more: it waits for the answer.
+        """
         batch = [(addr, self._frames(data, addr))]
-        while len(batch) < MOST_AT_ONCE and (waiting := self._read()) is not None:
+        most = MOST_AT_ONCE if len(self._remotes) > 1 else 1
+        while len(batch) < most and (waiting := self._read()) is not None:
             batch.append((waiting[1], self._frames(*waiting)))
         named = [(f"{host}:{port}", frames) for (host, port), frames in batch if frames]
         if named:
