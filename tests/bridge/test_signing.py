@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import contextlib
 import hashlib
 import socket
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.client_events import TransferFinished
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
@@ -26,7 +29,9 @@ from autopilot_bridge.signing import (
     read_key,
     ticks_of,
 )
+from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.tlog import Tlog
+from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 
 NOW_US = 1_790_000_000_000_000
@@ -309,3 +314,29 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
 
     run(exchange)
     assert KEY.secret[:16] not in path.read_bytes()
+
+
+@pytest.mark.parametrize(("key", "accepted"), [(KEY, True), (OTHER_KEY, False)])
+def test_a_mission_goes_up_between_two_who_share_a_key(key: Key, accepted: bool) -> None:
+    mock, client = mock_of(stack_named("px4", "plane")), VehicleClient()
+
+    async def exchange() -> None:
+        port = free_port()
+        up = Connection(f"udpin:127.0.0.1:{port}", client, clock_us, signing=signing())
+        down = Connection(f"udpout:127.0.0.1:{port}", mock, clock_us, signing=signing(key=key))
+        asked = False
+        with contextlib.suppress(TimeoutError):
+            async with up, down, asyncio.timeout(4.0 if accepted else 0.5):
+                while True:
+                    await up.wait()
+                    if client.stack is not None and not asked:
+                        asked = True
+                        client.upload(line_of(20), clock_us())
+                        up.flush()
+                    events = iter(client.next_event, None)
+                    if any(isinstance(event, TransferFinished) for event in events):
+                        return
+
+    run(exchange)
+    assert (client.stack is not None) == accepted
+    assert len(mock.missions.items) == (20 if accepted else 0)

@@ -36,9 +36,9 @@ def test_each_vehicle_gets_what_is_meant_for_it_and_what_is_for_all() -> None:
         port, ear = free_port(), Ear()
         async with Connection(f"udpin:127.0.0.1:{port}", ear, clock_us) as connection:
             with udp_socket() as one, udp_socket() as two, udp_socket() as also_two:
-                for sock, system in ((one, 1), (two, 2), (also_two, 2)):
+                for sock, system in ((one, 1), (one, 0), (two, 2), (also_two, 2)):
                     sock.sendto(text_of(system, "here"), ("127.0.0.1", port))
-                await heard(connection, ear, "here", "here", "here")
+                await heard(connection, ear, *["here"] * 4)
                 ear.to_say = [order(1), order(2), order(0), order(3), text("to all")]
                 connection.flush()
                 return [await asyncio.to_thread(waiting, sock) for sock in (one, two, also_two)]
