@@ -91,7 +91,8 @@ class Connection:
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        self._send(self._peer.data_to_send())
+        if frames := self._peer.data_to_send():
+            self._send(frames)
         self._arm()
 
     def set_up_signing(
@@ -112,10 +113,12 @@ class Connection:
             self._send([codec.encode(setup_signing(target, key, wall_us))])
         self._signing = signing
 
-    def _send(self, frames: list[bytes]) -> None:
+    def _send(self, frames: list[bytes], remote: str = "") -> None:
+        if not self._open:
+            return
         if self._signing is not None:
             frames = [self._signing.sign(frame, self._link_id) for frame in frames]
-        if self._open and frames and self._wire.send(frames):
+        if self._wire.send(frames, remote):
             self._record(frames)
 
     def _record(self, frames: list[bytes]) -> None:

@@ -52,8 +52,8 @@ class Wire(Protocol):
     async def open(self) -> None:
         """Raises BridgeError when what the link names cannot be used."""
 
-    def send(self, frames: list[bytes]) -> bool:
-        """Send if there is anybody to send to; says whether there was."""
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to a remote heard before, or to all; says whether there was anybody."""
 
     async def close(self) -> None:
         """Let go of socket or device."""
@@ -80,6 +80,7 @@ Where = tuple[str, int]
 
 @dataclass
 class _Remote:
+    name: str
     framer: Framer = field(default_factory=Framer)
     heard_s: float = float("-inf")
     systems: set[int] = field(default_factory=set)
@@ -109,9 +110,9 @@ class Udp(asyncio.DatagramProtocol):
         transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=sock)
         self._transport, self._socket = transport, sock
 
-    def send(self, frames: list[bytes]) -> bool:
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
         """A datagram for each frame and remote."""
-        targets = self._targets()
+        targets = self._targets(remote)
         if self._transport is None or not frames:
             return bool(targets)
         of_system = self._of_system(targets) if len(targets) > 1 else {}
@@ -120,11 +121,14 @@ class Udp(asyncio.DatagramProtocol):
                 self._transport.sendto(frame, target)
         return bool(targets)
 
-    def _targets(self) -> list[Where]:
+    def _targets(self, remote: str) -> list[Where]:
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
+        host, _, port = remote.rpartition(":")
+        if remote and (host, int(port)) in self._remotes:
+            return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
-        recent = [at for at, remote in self._remotes.items() if remote.heard_s >= since_s]
+        recent = [at for at, known in self._remotes.items() if known.heard_s >= since_s]
         return recent or [self._target]
 
     def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
@@ -146,13 +150,13 @@ class Udp(asyncio.DatagramProtocol):
 
         A single vehicle is answered before looking for more: it waits for the answer.
         """
-        batch = [(addr, self._frames(data, addr))]
+        batch = [self._frames(data, addr)]
         most = MOST_AT_ONCE if len(self._remotes) > 1 else 1
         while len(batch) < most and (waiting := self._read()) is not None:
-            batch.append((waiting[1], self._frames(*waiting)))
-        named = [(f"{host}:{port}", frames) for (host, port), frames in batch if frames]
-        if named:
-            self._listener.frames_received(named)
+            batch.append(self._frames(*waiting))
+        batch = [(remote, frames) for remote, frames in batch if frames]
+        if batch:
+            self._listener.frames_received(batch)
 
     def _read(self) -> tuple[bytes, Where] | None:
         assert self._socket is not None
@@ -164,9 +168,9 @@ class Udp(asyncio.DatagramProtocol):
             self.error_received(error)
         return None
 
-    def _frames(self, data: bytes, addr: Where) -> list[bytes]:
+    def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
         """Each remote has a parser of its own: one's torn frame is not another's beginning."""
-        remote = self._remotes.pop(addr, None) or _Remote()
+        remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MOST_REMOTES:
             del self._remotes[next(iter(self._remotes))]
@@ -176,7 +180,7 @@ class Udp(asyncio.DatagramProtocol):
             remote.systems.update(source_of(frame)[0] for frame in frames)
             if self._address.kind == "udpin":
                 self._target = addr
-        return frames
+        return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet (ICMP), or no network leads there now."""
@@ -201,7 +205,7 @@ class Stream(asyncio.Protocol):
         self._in: asyncio.BaseTransport | None = None
         self._framer = Framer()
         self._listener = listener
-        self._remote = ""
+        self.remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
         """Send, unless the remote has stopped reading."""
@@ -228,7 +232,7 @@ class Stream(asyncio.Protocol):
         """Ready."""
         self._in = transport
         host_and_port = transport.get_extra_info("peername") or ()
-        self._remote = ":".join(str(part) for part in host_and_port[:2])
+        self.remote = ":".join(str(part) for part in host_and_port[:2])
         if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
             self.out = transport
 
@@ -237,7 +241,7 @@ class Stream(asyncio.Protocol):
         frames = self._framer.feed(data)
         if frames:
             self.heard = True
-            self._listener.frames_received([(self._remote, frames)])
+            self._listener.frames_received([(self.remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The remote is gone, or we closed."""
@@ -302,7 +306,7 @@ class StreamClient:
         if isinstance(error, Exception):
             self._listener.failed(error)
 
-    def send(self, frames: list[bytes]) -> bool:
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
         """Send if connected."""
         return self._stream is not None and self._stream.send(frames)
 
@@ -336,9 +340,10 @@ class TcpServer:
         self._streams = [*(old for old in self._streams if not old.lost.is_set()), stream]
         return stream
 
-    def send(self, frames: list[bytes]) -> bool:
-        """Send to all."""
-        sent = [stream.send(frames) for stream in self._streams]
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to all, or to the one."""
+        the_one = [stream for stream in self._streams if remote == stream.remote]
+        sent = [stream.send(frames) for stream in the_one or self._streams]
         return any(sent)
 
     async def close(self) -> None:
