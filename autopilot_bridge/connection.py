@@ -5,9 +5,11 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
+from autopilot_bridge.codec import Codec
 from autopilot_bridge.link import parse_link
+from autopilot_bridge.signing import Key, Signing, is_secret, setup_signing
 from autopilot_bridge.tlog import Tlog
-from autopilot_bridge.wires import wire_of
+from autopilot_bridge.wires import Batch, wire_of
 
 SHORTEST_WAIT_S = 0.001
 
@@ -32,7 +34,8 @@ class Connection:
     """One peer on one link while the context is open.
 
     ``clock`` gives the peer's time in microseconds and runs ``rate`` times as fast as real time.
-    What is sent and received is recorded in ``tlog``, which the caller closes.
+    What is sent and received is recorded in ``tlog``, which the caller closes. With ``signing``
+    all that is sent is signed, as from ``link_id``, and what does not verify never arrives.
     """
 
     def __init__(
@@ -42,15 +45,20 @@ class Connection:
         clock: Callable[[], int],
         rate: float = 1.0,
         tlog: Tlog | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
     ) -> None:
         self._wire = wire_of(parse_link(link), self)
         self._peer = peer
         self._clock = clock
         self._rate = rate
         self._tlog = tlog
+        self._signing = signing
+        self._link_id = link_id
         self._news = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
+        self._armed_us = 0
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
@@ -83,21 +91,54 @@ class Connection:
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        frames = self._peer.data_to_send()
-        if self._open and frames and self._wire.send(frames) and self._tlog is not None:
-            self._tlog.record(frames)
+        if frames := self._peer.data_to_send():
+            self._send(frames)
         self._arm()
 
+    def set_up_signing(
+        self,
+        own: tuple[int, int],
+        target: tuple[int, int],
+        key: Key | None,
+        wall_us: int,
+        signing: Signing | None,
+    ) -> None:
+        """Tell a vehicle the key (None: sign no more), then go on with ``signing``.
+
+        The key goes over this link in clear text, twice as it is not acknowledged; it is not
+        recorded. A vehicle that signs already listens only to what its old key signs.
+        """
+        codec = Codec(*own)
+        for _ in range(2):
+            self._send([codec.encode(setup_signing(target, key, wall_us))])
+        self._signing = signing
+
+    def _send(self, frames: list[bytes], remote: str = "") -> None:
+        if not self._open:
+            return
+        if self._signing is not None:
+            frames = [self._signing.sign(frame, self._link_id) for frame in frames]
+        if self._wire.send(frames, remote):
+            self._record(frames)
+
+    def _record(self, frames: list[bytes]) -> None:
+        if self._tlog is not None:
+            self._tlog.record([frame for frame in frames if not is_secret(frame)])
+
     def _arm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
         due_us = self._peer.next_timer()
         if due_us is None or not self._open:
             return
+        if self._timer is not None:
+            if self._armed_us <= due_us:
+                return  # it looks again then; arming anew for every datagram costs more
+            self._timer.cancel()
+        self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
 
     def _wake(self) -> None:
+        self._timer = None
         self._guarded(lambda: self._peer.handle_timer(self._clock()))
 
     def _guarded(self, handle: Callable[[], None]) -> None:
@@ -108,14 +149,18 @@ class Connection:
             self._failure = error
         self._news.set()
 
-    def frames_received(self, frames: list[bytes]) -> None:
-        """Hand the frames of one remote to the peer."""
-        self._guarded(lambda: self._take(frames))
+    def frames_received(self, batch: Batch) -> None:
+        """Hand the frames of each remote to the peer."""
+        if self._signing is not None:
+            accepts = self._signing.accepts
+            batch = [(remote, [f for f in frames if accepts(f)]) for remote, frames in batch]
+        if any(frames for _, frames in batch):
+            self._guarded(lambda: self._take(batch))
 
-    def _take(self, frames: list[bytes]) -> None:
-        if self._tlog is not None:
-            self._tlog.record(frames)
-        self._peer.receive_data(b"".join(frames), self._clock())
+    def _take(self, batch: Batch) -> None:
+        for _, frames in batch:
+            self._record(frames)
+            self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
         """The wire is at its end; ``wait`` raises it."""

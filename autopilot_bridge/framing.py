@@ -1,17 +1,29 @@
 """Bytes of one remote to whole MAVLink frames, whatever lies between them (sans-IO).
 
 pymavlink's own parser throws away everything a false start of frame claims, good frames
-included. Here a frame that fails its checksum costs one byte, and the search goes on behind it.
+included. Here only a frame whose checksum is right takes its bytes away; anything else costs one
+byte, and the search goes on behind it. So a frame is lost only where noise before it has, by a
+chance of 1 in 65536, a checksum of its own that is right. On a stream what stands behind a false
+start waits until as many bytes have come as that claims: 280 at most.
 """
 
 import re
+import struct
+from functools import cache
 
+from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _STARTS = bytes((mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2))
 _START = re.compile(b"[" + re.escape(_STARTS) + b"]")
-_SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
-_HEADER_BYTES = {mavlink.PROTOCOL_MARKER_V1: 6, mavlink.PROTOCOL_MARKER_V2: 10}
+SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
+SIGNATURE_BYTES = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
+V2 = mavlink.PROTOCOL_MARKER_V2
+# Of each message of the dialect: its longest payload, and the byte its checksum ends with.
+_KNOWN = {
+    message_id: (known.unpacker.size, bytes((known.crc_extra,)))
+    for message_id, known in mavlink.mavlink_map.items()
+}
 
 
 class Framer:
@@ -19,7 +31,7 @@ class Framer:
 
     def __init__(self) -> None:
         self._rest = b""
-        self._in_step = True  # what comes next begins a frame, if nothing is wrong
+        self._step_at = 0  # where in the rest a frame begins, if nothing is wrong
 
     def feed(self, data: bytes) -> list[bytes]:
         """The frames that are whole now, in order. For streams: TCP, serial lines."""
@@ -35,54 +47,104 @@ class Framer:
         if self._rest and data[:1] in (_STARTS[:1], _STARTS[1:]) and _frame_length(data, 0, True):
             before = self._scan(self._rest, all_is_here=True)
         if not self._rest:
-            self._in_step = True
+            self._step_at = 0
         return before + self.feed(data)
 
     def _scan(self, data: bytes, all_is_here: bool) -> list[bytes]:
-        frames: list[bytes] = []
-        at = 0
-        self._rest = b""
-        while (start := _START.search(data, at)) is not None:
-            self._in_step &= start.start() == at
-            at = start.start()
-            length = _frame_length(data, at, self._in_step)
-            if length is None and not all_is_here:
-                self._rest = data[at:]
-                return frames
-            self._in_step = bool(length)
-            if length:
-                frames.append(data[at : at + length])
-            at += length or 1
-        self._in_step &= at == len(data)
+        frames, at, self._step_at = _scan(data, self._step_at, all_is_here)
+        self._rest = data[at:]
         return frames
+
+
+def frames_of(data: bytes) -> list[bytes]:
+    """The whole frames in data of which no more comes, such as a datagram."""
+    return _scan(data, 0, all_is_here=True)[0]
+
+
+def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], int, int]:
+    """The frames; from where on bytes are to be kept; where among those a frame should begin."""
+    frames: list[bytes] = []
+    at = 0
+    while (start := _START.search(data, at)) is not None:
+        at = start.start()
+        length = _frame_length(data, at, at == step_at)
+        if length is None and not all_is_here:
+            break
+        if length:
+            frames.append(data[at : at + length])
+            step_at = at + length
+        # A frame no checksum vouches for may hide good ones: look into it all the same.
+        at = step_at if length and message_id_of(frames[-1]) in _KNOWN else at + 1
+    else:
+        at = len(data)
+    return frames, at, step_at - at
+
+
+def message_id_of(frame: bytes) -> int:
+    """Which message a frame carries."""
+    if frame[0] == V2:
+        return frame[7] | frame[8] << 8 | frame[9] << 16
+    return frame[5]
+
+
+def source_of(frame: bytes) -> tuple[int, int]:
+    """System and component that sent a frame."""
+    return (frame[5], frame[6]) if frame[0] == V2 else (frame[3], frame[4])
+
+
+def payload_of(frame: bytes) -> bytes:
+    """A frame's payload; MAVLink 2 leaves zeros at its end out."""
+    header = 10 if frame[0] == V2 else 6
+    return frame[header : header + frame[1]]
+
+
+@cache
+def field_at(message_id: int, name: str) -> int | None:
+    """Where in its payload a message has a field; None if it has none of that name."""
+    known = mavlink.mavlink_map.get(message_id)
+    if known is None or name not in known.ordered_fieldnames:
+        return None
+    formats = re.findall(r"\d*[a-zA-Z]", known.unpacker.format)
+    before = formats[: known.ordered_fieldnames.index(name)]
+    return struct.calcsize("<" + "".join(before))
+
+
+def target_system_of(frame: bytes) -> int:
+    """The system a frame is meant for; 0 is all, as it is where a message names none."""
+    at = field_at(message_id_of(frame), "target_system")
+    payload = payload_of(frame)
+    return payload[at] if at is not None and at < len(payload) else 0
+
+
+def checksum(data: bytes, message_id: int) -> int:
+    """Of a frame of a known message, from behind its marker to the end of its payload."""
+    return mcrf4xx(_KNOWN[message_id][1], mcrf4xx(data))
 
 
 def _frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     """Length of the frame that starts here; 0 when none does, None when more bytes must tell."""
     have = len(data) - at
     marker = data[at]
-    header = _HEADER_BYTES[marker]
+    header = 10 if marker == V2 else 6
     if have < 3:
         return None
     payload = data[at + 1]
     end = header + payload  # of what the checksum covers
     length = end + 2
-    if marker == mavlink.PROTOCOL_MARKER_V2:
+    if header == 10:
         flags = data[at + 2]
-        if flags & ~_SIGNED:
+        if flags & ~SIGNED:
             return 0
-        length += mavlink.MAVLINK_SIGNATURE_BLOCK_LEN if flags & _SIGNED else 0
+        length += SIGNATURE_BYTES if flags else 0
     if have < header:
         return None
-    message_id = int.from_bytes(
-        data[at + header - (3 if header == 10 else 1) : at + header], "little"
-    )
-    known = mavlink.mavlink_map.get(message_id)
-    if known is not None and header == 6 and payload > known.unpacker.size:
+    message_id = message_id_of(data[at : at + header])
+    known = _KNOWN.get(message_id)
+    if known is not None and header == 6 and payload > known[0]:
         return 0  # MAVLink 1 knows no longer variants; saves most checksums of noise
     if have < length:
         return None
     if known is None:  # of another dialect, its checksum unknown: believed between frames only
         return length if in_step and (have == length or data[at + length] in _STARTS) else 0
-    checksum = mavlink.x25crc(data[at + 1 : at + end] + bytes((known.crc_extra,))).crc
-    return length if checksum == int.from_bytes(data[at + end : at + end + 2], "little") else 0
+    crc = checksum(data[at + 1 : at + end], message_id)
+    return length if crc == data[at + end] | data[at + end + 1] << 8 else 0

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field
 from typing import Protocol, cast
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.framing import Framer
+from autopilot_bridge.framing import Framer, source_of, target_system_of
 from autopilot_bridge.link import LinkAddress, SerialAddress, reconnect_wait_s
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 # Frames for a remote that does not read are lost beyond this, as they would be on a radio.
 MOST_UNSENT_BYTES = 256 * 1024
-MOST_REMOTES = 64
+MOST_REMOTES = 1024
+MOST_AT_ONCE = 256  # datagrams read before others get their turn
+MOST_DATAGRAM_BYTES = 65536
 ANSWER_FOR_S = 10.0
 CONNECT_WITHIN_S = 5.0
 CLOSE_WITHIN_S = 1.0
@@ -31,10 +33,13 @@ SILENCE = {
 }
 
 
+Batch = list[tuple[str, list[bytes]]]  # remotes and what each sent, in order
+
+
 class Listener(Protocol):
     """Who wants to know what a wire brings."""
 
-    def frames_received(self, frames: list[bytes]) -> None:
+    def frames_received(self, batch: Batch) -> None:
         """Whole frames came in."""
 
     def failed(self, error: Exception) -> None:
@@ -47,8 +52,8 @@ class Wire(Protocol):
     async def open(self) -> None:
         """Raises BridgeError when what the link names cannot be used."""
 
-    def send(self, frames: list[bytes]) -> bool:
-        """Send if there is anybody to send to; says whether there was."""
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to a remote heard before, or to all; says whether there was anybody."""
 
     async def close(self) -> None:
         """Let go of socket or device."""
@@ -70,22 +75,28 @@ def wire_of(address: LinkAddress | SerialAddress, listener: Listener) -> Wire:
 # UDP ------------------------------------------------------------------------------------------
 
 
+Where = tuple[str, int]
+
+
 @dataclass
 class _Remote:
+    name: str
     framer: Framer = field(default_factory=Framer)
     heard_s: float = float("-inf")
+    systems: set[int] = field(default_factory=set)
 
 
 class Udp(asyncio.DatagramProtocol):
     """``udpout`` sends to its address; ``udpin`` to all who sent frames in the last ten seconds,
-    or to the last of all."""
+    or to the last of all. What is meant for one system goes where that was heard, if it was."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self._address = address
         self._listener = listener
-        self._remotes: dict[tuple[str, int], _Remote] = {}  # the one heard last comes last
-        self._target: tuple[str, int] | None = None
+        self._remotes: dict[Where, _Remote] = {}  # the one heard last comes last
+        self._target: Where | None = None
         self._transport: asyncio.DatagramTransport | None = None
+        self._socket: socket.socket | None = None
         self._closed = asyncio.Event()
 
     async def open(self) -> None:
@@ -97,23 +108,36 @@ class Udp(asyncio.DatagramProtocol):
         _bind(sock, address, ("", 0) if self._target else (address.host, address.port))
         loop = asyncio.get_running_loop()
         transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=sock)
-        self._transport = transport
+        self._transport, self._socket = transport, sock
 
-    def send(self, frames: list[bytes]) -> bool:
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
         """A datagram for each frame and remote."""
-        targets = self._targets()
-        if self._transport is not None:
-            for frame in frames:
-                for target in targets:
-                    self._transport.sendto(frame, target)
+        targets = self._targets(remote)
+        if self._transport is None or not frames:
+            return bool(targets)
+        of_system = self._of_system(targets) if len(targets) > 1 else {}
+        for frame in frames:
+            for target in of_system.get(target_system_of(frame), targets):
+                self._transport.sendto(frame, target)
         return bool(targets)
 
-    def _targets(self) -> list[tuple[str, int]]:
+    def _targets(self, remote: str) -> list[Where]:
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
+        host, _, port = remote.rpartition(":")
+        if remote and (host, int(port)) in self._remotes:
+            return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
-        recent = [at for at, remote in self._remotes.items() if remote.heard_s >= since_s]
+        recent = [at for at, known in self._remotes.items() if known.heard_s >= since_s]
         return recent or [self._target]
+
+    def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
+        """Where each system was heard."""
+        found: dict[int, list[Where]] = {}
+        for target in targets:
+            for system in self._remotes[target].systems - {0}:  # 0 stands for all
+                found.setdefault(system, []).append(target)
+        return found
 
     async def close(self) -> None:
         """Close the socket."""
@@ -121,19 +145,42 @@ class Udp(asyncio.DatagramProtocol):
             self._transport.close()
             await self._closed.wait()
 
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+    def datagram_received(self, data: bytes, addr: Where) -> None:
+        """Hand on what has come; asyncio reads one datagram a turn, those of many are read here.
+
+        A single vehicle is answered before looking for more: it waits for the answer.
+        """
+        batch = [self._frames(data, addr)]
+        most = MOST_AT_ONCE if len(self._remotes) > 1 else 1
+        while len(batch) < most and (waiting := self._read()) is not None:
+            batch.append(self._frames(*waiting))
+        batch = [(remote, frames) for remote, frames in batch if frames]
+        if batch:
+            self._listener.frames_received(batch)
+
+    def _read(self) -> tuple[bytes, Where] | None:
+        assert self._socket is not None
+        try:
+            return self._socket.recvfrom(MOST_DATAGRAM_BYTES)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self.error_received(error)
+        return None
+
+    def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
         """Each remote has a parser of its own: one's torn frame is not another's beginning."""
-        remote = self._remotes.pop(addr, _Remote())
+        remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MOST_REMOTES:
             del self._remotes[next(iter(self._remotes))]
         frames = remote.framer.feed_datagram(data)
-        if not frames:
-            return
-        remote.heard_s = asyncio.get_running_loop().time()
-        if self._address.kind == "udpin":
-            self._target = addr
-        self._listener.frames_received(frames)
+        if frames:
+            remote.heard_s = asyncio.get_running_loop().time()
+            remote.systems.update(source_of(frame)[0] for frame in frames)
+            if self._address.kind == "udpin":
+                self._target = addr
+        return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet (ICMP), or no network leads there now."""
@@ -158,6 +205,7 @@ class Stream(asyncio.Protocol):
         self._in: asyncio.BaseTransport | None = None
         self._framer = Framer()
         self._listener = listener
+        self.remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
         """Send, unless the remote has stopped reading."""
@@ -183,6 +231,8 @@ class Stream(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Ready."""
         self._in = transport
+        host_and_port = transport.get_extra_info("peername") or ()
+        self.remote = ":".join(str(part) for part in host_and_port[:2])
         if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
             self.out = transport
 
@@ -191,7 +241,7 @@ class Stream(asyncio.Protocol):
         frames = self._framer.feed(data)
         if frames:
             self.heard = True
-            self._listener.frames_received(frames)
+            self._listener.frames_received([(self.remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The remote is gone, or we closed."""
@@ -256,7 +306,7 @@ class StreamClient:
         if isinstance(error, Exception):
             self._listener.failed(error)
 
-    def send(self, frames: list[bytes]) -> bool:
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
         """Send if connected."""
         return self._stream is not None and self._stream.send(frames)
 
@@ -290,9 +340,10 @@ class TcpServer:
         self._streams = [*(old for old in self._streams if not old.lost.is_set()), stream]
         return stream
 
-    def send(self, frames: list[bytes]) -> bool:
-        """Send to all."""
-        sent = [stream.send(frames) for stream in self._streams]
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to all, or to the one."""
+        the_one = [stream for stream in self._streams if remote == stream.remote]
+        sent = [stream.send(frames) for stream in the_one or self._streams]
         return any(sent)
 
     async def close(self) -> None:

@@ -147,7 +147,7 @@ class MockAutopilot:
             self._set_current(message)
         elif kind == "FILE_TRANSFER_PROTOCOL":
             self.ftp.receive(message, now_us)
-        elif kind.startswith("MISSION_"):
+        elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
             self._take_over()
 

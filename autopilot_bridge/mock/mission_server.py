@@ -10,7 +10,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message, item_message, item_of
-from autopilot_bridge.items import MissionItem
+from autopilot_bridge.items import NO_POSITION, MissionItem
 from autopilot_bridge.mock.faults import Faults
 from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.stacks import Stack
@@ -119,9 +119,14 @@ def text(severity: int, words: str) -> Message:
 def item_in(message: Message) -> MissionItem:
     """The item of a MISSION_ITEM_INT or of the old MISSION_ITEM, whose place is in degrees."""
     item = item_of(message)
-    if message.get_type() == "MISSION_ITEM_INT" or item.frame == mavlink.MAV_FRAME_MISSION:
-        return replace(item, x=int(item.x), y=int(item.y))
-    return replace(item, x=round(message.x * 1e7), y=round(message.y * 1e7))
+    as_is = message.get_type() == "MISSION_ITEM_INT" or item.frame == mavlink.MAV_FRAME_MISSION
+    unit = 1.0 if as_is else 1e7
+    return replace(item, x=_whole(message.x * unit), y=_whole(message.y * unit))
+
+
+def _whole(value: float) -> int:
+    """What fits into MISSION_ITEM_INT; anything else, NaN too, is no place."""
+    return round(value) if abs(value) < NO_POSITION else NO_POSITION
 
 
 def item_out(

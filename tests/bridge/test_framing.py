@@ -107,3 +107,17 @@ def test_little_is_kept_of_endless_noise() -> None:
     for _ in range(200):
         framer.feed(b"\xfd\xff\x00" * 100)
     assert len(framer._rest) <= 280
+
+
+def test_a_frame_nobody_vouches_for_hides_no_good_ones() -> None:
+    frames = [text("inside"), text("too")]
+    claims = of_another_dialect(b"".join(frames))
+    assert Framer().feed(claims + text("behind")) == [claims, *frames, text("behind")]
+    across = claims[:-20] + text("begins inside and ends behind")
+    assert text("begins inside and ends behind") in Framer().feed(across + bytes(300))
+
+
+def test_a_datagram_begins_a_frame_whatever_came_before() -> None:
+    framer, foreign = Framer(), of_another_dialect(b"abc")
+    assert framer.feed_datagram(b"noise without a start") == []
+    assert framer.feed_datagram(foreign) == [foreign]

@@ -1,0 +1,310 @@
+"""Damaged, forged and absurd frames: ``python -m benchmarks.fuzz_frames [--frames N] [--seed N]``.
+
+Between good frames of a counted sequence come bad ones: bits flipped, cut, lengthened, wrong
+checksums, lengths, signatures and ids, MAVLink 1, false starts, noise, right frames with absurd
+values. Nothing may raise, memory may not grow, transfers must end, and good traffic must be
+understood:
+
+- on datagram links every good datagram, at once;
+- on streams every good frame, unless what comes before it happens to make a right checksum with
+  bytes of it (1 in 65536 for each false start of a known message; 1 in 256 for a frame that lacks
+  its last byte, if that is the next one's first). Such chance frames are counted; each may cost
+  the good frames within its 280 bytes.
+"""
+
+import argparse
+import math
+import random
+import resource
+import struct
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.client_events import Connected, TransferFinished
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.framing import V2, Framer, checksum, field_at, message_id_of
+from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.signing import Key, Signing, Timestamps
+from autopilot_bridge.stacks import Stack, stack_named
+
+RADIO = mavlink.MAVLINK_MSG_ID_RADIO_STATUS
+NOW_US = 1_790_000_000_000_000
+BATCH = 500
+BAD_IN_TRANSFER = 250
+MOST_VIRTUAL_S = 240.0
+SMALLEST_GOOD_BYTES = 12
+GROWTH_ALLOWED_MB = 16.0
+MISSION_IDS = (39, 40, 41, 42, 43, 44, 45, 46, 47, 51, 73, 76, 77, 110)
+EDGES = (b"\x00", b"\xff", b"\x7f", b"\x80", struct.pack("<f", math.nan), struct.pack("<f", 1e38))
+STATION, VEHICLE = (255, 190), (1, 1)
+
+
+@dataclass
+class Report:
+    """What came of it."""
+
+    bad: int = 0
+    good: int = 0
+    lost: int = 0
+    by_chance: int = 0  # right checksums over bytes of a bad frame and the good one behind it
+    transfers: Counter[str] = field(default_factory=Counter)
+
+    def failures(self) -> list[str]:
+        """What must not be."""
+        found = []
+        if self.lost > self.by_chance * (280 // SMALLEST_GOOD_BYTES):
+            found.append(f"{self.lost} good frames were lost")
+        if self.by_chance > 3 + self.bad / 8000:
+            found.append(f"{self.by_chance} chance checksums are too many")
+        return found
+
+
+# Bad frames -----------------------------------------------------------------------------------
+
+
+def frame_of(message_id: int, payload: bytes, source: tuple[int, int], seq: int) -> bytes:
+    """A MAVLink 2 frame of any payload, with a right checksum if the message is known."""
+    known = message_id in mavlink.mavlink_map
+    payload = payload.rstrip(b"\0") or payload[:1]
+    head = bytes((len(payload), 0, 0, seq % 256, *source)) + message_id.to_bytes(3, "little")
+    crc = checksum(head + payload, message_id) if known else 0xABCD
+    return bytes((V2,)) + head + payload + crc.to_bytes(2, "little")
+
+
+def absurd(chance: random.Random, source: tuple[int, int], target: tuple[int, int]) -> bytes:
+    """A right frame with values no sane program sends: NaN, 65535, far beyond the earth."""
+    message_id = chance.choice(MISSION_IDS if chance.random() < 0.8 else (*mavlink.mavlink_map,))
+    size = mavlink.mavlink_map[message_id].unpacker.size
+    payload = bytearray(chance.choice(EDGES) * size)[:size]
+    for _ in range(chance.randrange(4)):
+        payload[chance.randrange(size)] = chance.randrange(256)
+    for name, value in zip(("target_system", "target_component"), target, strict=True):
+        at = field_at(message_id, name)
+        if at is not None:
+            payload[at] = value
+    return frame_of(message_id, bytes(payload), source, chance.randrange(256))
+
+
+def old_version(chance: random.Random) -> bytes:
+    message = mavlink.MAVLink_statustext_message(chance.randrange(8), b"MAVLink 1")
+    return bytes(message.pack(mavlink.MAVLink(None, 1, 1), force_mavlink1=True))
+
+
+def bits(chance: random.Random, frame: bytes) -> bytes:
+    """One to eight bits flipped."""
+    changed = bytearray(frame)
+    for _ in range(chance.randint(1, 8)):
+        changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
+    return bytes(changed)
+
+
+def head(chance: random.Random, frame: bytes) -> bytes:
+    """A byte of the header changed: length, flags, sequence, source or id."""
+    changed = bytearray(frame)
+    changed[chance.randrange(1, 10)] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
+    return bytes(changed)
+
+
+def noise(chance: random.Random, frame: bytes) -> bytes:
+    """Bytes that often begin like a frame."""
+    del frame
+    return b"".join(
+        chance.choice((b"\xfd\xff\x00", b"\xfd", b"\xfe\xff", chance.randbytes(8)))
+        for _ in range(chance.randint(1, 6))
+    )
+
+
+WRONG_KEY: Signing = Signing(Key(b"w" * 32), Timestamps(lambda: NOW_US))
+MUTATIONS: tuple[Callable[[random.Random, bytes], bytes], ...] = (
+    bits,
+    head,
+    noise,
+    lambda chance, frame: frame[: chance.randrange(1, len(frame))],
+    lambda chance, frame: frame + chance.randbytes(chance.randint(1, 300)),
+    lambda chance, frame: frame[:9] + chance.randbytes(chance.randint(0, 40)) + frame[9:],
+    lambda chance, frame: frame[:-2] + chance.randbytes(2),
+    lambda chance, frame: bytes((V2, 255, chance.randrange(2))) + frame[3:],
+    lambda chance, frame: frame_of(60_000 + chance.randrange(999), frame[10:-2], VEHICLE, 0),
+    lambda chance, frame: old_version(chance),
+    lambda chance, frame: WRONG_KEY.sign(frame, 1) if frame[2] == 0 else frame[1:],
+)
+
+
+def bad_frame(chance: random.Random, frame: bytes) -> bytes:
+    """The frame after one mutation, or two of them joined."""
+    joined = chance.choices((1, 2), (9, 1))[0]
+    return b"".join(chance.choice(MUTATIONS)(chance, frame) for _ in range(joined))
+
+
+# Framing and codec ----------------------------------------------------------------------------
+
+
+def counted(codec: Codec, number: int) -> bytes:
+    """A good frame that no other is like."""
+    return codec.encode(mavlink.MAVLink_named_value_int_message(number, b"counted", number))
+
+
+def stream_part(chance: random.Random, count: int, report: Report) -> None:
+    """Through one stream, cut anywhere."""
+    framer, sender, receiver = Framer(), Codec(*VEHICLE), Codec(*STATION)
+    for begin in range(0, count, BATCH):
+        good: list[bytes] = []
+        parts: list[bytes] = []
+        for number in range(min(BATCH, count - begin)):
+            parts.append(bad_frame(chance, counted(sender, 2 * (begin + number))))
+            good.append(counted(sender, 2 * (begin + number) + 1))
+            parts.append(good[-1])
+        stream = b"".join(parts) + bytes(600)
+        found: list[bytes] = []
+        at = 0
+        while at < len(stream):
+            cut = chance.choice((1, 10, 100, 1000))
+            found += framer.feed(stream[at : at + cut])
+            at += cut
+        receiver.decode(b"".join(found))
+        _compare(good, parts, found, report)
+
+
+def datagram_part(chance: random.Random, count: int, report: Report) -> None:
+    """Through one UDP socket, a datagram each; then the codec, then signatures."""
+    framer, sender, receiver = Framer(), Codec(*VEHICLE), Codec(*STATION)
+    signing = Signing(Key(b"k" * 32), Timestamps(lambda: NOW_US))
+    for number in range(count):
+        found = framer.feed_datagram(bad_frame(chance, counted(sender, 0)))
+        good = counted(sender, number + 1)
+        heard = framer.feed_datagram(good)
+        if heard[-1:] != [good]:
+            raise AssertionError("a good datagram was lost or held back")
+        receiver.decode(b"".join(found + heard))
+        if any(signing.accepts(frame) for frame in found + heard if message_id_of(frame) != RADIO):
+            raise AssertionError("a frame without a right signature was believed")
+    report.good += count
+    report.bad += count
+
+
+def _compare(good: list[bytes], parts: list[bytes], found: list[bytes], report: Report) -> None:
+    heard = {*found}
+    report.good += len(good)
+    report.bad += len(parts) - len(good)
+    report.lost += sum(1 for frame in good if frame not in heard)
+    sent = b"(what no frame spans)".join(parts)
+    known = (frame for frame in heard if message_id_of(frame) in mavlink.mavlink_map)
+    report.by_chance += sum(1 for frame in known if frame not in sent)
+
+
+# Transfers ------------------------------------------------------------------------------------
+
+
+def items_of(count: int) -> tuple[MissionItem, ...]:
+    """A mission."""
+    points = [waypoint(36.302 + 1e-3 * n, -84.2, 400.0) for n in range(count - 1)]
+    return (*points, loiter_unlimited(36.31, -84.19, 420.0, -90.0))
+
+
+def transfer_part(chance: random.Random, count: int, report: Report) -> None:
+    """Bad and absurd frames to client and autopilot while a mission goes up or down."""
+    stacks = [stack_named(name, "plane") for name in ("px4", "ardupilot")]
+    while count > 0:
+        bad = min(count, BAD_IN_TRANSFER)
+        outcome = _transfer(chance, chance.choice(stacks), bad, by_file=chance.random() < 0.5)
+        report.transfers[outcome] += 1
+        report.bad += bad
+        count -= bad
+
+
+def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> str:
+    """How one upload ended; raises AssertionError when it does not end."""
+    mock = MockAutopilot(stack, home_lat_deg=36.3, home_lon_deg=-84.2, home_altitude_amsl_m=300.0)
+    client, now_us, transfer_id = VehicleClient(), 0, None
+    last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
+    while now_us < MOST_VIRTUAL_S * 1e6:
+        now_us = max(now_us, min(client.next_timer(), mock.next_timer()))
+        mock.handle_timer(now_us)
+        client.handle_timer(now_us)
+        for _ in range(20):  # bounded: two who answer each other may do so for ever
+            up, down = client.data_to_send(), mock.data_to_send()
+            if not up and not down:
+                break
+            last.update({k: v[-1] for k, v in (("up", up), ("down", down)) if v})
+            for datagram in up:
+                mock.receive_data(datagram, now_us)
+            for datagram in down:
+                client.receive_data(datagram, now_us)
+            for _ in range(min(bad if transfer_id else 0, chance.randint(1, 5))):
+                bad -= 1
+                _disturb(chance, client, mock, last, now_us)
+            now_us += 500
+            for event in iter(client.next_event, None):
+                if isinstance(event, Connected) and transfer_id is None:
+                    transfer_id = client.upload(items_of(12), now_us, by_file=by_file)
+                if isinstance(event, TransferFinished) and event.transfer_id == transfer_id:
+                    for _ in range(bad):
+                        _disturb(chance, client, mock, last, now_us)
+                    return event.result.outcome
+    raise AssertionError("a transfer did not end")
+
+
+def _disturb(
+    chance: random.Random,
+    client: VehicleClient,
+    mock: MockAutopilot,
+    last: dict[str, bytes],
+    now_us: int,
+) -> None:
+    upwards = chance.random() < 0.5
+    ends = (STATION, VEHICLE) if upwards else (VEHICLE, STATION)
+    real = last["up" if upwards else "down"]
+    bad = absurd(chance, *ends) if chance.random() < 0.5 else bad_frame(chance, real)
+    (mock if upwards else client).receive_data(bad, now_us)
+
+
+# ----------------------------------------------------------------------------------------------
+
+
+def fuzz(bad_frames: int, seed: int) -> Report:
+    """Half of the frames through a stream, the rest through datagrams and into transfers."""
+    chance, report = random.Random(seed), Report()
+    stream_part(chance, bad_frames // 2, report)
+    datagram_part(chance, bad_frames // 4, report)
+    transfer_part(chance, bad_frames - bad_frames // 2 - bad_frames // 4, report)
+    return report
+
+
+def peak_mb() -> float:
+    """The most memory the process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main() -> None:
+    """Print counts, seconds and memory; ends with 1 if anything is not as it must be."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    fuzz(arguments.frames // 20, arguments.seed + 1)  # caches fill, allocators settle
+    before_mb, began_s = peak_mb(), time.perf_counter()
+    report = fuzz(arguments.frames, arguments.seed)
+    taken_s, grown_mb = time.perf_counter() - began_s, peak_mb() - before_mb
+    failures = report.failures()
+    if grown_mb > GROWTH_ALLOWED_MB:
+        failures.append(f"memory grew by {grown_mb:.1f} MB")
+    sys.stdout.write(
+        f"{report.bad} bad frames, seed {arguments.seed}: {taken_s:.1f} s, "
+        f"{report.bad / taken_s:.0f} a second\n"
+        f"good frames between them: {report.good}, lost {report.lost}; "
+        f"chance checksums {report.by_chance}\n"
+        f"transfers under fire: {dict(sorted(report.transfers.items()))}\n"
+        f"peak memory: {before_mb:.1f} MB before, {grown_mb:+.1f} MB\n"
+    )
+    sys.exit("; ".join(failures) or 0)
+
+
+if __name__ == "__main__":
+    main()

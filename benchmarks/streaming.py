@@ -1,0 +1,170 @@
+"""Telemetry of a fleet into one process: ``python -m benchmarks.streaming [--vehicles N]``.
+
+Each vehicle sends HEARTBEAT at 1 Hz, GLOBAL_POSITION_INT and ATTITUDE at 4 Hz over UDP on loopback,
+from a socket of its own in another process. The receiver runs a client for each vehicle on a port
+of its own, or all on one port. Its share of a core is measured by getrusage, loss by the sequence
+numbers. Limits: 25 % of one core for 250 vehicles, no loss.
+"""
+
+import argparse
+import asyncio
+import json
+import resource
+import socket
+import subprocess
+import sys
+import time
+from contextlib import AsyncExitStack
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.connection import Connection
+from autopilot_bridge.framing import message_id_of
+from benchmarks.link_shared import clock_us, free_ports
+
+MOST_SHARE = 0.25
+TICK_S = 0.02
+SETTLE_S = 3.0
+PERIOD_TICKS = round(0.25 / TICK_S)
+
+
+class Counting:
+    """Passes all to the clients of the systems that send; counts frames by sequence numbers."""
+
+    def __init__(self, clients: dict[int, VehicleClient]) -> None:
+        self.heard = dict.fromkeys(clients, 0)
+        self.missed = dict.fromkeys(clients, 0)
+        self.events = 0
+        self._last: dict[int, int] = {}
+        self._clients = clients
+        self._touched = set(clients)
+        self._due_us = 0
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Whole frames of MAVLink 2 without signatures."""
+        of_system: dict[int, bytes] = {}
+        at = 0
+        while at < len(data):
+            end = at + 12 + data[at + 1]
+            seq, system = data[at + 4], data[at + 5]
+            self.heard[system] += 1
+            self.missed[system] += (seq - self._last.get(system, seq - 1) - 1) % 256
+            self._last[system] = seq
+            of_system[system] = of_system.get(system, b"") + data[at:end]
+            at = end
+        for system, frames in of_system.items():
+            client = self._clients[system]
+            self._touched.add(system)
+            client.receive_data(frames, now_us)
+            while client.next_event() is not None:
+                self.events += 1
+
+    def data_to_send(self) -> list[bytes]:
+        """Of those who heard something or whose time had come; one heartbeat does for all."""
+        touched, self._touched = self._touched, set()
+        frames = [frame for system in touched for frame in self._clients[system].data_to_send()]
+        heartbeats = [f for f in frames if message_id_of(f) == 0]
+        return heartbeats[:1] + [f for f in frames if message_id_of(f) != 0]
+
+    def next_timer(self) -> int:
+        """Ten times a second."""
+        return self._due_us
+
+    def handle_timer(self, now_us: int) -> None:
+        """All."""
+        self._due_us = now_us + 100_000
+        self._touched.update(self._clients)
+        for client in self._clients.values():
+            client.handle_timer(now_us)
+
+
+async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, float]:
+    """What one process needs to hear them all."""
+    systems = range(1, vehicles + 1)
+    clients = {system: VehicleClient(target_system=system) for system in systems}
+    groups = [clients] if one_port else [{system: clients[system]} for system in systems]
+    ports = free_ports(len(groups))
+    peers = [Counting(group) for group in groups]
+    connections: list[Connection] = []
+    async with AsyncExitStack() as stack:
+        for port, peer in zip(ports, peers, strict=True):
+            link = f"udpin:127.0.0.1:{port}"
+            connection = await stack.enter_async_context(Connection(link, peer, clock_us))
+            connections.append(connection)
+        numbers = [str(n) for n in (vehicles, seconds + SETTLE_S, *ports)]
+        command = [sys.executable, "-m", "benchmarks.streaming", "--send", *numbers]
+        sender = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
+        await asyncio.sleep(SETTLE_S)
+        used, began_s = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
+        await asyncio.sleep(seconds - 1.0)
+        now, ended_s = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
+        told, _ = await sender.communicate()
+        await asyncio.sleep(0.2)
+        for connection in connections:
+            await connection.wait()  # raises what went wrong
+    cpu_s = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
+    heard = {k: v for peer in peers for k, v in peer.heard.items()}
+    sent = {int(k): v for k, v in json.loads(told).items()}
+    return {
+        "share": cpu_s / (ended_s - began_s),
+        "sent": sum(sent.values()),
+        "missed": sum(sum(peer.missed.values()) for peer in peers),
+        "not heard": sum(sent.values()) - sum(heard.values()),
+        "events": sum(peer.events for peer in peers),
+    }
+
+
+def send(vehicles: int, seconds: float, ports: list[int]) -> dict[int, int]:
+    """The vehicles: each at a phase of its own. How many frames each has sent."""
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(vehicles)]
+    codecs = [Codec(system, 1) for system in range(1, vehicles + 1)]
+    sent = dict.fromkeys(range(1, vehicles + 1), 0)
+    began_s = time.perf_counter()
+    for tick in range(round(seconds / TICK_S)):
+        time.sleep(max(began_s + tick * TICK_S - time.perf_counter(), 0.0))
+        for index in range(tick % PERIOD_TICKS, vehicles, PERIOD_TICKS):
+            ms = round(1000 * tick * TICK_S) + 100
+            messages = [
+                mavlink.MAVLink_global_position_int_message(ms, 1, 2, 3, 4, 5, 6, 7, 8),
+                mavlink.MAVLink_attitude_message(ms, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
+            ]
+            if tick // PERIOD_TICKS % 4 == 0:
+                messages.append(mavlink.MAVLink_heartbeat_message(1, 12, 81, 1 << 18, 4, 3))
+            for message in messages:
+                frame = codecs[index].encode(message)
+                sockets[index].sendto(frame, ("127.0.0.1", ports[index % len(ports)]))
+                sent[index + 1] += 1
+    return sent
+
+
+def main() -> None:
+    """Print share, loss and how far from the limit; ends with 1 beyond it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--vehicles", type=int, default=250)
+    parser.add_argument("--seconds", type=float, default=15.0)
+    parser.add_argument("--send", nargs="+", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.send:
+        vehicles, seconds, *ports = arguments.send
+        sent = send(int(vehicles), float(seconds), [int(port) for port in ports])
+        sys.stdout.write(json.dumps(sent))
+        return
+    failed = False
+    for one_port in (False, True):
+        found = asyncio.run(receive(arguments.vehicles, one_port, arguments.seconds))
+        failed |= found["share"] > MOST_SHARE or found["not heard"] != 0
+        where = "one port" if one_port else "a port each"
+        sys.stdout.write(
+            f"{arguments.vehicles} vehicles, {where}: {100 * found['share']:.1f} % of a core "
+            f"({found['share'] / MOST_SHARE:.2f} of the limit), {found['sent']:.0f} frames, "
+            f"{found['not heard']:.0f} lost ({found['missed']:.0f} by sequence), "
+            f"{found['events']:.0f} events\n"
+        )
+        sys.stdout.flush()
+    sys.exit(int(failed))
+
+
+if __name__ == "__main__":
+    main()
