@@ -88,6 +88,10 @@ class Connection:
             self._tlog.record(frames)
         self._arm()
 
+    def stir(self) -> None:
+        """Send, and wake who waits: for a peer that comes up with news by itself."""
+        self._guarded(lambda: None)
+
     def _arm(self) -> None:
         if self._timer is not None:
             self._timer.cancel()

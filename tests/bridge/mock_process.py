@@ -21,13 +21,12 @@ def free_port() -> int:
 
 @contextmanager
 def mock_process(
-    port: int, stack: str, kind: str = "plane", speedup: float = 1.0, system_id: int = 1
+    port: int, stack: str, kind: str = "plane", speedup: float = 1.0, link: str = "udpout"
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """The mock of a stack standing at HOME, sending to the port."""
+    """The mock of a stack standing at HOME, calling the port."""
     command = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
     command += ["--kind", kind, "--home", ",".join(str(value) for value in HOME)]
-    command += ["--speedup", str(speedup), "--system-id", str(system_id)]
-    command += ["--link", f"udpout:127.0.0.1:{port}"]
+    command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         yield process
