@@ -85,7 +85,7 @@ def judged(stack: Stack, hidden: int, sent: Items, said: str, read: Items | None
     TIMEOUT may mean that only the last answer was lost.
     """
     reason = f"MAVSDK: {said}"
-    took = said in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR")
+    took = said in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")
     if read is None:
         holds: Holds = "one of both" if stack.atomic_upload else "not known"
         return TransferResult("unknown" if took else "rejected", reason, holds=holds)

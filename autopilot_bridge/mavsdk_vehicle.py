@@ -50,6 +50,10 @@ from autopilot_bridge.watch import AUTOPILOT, Watch, rate_requests
 LOOK_EVERY_S = 0.05
 ANSWER_S = 1.5
 TRIES = 5
+FOUND_S = 10.0
+NOT_FOUND = "MAVSDK has not found the vehicle"
+SILENT_S = 120.0  # the longest mission on a slow radio takes less
+NO_ANSWER = "NO_ANSWER"  # as MAVSDK's verdicts are written, but it gives none
 LEAVE_S = 5.0  # a transfer under way may end in this time when the service does
 Result = TypeVar("Result")
 
@@ -240,23 +244,29 @@ class MavsdkVehicle:
 
     # MAVSDK -----------------------------------------------------------------------------------
 
-    async def _found(self) -> None:
-        """Wait until MAVSDK knows the vehicle, and make its plugins."""
+    async def _found(self) -> bool:
+        """Whether MAVSDK knows the vehicle; waits for it, and makes its plugins."""
         modules = library()
-        while self._missions is None:
-            for system in self._mavsdk.get_systems():
+
+        def look() -> bool:
+            for system in self._mavsdk.get_systems() if self._missions is None else ():
                 if system.get_system_id() == self._target[0] and system.has_autopilot():
                     wrapped = modules.system.System(system)
                     self._direct = modules.direct.MavlinkDirectAsync(wrapped)
                     self._missions = modules.missions.MissionRawAsync(wrapped)
-            await asyncio.sleep(LOOK_EVERY_S)
+            return self._missions is not None
+
+        return await self._until(look, FOUND_S)
 
     async def _call(self, call: Coroutine[Any, Any, Result]) -> Result:
-        """Wait for a call to MAVSDK; when the wait is cancelled the call goes on."""
+        """Wait for a call to MAVSDK; when the wait is cancelled the call goes on.
+
+        Raises TimeoutError where MAVSDK's own timeouts should have ended it long ago.
+        """
         task = asyncio.ensure_future(call)
         self._calls.add(task)
         task.add_done_callback(self._returned)
-        return await asyncio.shield(task)
+        return await asyncio.wait_for(asyncio.shield(task), SILENT_S)
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
@@ -276,8 +286,9 @@ class MavsdkVehicle:
     async def _command_all(self) -> None:
         while True:
             name, steps = await self._commands.get()
-            await self._found()
-            accepted, reason = await self._steps(steps)
+            accepted, reason = False, NOT_FOUND
+            if await self._found():
+                accepted, reason = await self._steps(steps)
             self._tell(CommandFinished(self._clock(), name, accepted, reason))
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
@@ -289,6 +300,8 @@ class MavsdkVehicle:
                 ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
             except library().direct.MavlinkDirectError as error:
                 return False, f"command {command} was not answered (MAVSDK: {error.result.name})"
+            except TimeoutError:
+                return False, f"command {command} was not answered (MAVSDK: {NO_ANSWER})"
             result = json.loads(ack.fields_json)["result"]
             if result != mavlink.MAV_RESULT_ACCEPTED:
                 return False, f"command {command} {RESULTS.get(result, f'MAV_RESULT {result}')}"
@@ -306,12 +319,14 @@ class MavsdkVehicle:
     async def _transfer_all(self) -> None:
         while True:
             await self._asked.wait()
-            await self._found()
+            found = await self._found()
             if not self._waiting:
                 self._asked.clear()
                 continue
             job = self._waiting.pop(0)
-            result = await self._transfer(job, self._known_stack())
+            result = TransferResult("failed", NOT_FOUND, holds="the old one")
+            if found:
+                result = await self._transfer(job, self._known_stack())
             self._tell(TransferFinished(self._clock(), job.transfer_id, job.action, result))
 
     async def _transfer(self, job: Job, stack: Stack) -> TransferResult:
@@ -397,6 +412,8 @@ class MavsdkVehicle:
             await self._call(call)
         except library().missions.MissionRawError as error:
             return str(error.result.name)
+        except TimeoutError:
+            return NO_ANSWER
         return "SUCCESS"
 
     async def _read(self) -> tuple[Items | None, str]:
@@ -407,4 +424,6 @@ class MavsdkVehicle:
             if error.result.name == "NO_MISSION_AVAILABLE":
                 return (), "SUCCESS"
             return None, str(error.result.name)
+        except TimeoutError:
+            return None, NO_ANSWER
         return tuple(item_of_raw(raw) for raw in read), "SUCCESS"

@@ -92,9 +92,8 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
             assert read.items == read_back(first, name)
             vehicle.start_mission(clock_us())
             assert (await here.next(events.CommandFinished)).accepted
-            flying = connected.stack.mission_mode
-            await here.next(events.ModeChanged, lambda mode: mode.custom_mode == flying)
             await here.at_item(2)
+            assert vehicle.in_mission
             assert (await here.next(events.Position)).altitude_relative_m > 15.0
 
             newest = vehicle.upload(second, clock_us(), begin="keep", holds_first=True)
@@ -122,6 +121,9 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
             assert (await here.next(events.CommandFinished)).accepted
             assert (await here.transfer(vehicle.clear(clock_us()))).outcome == "accepted"
             assert (await here.transfer(vehicle.download(clock_us()))).items == ()
+    modes = [event.custom_mode for event in here.seen if isinstance(event, events.ModeChanged)]
+    assert connected.stack.mission_mode in modes
+    assert (connected.stack.hold_mode in modes) == (name == "ardupilot")  # held for the upload
     times = [event.at_us for event in here.seen]
     assert times == sorted(times)
 

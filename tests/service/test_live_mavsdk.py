@@ -13,7 +13,7 @@ from mission_service.errors import ScenarioError
 from mission_service.replay import verify
 from tests.service.test_live import CLI, free_port, process, wait_for
 
-SPEEDUP = "40"
+SPEEDUP = "100"
 
 
 def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) -> None:
