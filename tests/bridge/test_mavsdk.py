@@ -12,7 +12,7 @@ from autopilot_bridge.read_back import same_as_sent
 from autopilot_bridge.stacks import stack_named
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 
-STACKS = [(name, kind) for name in ("px4", "ardupilot") for kind in ("plane", "copter")]
+STACKS = [("px4", "plane"), ("ardupilot", "plane"), ("ardupilot", "copter")]
 
 # In a process of its own: MAVSDK is a C library with threads.
 CLIENT = """

@@ -128,9 +128,11 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
     assert times == sorted(times)
 
 
-@pytest.mark.parametrize("name", STACKS)
-def test_a_vehicle_flies_and_is_sent_elsewhere_in_flight(name: str) -> None:
-    run(flies_and_is_sent_elsewhere(name))
+def test_two_vehicles_fly_at_once_and_are_sent_elsewhere_in_flight() -> None:
+    async def both() -> None:
+        await asyncio.gather(*(flies_and_is_sent_elsewhere(name) for name in STACKS))
+
+    run(both())
 
 
 async def loses_its_link_and_gets_it_back() -> None:

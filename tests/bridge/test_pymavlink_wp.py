@@ -119,7 +119,7 @@ def until_current(connection: Any, seq: int) -> list[int]:
 
 @pytest.mark.parametrize(
     ("name", "kind", "as_int"),
-    [("px4", "plane", True), ("ardupilot", "plane", False), ("ardupilot", "copter", True)],
+    [("px4", "plane", True), ("ardupilot", "plane", False)],
 )
 def test_the_classic_waypoint_loop_uploads_downloads_flies_and_clears(
     name: str, kind: str, as_int: bool
