@@ -1,6 +1,7 @@
 """A vehicle flown through MAVSDK, against mock processes of both stacks."""
 
 import asyncio
+import sys
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
@@ -12,7 +13,7 @@ import pytest
 from autopilot_bridge import client_events as events
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, MissionItem
-from autopilot_bridge.mavsdk_library import judged
+from autopilot_bridge.mavsdk_library import judged, library
 from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
 from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import stack_named
@@ -217,3 +218,9 @@ def test_what_mavsdk_says_is_judged_by_what_is_read_back(
     shown = None if held is None else tuple(as_read_back(item, stack) for item in held)
     result = judged(stack, hidden, sent, said, shown)
     assert (result.outcome, result.holds) == (outcome, holds)
+
+
+def test_a_missing_package_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mavsdk", None)
+    with pytest.raises(BridgeError, match=r"pip install 'mission-service\[mavsdk\]'"):
+        library.__wrapped__()
