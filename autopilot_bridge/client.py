@@ -12,14 +12,8 @@ from autopilot_bridge.client_events import (
     ClientEvent,
     CommandFinished,
     Connected,
-    ItemReached,
-    LinkLost,
     LinkRestored,
-    MissionProgress,
-    ModeChanged,
-    Position,
     Rebooted,
-    Text,
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec, Message
@@ -27,17 +21,11 @@ from autopilot_bridge.command import CommandSequence
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
-from autopilot_bridge.stacks import Stack, Step, stack_of
+from autopilot_bridge.stacks import Stack, Step
 from autopilot_bridge.transfer import Kind, TransferResult, TransferTiming
+from autopilot_bridge.watch import AUTOPILOT, Watch, rate_requests
 
 HEARTBEAT_EVERY_US = 1_000_000
-AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
-REBOOT_BACK_MS = 5_000
-# Message rates asked for once (ArduCopter streams nothing unasked).
-RATES_HZ = (
-    (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 4.0),
-    (mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
-)
 
 
 class VehicleClient:
@@ -51,25 +39,31 @@ class VehicleClient:
         heartbeat_timeout_us: int = 3_000_000,
         timing: TransferTiming | None = None,
     ) -> None:
-        self.stack: Stack | None = None
-        self.armed = False
-        self.custom_mode = 0
         self._own = (system_id, component_id)
         self._target_system = target_system
-        self._heartbeat_timeout_us = heartbeat_timeout_us
+        self._watch = Watch(heartbeat_timeout_us)
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
         self._outgoing: list[bytes] = []
         self._events: deque[ClientEvent] = deque()
-        self._heard_us: int | None = None
-        self._lost = False
         self._heartbeat_due_us = 0
-        self._boot_ms = 0
-        self._current: int | None = None
-        self._total: int | None = None
-        self._reached: int | None = None
         self._jobs = Jobs(self._own, self._timing, self._report)
         self._sequences: list[CommandSequence] = []
+
+    @property
+    def stack(self) -> Stack | None:
+        """The autopilot, once it was heard."""
+        return self._watch.stack
+
+    @property
+    def armed(self) -> bool:
+        """By its last HEARTBEAT."""
+        return self._watch.armed
+
+    @property
+    def custom_mode(self) -> int:
+        """By its last HEARTBEAT."""
+        return self._watch.custom_mode
 
     # What the user asks for -------------------------------------------------------------------
 
@@ -144,11 +138,8 @@ class VehicleClient:
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
         timers = [self._heartbeat_due_us]
-        if self._heard_us is not None and not self._lost:
-            timers.append(self._heard_us + self._heartbeat_timeout_us)
-        transfer_timer = self._jobs.next_timer()
-        if transfer_timer is not None:
-            timers.append(transfer_timer)
+        others = (self._watch.next_timer(), self._jobs.next_timer())
+        timers.extend(timer for timer in others if timer is not None)
         timers.extend(sequence.next_timer() for sequence in self._sequences[:1])
         return min(timers)
 
@@ -161,11 +152,7 @@ class VehicleClient:
                     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
                 )
             )
-        if self._heard_us is not None and not self._lost:
-            silent_us = now_us - self._heard_us
-            if silent_us >= self._heartbeat_timeout_us:
-                self._lost = True
-                self._events.append(LinkLost(now_us, silent_us))
+        self._events.extend(self._watch.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
         self._go_on(now_us)
         if self._sequences:
@@ -183,84 +170,17 @@ class VehicleClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        match message.get_type():
-            case "HEARTBEAT":
-                self._heartbeat(message, now_us)
-            case "GLOBAL_POSITION_INT":
-                self._position(message, now_us)
-            case "MISSION_CURRENT":
-                self._progress(message, now_us)
-            case "MISSION_ITEM_REACHED":
-                if message.seq != self._reached:
-                    self._reached = message.seq
-                    self._events.append(ItemReached(now_us, message.seq - self._hidden_items()))
-            case "STATUSTEXT":
-                self._events.append(Text(now_us, message.severity, message.text))
-            case _:
-                pass
+        events = self._watch.receive(message, now_us)
+        self._events.extend(events)
+        if any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events):
+            self._send(*rate_requests(self._target()))
+        if message.get_type() == "HEARTBEAT":
+            self._go_on(now_us)
         self._send(*self._jobs.receive(message, now_us))
         self._go_on(now_us)
         if self._sequences:
             self._send(*self._sequences[0].receive(message, now_us))
             self._step_sequences(now_us)
-
-    def _heartbeat(self, message: Message, now_us: int) -> None:
-        self._heard_us = now_us
-        if self.stack is None:
-            self.stack = stack_of(message.autopilot, message.type)
-            if self.stack is None:
-                return
-            self._events.append(Connected(now_us, self.stack))
-            self._ask_for_rates()
-        if self._lost:
-            self._lost = False
-            self._events.append(LinkRestored(now_us))
-            self._ask_for_rates()
-        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        if (armed, message.custom_mode) != (self.armed, self.custom_mode):
-            self.armed, self.custom_mode = armed, message.custom_mode
-            self._events.append(ModeChanged(now_us, message.custom_mode, armed))
-        self._go_on(now_us)
-
-    def _ask_for_rates(self) -> None:
-        for message_id, rate_hz in RATES_HZ:
-            command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-            params = (float(message_id), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0)
-            self._send(mavlink.MAVLink_command_long_message(*self._target(), command, 0, *params))
-
-    def _position(self, message: Message, now_us: int) -> None:
-        if message.time_boot_ms < self._boot_ms - REBOOT_BACK_MS:
-            self._current = self._reached = None
-            self._events.append(Rebooted(now_us))
-            self._ask_for_rates()
-        elif message.time_boot_ms <= self._boot_ms:
-            return  # late or doubled on the way
-        self._boot_ms = message.time_boot_ms
-        heading = message.hdg / 100.0 if message.hdg != 65535 else 0.0
-        self._events.append(
-            Position(
-                now_us,
-                message.time_boot_ms * 1000,
-                message.lat / 1e7,
-                message.lon / 1e7,
-                message.alt / 1e3,
-                message.relative_alt / 1e3,
-                message.vx / 100.0,
-                message.vy / 100.0,
-                message.vz / 100.0,
-                heading,
-            )
-        )
-
-    def _progress(self, message: Message, now_us: int) -> None:
-        self._total = message.total
-        if message.seq != self._current:
-            self._current = message.seq
-            self._events.append(MissionProgress(now_us, message.seq - self._hidden_items()))
-
-    def _hidden_items(self) -> int:
-        """Items the user does not know of: ArduPilot's home."""
-        return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT
@@ -276,8 +196,9 @@ class VehicleClient:
         """End what has ended, begin what comes after it."""
         if self.stack is None:
             return
-        total = None if self._total is None else self._total + self._hidden_items()
-        seen = Seen(self.stack, self._target(), self._current, total, self.armed, self.custom_mode)
+        watch = self._watch
+        total = None if watch.total is None else watch.total + watch.hidden_items
+        seen = Seen(self.stack, self._target(), watch.current, total, self.armed, self.custom_mode)
         self._send(*self._jobs.step(seen, now_us))
         self._send(*self._jobs.begin_next(seen, now_us))
 

@@ -95,6 +95,10 @@ class Connection:
             self._send(frames)
         self._arm()
 
+    def stir(self) -> None:
+        """Send, and wake who waits: for a peer that comes up with news by itself."""
+        self._guarded(lambda: None)
+
     def set_up_signing(
         self,
         own: tuple[int, int],

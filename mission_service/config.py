@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.link import parse_link
 from mission_service.errors import ScenarioError
 
 SHIPPED = Path(__file__).parent / "scenarios"
@@ -216,6 +218,7 @@ class VehicleSection(Section):
     kind: Literal["plane", "copter"] = "plane"
     link: str = "udpin:127.0.0.1:14550"
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
+    backend: Literal["native", "mavsdk"] = "native"
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
@@ -262,12 +265,41 @@ class Scenario(Section):
             raise ValueError("it needs either weather entries or a weather_file")
         if not (self.ignition or self.fire.perimeter or self.fire.arrival):
             raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
+        _refuse_shared_ports(self.vehicles)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and be later one by one")
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
         return self
+
+
+def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
+    """Raise ValueError unless each vehicle flown through MAVSDK has a port of its own."""
+    for vehicle in vehicles:
+        if vehicle.backend != "mavsdk":
+            continue
+        if "link" not in vehicle.model_fields_set:
+            raise ValueError(
+                f'{vehicle.name}: backend = "mavsdk" needs a link with a port of its own, '
+                'as in link = "udpin:127.0.0.1:14551"'
+            )
+        try:
+            parse_link(vehicle.link)
+        except BridgeError as error:
+            raise ValueError(f"{vehicle.name}: {error}") from None
+        for other in vehicles:
+            if other is not vehicle and _port(other.link) == _port(vehicle.link):
+                raise ValueError(
+                    f"{vehicle.name} and {other.name} have the same port ({vehicle.link}); with "
+                    'backend = "mavsdk" each vehicle needs one of its own'
+                )
+
+
+def _port(link: str) -> str:
+    """The port or serial device of a link, whatever the host."""
+    kind, _, rest = link.partition(":")
+    return rest.rpartition(":")[0] if kind == "serial" else rest.rpartition(":")[2]
 
 
 def scenario_path(name: str) -> Path:

@@ -5,13 +5,16 @@ import contextlib
 import signal
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.connection import Connection
+from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
 from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
-from mission_service.config import Scenario
+from mission_service.config import Scenario, VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.gateway import Gateway, MissionClock
@@ -53,17 +56,18 @@ async def serve(
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     world.advance(clock.now_us)
     record = Record(tuple(section.name for section in scenario.vehicles), clock.now_us)
-    gateways = {
-        section.name: Gateway(section.name, VehicleClient(target_system=section.system_id), clock)
-        for section in scenario.vehicles
-    }
+    gateways: dict[str, Gateway] = {}
     async with contextlib.AsyncExitStack() as stack:
+        if any(section.backend == "mavsdk" for section in scenario.vehicles):
+            # Each may have a transfer and a command under way, in a thread each.
+            threads = ThreadPoolExecutor(2 * len(scenario.vehicles) + 2)
+            asyncio.get_running_loop().set_default_executor(threads)
         # Links first: a port in use must not cost an earlier run its journal.
-        connections = []
+        connections: list[Connection | MavsdkVehicle] = []
         tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
         for section in scenario.vehicles:
-            gateway = gateways[section.name]
-            connection = Connection(section.link, gateway.client, clock_us, tlog=tlog)
+            client, connection = _client_of(section, tlog)
+            gateways[section.name] = Gateway(section.name, client, clock)
             connections.append(await stack.enter_async_context(connection))
         journal = Journal(
             journal_path, header_of(scenario, landscape.digest(), created), durable=True
@@ -93,6 +97,17 @@ async def serve(
     return record, world
 
 
+def _client_of(
+    section: VehicleSection, tlog: Tlog | None
+) -> tuple[Autopilot, Connection | MavsdkVehicle]:
+    """A vehicle's client, and its link to be opened."""
+    if section.backend == "mavsdk":
+        vehicle = MavsdkVehicle(section.link, section.system_id, clock_us, tlog)
+        return vehicle, vehicle
+    client = VehicleClient(target_system=section.system_id)
+    return client, Connection(section.link, client, clock_us, tlog=tlog)
+
+
 class Silence:
     """Tells once of each vehicle that has not been heard since the service began."""
 
@@ -114,7 +129,7 @@ class Silence:
         self._unheard.clear()
 
 
-async def _fly(connection: Connection, gateway: Gateway, service: Service) -> None:
+async def _fly(connection: Connection | MavsdkVehicle, gateway: Gateway, service: Service) -> None:
     """Hand on what one vehicle's link brings until cancelled."""
     while True:
         await connection.wait()

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from autopilot_bridge import client_events as bridge
-from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.autopilot import Autopilot
 from mission_service.commands import AnyCommand, Hold, StartMission, UploadMission
 from mission_service.events import (
     AnyEvent,
@@ -50,7 +50,7 @@ class MissionClock:
 class Gateway:
     """Translates one client's events and carries out the core's commands for its vehicle."""
 
-    def __init__(self, name: str, client: VehicleClient, clock: MissionClock) -> None:
+    def __init__(self, name: str, client: Autopilot, clock: MissionClock) -> None:
         self.name = name
         self.client = client
         self._clock = clock

@@ -67,12 +67,13 @@ class FtpServer:
         self._due_us = now_us + WORK_US if self._queue else None
         if request.opcode in (ftp.ACK, ftp.NAK):
             return []
-        reply = self._repeated(source, request) or self._reply(request, now_us)
-        self._last = (source, reply)
+        repeated = self._repeated(source, request)
+        replies = [repeated] if repeated else self._replies(request, now_us)
+        self._last = (source, replies[-1])
         # An ended session counts as idle, even when the one ended is not the one open.
         ended = request.opcode == ftp.TERMINATE
         self._last_sent_us = LONG_AGO_US if ended else now_us
-        return [reply.message(source)]
+        return [reply.message(source) for reply in replies]
 
     def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
         """The last reply once more, to the same request as far as the autopilot looks."""
@@ -81,6 +82,15 @@ class FtpServer:
         last = self._last[1]
         same = (last.session, last.seq) == (request.session, (request.seq + 1) % 65536)
         return last if same else None
+
+    def _replies(self, request: Packet, now_us: int) -> list[Packet]:
+        """One reply; a burst is read to the end of the file, which is told by the last."""
+        replies = [self._reply(request, now_us)]
+        while request.opcode == ftp.BURST_READ and replies[-1].opcode == ftp.ACK:
+            offset = replies[-1].offset + replies[-1].size
+            following = self._reply(replace(request, offset=offset), now_us)
+            replies.append(replace(following, seq=(replies[-1].seq + 1) % 65536, offset=offset))
+        return replies
 
     def _reply(self, request: Packet, now_us: int) -> Packet:
         reply = Packet((request.seq + 1) % 65536, request.session, ftp.ACK, asked=request.opcode)
@@ -97,7 +107,7 @@ class FtpServer:
         match request.opcode:
             case ftp.OPEN_TO_READ | ftp.CREATE:
                 return self._open(request, reply, idle)
-            case ftp.READ:
+            case ftp.READ | ftp.BURST_READ:
                 return self._read(request, reply)
             case ftp.WRITE:
                 return self._write(request, reply)
@@ -127,7 +137,10 @@ class FtpServer:
         mission_type = self.session.mission_type
         held = tuple(self._missions.lists[mission_type])
         whole = encode_mission_file(held, mission_type, (1, 1))
-        data = whole[request.offset : request.offset + min(request.size, ftp.MOST_DATA_BYTES)]
+        most = min(request.size, ftp.MOST_DATA_BYTES)
+        if request.opcode == ftp.BURST_READ and request.size == 0:
+            most = ftp.MOST_DATA_BYTES  # read: a burst of size 0 means the largest pieces
+        data = whole[request.offset : request.offset + most]
         return _with(reply, request.offset, data) if data else _refusal(reply, ftp.END_OF_FILE)
 
     def _write(self, request: Packet, reply: Packet) -> Packet:

@@ -1,56 +1,101 @@
 """MAVSDK, an independent client, on the mock: it must take the mock for an autopilot."""
 
 import json
-import socket
 import subprocess
 import sys
+from dataclasses import astuple
 
 import pytest
 
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.read_back import same_as_sent
+from autopilot_bridge.stacks import stack_named
+from tests.bridge.mock_process import free_port, mock_process, short_mission
+
+STACKS = [("px4", "plane"), ("ardupilot", "plane"), ("ardupilot", "copter")]
+
 # In a process of its own: MAVSDK is a C library with threads.
 CLIENT = """
-import json, sys
+import json, sys, time
 from mavsdk import ComponentType, Configuration, Mavsdk
-from mavsdk.plugins.mission_raw import MissionRaw
-from mavsdk.plugins.mission_raw.mission_raw import MissionItem
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
+from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
-link, first = sys.argv[1], int(sys.argv[2])
-kind = ComponentType.GROUND_STATION
-client = Mavsdk(Configuration.create_with_component_type(kind))
+link, first, items = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
+
+def until(what, within_s=20.0):
+    end = time.monotonic() + within_s
+    while not what():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.05)
+
+def listed(items):
+    return [
+        (i.command, i.frame, i.x, i.y, i.z, i.param1, i.param2, i.param3, i.param4, i.autocontinue)
+        for i in items
+    ]
+
+client = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 client.add_any_connection(link)
-missions = MissionRaw(client.first_autopilot(15.0))
+vehicle = client.first_autopilot(15.0)
+missions, action, telemetry = MissionRaw(vehicle), Action(vehicle), Telemetry(vehicle)
 sent = [
-    MissionItem(seq, 0, 16, int(seq == first), 1, 0, 0, 0, 0, 363000000 + seq, -842000000, 400.0)
-    for seq in range(8)
+    MissionItem(seq, frame, command, int(seq == first), more, p1, p2, p3, p4, x=x, y=y, z=z)
+    for seq, (command, frame, x, y, z, p1, p2, p3, p4, more) in enumerate(items)
 ]
 missions.upload_mission(sent)
 read = missions.download_mission()
+
+action.arm()
+missions.start_mission()
+flown = []
+
+def progress():
+    current = missions.mission_progress().current
+    if not flown or flown[-1] != current:
+        flown.append(current)
+    return current == len(sent) - 1
+
+until(progress)
+until(lambda: telemetry.flight_mode() == FlightMode.MISSION)
+height_m = telemetry.position().relative_altitude_m
+missions.set_current_mission_item(first + 1)
+back = missions.mission_progress().current
+action.return_to_launch()
+until(lambda: telemetry.flight_mode() == FlightMode.RETURN_TO_LAUNCH)
 missions.clear_mission()
 left = missions.download_mission()
-print(json.dumps([[(i.command, i.x, i.y, i.z) for i in items] for items in (sent, read, left)]))
+print(json.dumps([listed(read), flown, height_m, back, len(left)]))
+client.destroy()
 """
 
 
-@pytest.mark.parametrize(("stack", "hidden"), [("px4", 0), ("ardupilot", 1)])
-def test_mavsdk_uploads_downloads_and_clears_on_the_mock(stack: str, hidden: int) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        port = sock.getsockname()[1]
-    mock = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
-    mock += ["--home", "36.3,-84.2,300", "--link", f"udpout:127.0.0.1:{port}"]
-    process = subprocess.Popen(mock, stdout=subprocess.DEVNULL)
-    try:
+@pytest.mark.parametrize(("name", "kind"), STACKS)
+def test_mavsdk_uploads_downloads_flies_and_clears_on_the_mock(name: str, kind: str) -> None:
+    stack = stack_named(name, kind)
+    hidden = 1 if stack.item_0_is_home else 0
+    mission = short_mission()
+    sent = (*mission[:hidden], *mission)
+    port = free_port()
+    with mock_process(port, name, kind, speedup=40.0):
+        arguments = [f"udpin://127.0.0.1:{port}", str(hidden), json.dumps([*map(astuple, sent)])]
         client = subprocess.run(
-            [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}", str(hidden)],
+            [sys.executable, "-c", CLIENT, *arguments],
             capture_output=True,
             text=True,
             timeout=60,
             check=False,
         )
-    finally:
-        process.kill()
-        process.wait(timeout=10)
     assert client.returncode == 0, client.stderr
-    sent, read, left = json.loads(client.stdout.splitlines()[-1])
-    assert read[hidden:] == sent[hidden:]  # ArduPilot's item 0 is its home
-    assert len(left) == hidden
+    line = next(line for line in client.stdout.splitlines() if line.startswith("[["))
+    read, flown, height_m, back, left = json.loads(line)
+    items = [MissionItem(*values) for values in read]
+    assert len(items) == len(sent)
+    for ours, theirs in zip(sent[hidden:], items[hidden:], strict=True):
+        assert same_as_sent(ours, theirs, stack)
+    assert flown[-1] == len(sent) - 1
+    assert sorted(flown) == flown  # none was flown twice
+    assert height_m > 30.0
+    assert back == hidden + 1
+    assert left == hidden  # ArduPilot's item 0 is its home

@@ -1,0 +1,36 @@
+"""What a vehicle's client does, whichever way it speaks with the autopilot."""
+
+from typing import Protocol
+
+from autopilot_bridge.client_events import ClientEvent
+from autopilot_bridge.items import Items
+from autopilot_bridge.jobs import Begin
+from autopilot_bridge.stacks import Stack
+
+
+class Autopilot(Protocol):
+    """One vehicle: ``VehicleClient``, or ``MavsdkVehicle``. What comes of it are its events."""
+
+    @property
+    def stack(self) -> Stack | None:
+        """The autopilot, once it was heard."""
+
+    def upload(
+        self, items: Items, now_us: int, *, begin: Begin = "restart", holds_first: bool = False
+    ) -> int:
+        """Replace the mission; TransferFinished with the id tells how it went."""
+
+    def download(self, now_us: int) -> int:
+        """Read the mission."""
+
+    def clear(self, now_us: int) -> int:
+        """Remove the mission."""
+
+    def start_mission(self, now_us: int) -> None:
+        """Arm where needed and fly the mission."""
+
+    def hold(self, now_us: int) -> None:
+        """Loiter here."""
+
+    def next_event(self) -> ClientEvent | None:
+        """The oldest event not handed out yet."""

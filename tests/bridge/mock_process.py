@@ -1,0 +1,43 @@
+"""A mock autopilot as a process of its own that calls a port, for clients of other makes."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
+
+HOME = (36.3, -84.2, 300.0)
+
+
+def free_port() -> int:
+    """A UDP port of this machine that nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        port: int = sock.getsockname()[1]
+        return port
+
+
+@contextmanager
+def mock_process(
+    port: int, stack: str, kind: str = "plane", speedup: float = 1.0, link: str = "udpout"
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """The mock of a stack standing at HOME, calling the port."""
+    command = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
+    command += ["--kind", kind, "--home", ",".join(str(value) for value in HOME)]
+    command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait(timeout=10)
+
+
+def short_mission(legs: int = 3) -> tuple[MissionItem, ...]:
+    """Takeoff, waypoints 155 m apart to the north, an endless loiter over the last."""
+    lat, lon, altitude_m = HOME
+    points = [waypoint(lat + 0.0014 * leg, lon, altitude_m + 40.0) for leg in range(1, legs + 1)]
+    last = loiter_unlimited(lat + 0.0014 * legs, lon, altitude_m + 40.0, 80.0)
+    return takeoff(lat, lon, altitude_m + 40.0), *points, last
