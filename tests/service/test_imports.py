@@ -24,6 +24,7 @@ SHELL = {
     "mission_service/cli.py",
     "mission_service/daemon.py",
     "mission_service/demo.py",
+    "mission_service/mocks.py",
     "mission_service/transfers.py",
 }
 

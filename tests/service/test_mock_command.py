@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
 from mission_service.mocks import Surroundings, by_hand, listening, read_wind
-from tests.service.test_cli import CLI, call, free_port
+from tests.service.test_cli import call
+from tests.service.test_live import CLI, free_port
 
 
 @pytest.mark.parametrize(
@@ -65,7 +66,8 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
 
 def hears(station: socket.socket, address: tuple[str, int]) -> set[int]:
     """The system ids that answer a ground station's heartbeats within ten seconds."""
-    codec, found = Codec(255, 190), set()
+    codec = Codec(255, 190)
+    found: set[int] = set()
     beat: Any = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     end = time.monotonic() + 10.0
     station.settimeout(0.2)
