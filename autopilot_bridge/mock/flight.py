@@ -8,6 +8,7 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
+from autopilot_bridge.mock.body import Body, Place
 from autopilot_bridge.mock.course_of_items import (
     DEFAULT_RADIUS_M,
     LANDINGS,
@@ -20,32 +21,13 @@ from autopilot_bridge.mock.course_of_items import (
     next_of,
 )
 from autopilot_bridge.mock.habits import habits_of
-from autopilot_bridge.mock.kinematics import (
-    CALM,
-    STEP_S,
-    Limits,
-    Motion,
-    Wind,
-    course_along,
-    course_around,
-    step_copter,
-    step_plane,
-)
-from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.power import Battery
-from autopilot_bridge.stacks import Stack
 
 Mode = Literal["idle", "mission", "hold", "rtl"]
-Place = tuple[float, float]  # metres north and east of home
 
-APPROACH_M = 60.0
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
-LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
-GLIDE = math.tan(math.radians(6.0))
-FALL_M_S = 8.0  # of a copter without power
-CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
 # From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
@@ -65,34 +47,26 @@ class Target:
 
 
 @dataclass(slots=True)
-class Flight:
+class Flight(Body):
     """Moves one vehicle through its mission. ``current`` is a wire sequence number.
 
     ``reached`` and ``texts`` are for the telemetry to tell and clear.
     """
 
-    stack: Stack
-    frame: LocalFrame
-    limits: Limits
-    wind: Wind = CALM
-    terrain: Terrain | None = None
     battery: Battery = field(default_factory=Battery)
     gps: bool = True
     mode: Mode = "idle"
     armed: bool = False
-    airborne: bool = False
     crashed: bool = False
     items: tuple[MissionItem, ...] = ()
     current: int = 0
     reached: list[int] = field(default_factory=list)
     texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words
     target: Target | None = None
-    motion: Motion = field(init=False)
     payload: Payload = field(init=False)
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
     _return_amsl_m: float = field(init=False)
-    _stood_amsl_m: float = field(init=False)
     _disarm_at_s: float = math.inf
     _jumps: dict[int, int] = field(default_factory=dict)
     _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items still to run
@@ -100,17 +74,19 @@ class Flight:
     _wait_within_m: float = math.inf
 
     def __post_init__(self) -> None:
-        self.motion = Motion(0.0, 0.0, self.frame.altitude_m)
+        Body.__post_init__(self)
         self.payload = Payload(self.stack)
         self.texts = self.payload.texts
         self._hold_at = (0.0, 0.0, self.frame.altitude_m)
         self._cruise_m_s = self.limits.airspeed_m_s
-        self._return_amsl_m = self._stood_amsl_m = self.frame.altitude_m
+        self._return_amsl_m = self.frame.altitude_m
 
     def rebooted(self) -> "Flight":
         """The same vehicle where it is, disarmed, its autopilot started anew."""
         cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
-        fresh = Flight(self.stack, self.frame, cruise, self.wind, self.terrain, self.battery)
+        fresh = Flight(
+            self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
+        )
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
         fresh.airborne, fresh.crashed = self.airborne, self.crashed
         fresh._stood_amsl_m = self._stood_amsl_m
@@ -120,41 +96,6 @@ class Flight:
     # What there is to see ---------------------------------------------------------------------
 
     @property
-    def roll_rad(self) -> float:
-        """Bank, right wing down positive; 0 for copters."""
-        return self.motion.roll_rad
-
-    @property
-    def heading_rad(self) -> float:
-        """Where the nose points."""
-        return self.motion.heading_rad
-
-    @property
-    def airspeed_m_s(self) -> float:
-        """Speed through the air."""
-        return self.motion.airspeed_m_s
-
-    @property
-    def ground_speed_m_s(self) -> float:
-        """Speed over the ground."""
-        return self.motion.speed_m_s
-
-    @property
-    def climb_m_s(self) -> float:
-        """Upwards positive."""
-        return self.motion.climb_m_s
-
-    @property
-    def wind_from_deg(self) -> float:
-        """Where the wind comes from."""
-        return self.wind.from_deg
-
-    @property
-    def wind_speed_m_s(self) -> float:
-        """How strong the wind is."""
-        return self.wind.speed_m_s
-
-    @property
     def battery_percent(self) -> float | None:
         """Charge left; None: not told."""
         return self.battery.percent
@@ -162,13 +103,6 @@ class Flight:
     @battery_percent.setter
     def battery_percent(self, percent: float | None) -> None:
         self.battery.percent = percent
-
-    @property
-    def ground_amsl_m(self) -> float:
-        """The terrain below; without one, where the vehicle last stood."""
-        if self.terrain is None:
-            return self._stood_amsl_m
-        return self.terrain(*self.frame.global_position(self.motion))
 
     # What is asked of it ----------------------------------------------------------------------
 
@@ -259,7 +193,7 @@ class Flight:
         if not self.airborne:
             self.airborne = self.motion.altitude_m > self._stood_amsl_m + 0.5
         if self.terrain is not None and self.airborne:
-            self._look_down(now_s)
+            self._look_down()
 
     # Items ------------------------------------------------------------------------------------
 
@@ -289,7 +223,7 @@ class Flight:
         assert self.target is not None
         if now_s <= self._wait_until_s:
             return
-        if self._distance(self.frame.local(self.target.item)) <= self._wait_within_m:
+        if self.distance(self.frame.local(self.target.item)) <= self._wait_within_m:
             self._wait_within_m = math.inf
             self._run(self._waiting.popleft(), now_s)
 
@@ -350,43 +284,20 @@ class Flight:
 
     # Manoeuvres -------------------------------------------------------------------------------
 
-    def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """A step of circling; copters stand at the centre. Negative radius: anticlockwise."""
-        if self.stack.vehicle == "copter":
-            step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
-            return
-        clockwise, radius_m = radius_m > 0.0, abs(radius_m)
-        course = course_around(self.motion, centre, radius_m, clockwise)
-        near = abs(self._distance(centre) - radius_m) < 0.2 * radius_m
-        turn = self.limits.airspeed_m_s / radius_m if near else 0.0
-        turn = turn if clockwise else -turn
-        step_plane(self.motion, course, altitude_m, self.limits, turn, self.wind)
-
-    def _circle(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """A step of ArduCopter's circle."""
-        motion, limits, size = self.motion, self.limits, abs(radius_m)
-        bearing = math.atan2(motion.east_m - centre[1], motion.north_m - centre[0])
-        fastest = math.sqrt(limits.acceleration_m_s2 * size)
-        speed = min(limits.airspeed_m_s, CIRCLE_RATE_RAD_S * size, fastest)
-        ahead = bearing + math.copysign(2.0 * speed * STEP_S / size, radius_m)
-        on = (centre[0] + size * math.cos(ahead), centre[1] + size * math.sin(ahead))
-        slow = replace(limits, airspeed_m_s=speed)
-        step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
-
     def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
         """Fly a loiter; whether it has come to its end. Time and turns count from the arrival."""
         item, altitude_m = target.item, self._altitude(target.item)
         radius_m = loiter_radius_m(item, self.stack)
         turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
         if turns and self.stack.vehicle == "copter":
-            self._circle(centre, altitude_m, radius_m)
+            self.circle(centre, altitude_m, radius_m)
         else:
             self.loiter(centre, altitude_m, radius_m)
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
             return False
         if target.arrived_at_s is None:
             on_circle = turns or self.stack.vehicle == "plane"
-            if self._distance(centre) > (abs(radius_m) * 1.1 if on_circle else 0.0) + NEAR_M:
+            if self.distance(centre) > (abs(radius_m) * 1.1 if on_circle else 0.0) + NEAR_M:
                 return False
             target.arrived_at_s = now_s
         if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
@@ -410,12 +321,11 @@ class Flight:
             return now_s - target.arrived_at_s >= hold_s
         if self.stack.vehicle == "copter":
             stop = hold_s > 0.0
-            step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
+            self.approach(place, altitude_m, stop)
             near_m = STOP_WITHIN_M if stop else NEAR_M
-            there = self._distance(place) <= acceptance_m(item, self.stack, near_m)
+            there = self.distance(place) <= acceptance_m(item, self.stack, near_m)
         else:
-            course = course_along(self.motion, target.leg_start, place, APPROACH_M)
-            step_plane(self.motion, course, altitude_m, self.limits, wind=self.wind)
+            self.follow(target.leg_start, place, altitude_m)
             there = self._past(target, place)
         if there and hold_s > 0.0:
             target.arrived_at_s = now_s
@@ -425,48 +335,31 @@ class Flight:
     def _past(self, target: Target, place: Place) -> bool:
         """Within the acceptance radius, or past the end of the leg."""
         turn_radius_m = self.limits.airspeed_m_s / self.limits.turn_rate_rad_s
-        if self._distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
+        if self.distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
             return True
         leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
         beyond = (self.motion.north_m - place[0]) * leg[0] + (self.motion.east_m - place[1]) * leg[
             1
         ]
-        return beyond > 0.0 and self._distance(place) < 3.0 * turn_radius_m
+        return beyond > 0.0 and self.distance(place) < 3.0 * turn_radius_m
 
     def _land(self, target: Target, place: Place, now_s: float) -> bool:
         """Land at an item's place; a plane does so at the item's altitude where no terrain is."""
         if self.stack.vehicle == "copter":
-            return self._descend(place, now_s)
+            return self._down(place, now_s)
         ground_m = self._altitude(target.item) if self.terrain is None else self.ground_amsl_m
-        course = course_along(self.motion, target.leg_start, place, APPROACH_M)
-        leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
-        left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
-        length = max(math.hypot(*leg), 1.0)
-        ahead_m = max((left[0] * leg[0] + left[1] * leg[1]) / length, 0.0)
-        wanted_m = min(ground_m + ahead_m * GLIDE, self.motion.altitude_m)
-        step_plane(self.motion, course, wanted_m, self.limits, wind=self.wind)
-        if self.motion.altitude_m > ground_m + 0.1:
+        if not self.glide(target.leg_start, place, ground_m):
             return False
-        self._touch(ground_m, now_s)
+        self._disarm_later(now_s)
         return self.stack.name == "px4"  # ArduPlane's landing is not told as reached
 
-    def _descend(self, place: Place, now_s: float) -> bool:
-        """A copter's landing: over the place, then down; True when it stands."""
-        height_m = self.motion.altitude_m - self.ground_amsl_m
-        rate = 0.0
-        if self._distance(place) < 1.0:
-            rate = self.limits.sink_m_s if height_m > LAST_DESCENT_M else LAST_DESCENT_M_S
-        wanted_m = self.motion.altitude_m - min(rate * STEP_S, max(height_m, 0.0))
-        step_copter(self.motion, place, wanted_m, self.limits, stop=True, wind=self.wind)
-        if height_m > rate * STEP_S or rate == 0.0:
-            return False
-        self._touch(self.ground_amsl_m, now_s)
-        return True
+    def _down(self, place: Place, now_s: float) -> bool:
+        down = self.descend(place)
+        if down:
+            self._disarm_later(now_s)
+        return down
 
-    def _touch(self, ground_m: float, now_s: float) -> None:
-        self.motion.stop()
-        self.motion.altitude_m = self._stood_amsl_m = ground_m
-        self.airborne = False
+    def _disarm_later(self, now_s: float) -> None:
         self._disarm_at_s = now_s + DISARM_AFTER_S.get((self.stack.name, self.stack.vehicle), 2.0)
 
     def _way_home_amsl_m(self) -> float:
@@ -482,8 +375,8 @@ class Flight:
             return False
         if not self.airborne:
             return True
-        if self._distance((0.0, 0.0)) < 1.0:
-            return self._descend((0.0, 0.0), now_s)
+        if self.distance((0.0, 0.0)) < 1.0:
+            return self._down((0.0, 0.0), now_s)
         self.loiter((0.0, 0.0), self._return_amsl_m, 0.0)
         return False
 
@@ -504,16 +397,11 @@ class Flight:
                 self.set_mode("rtl", now_s)
         if not self.battery.empty:
             return False
-        motion = self.motion
-        if self.stack.vehicle == "plane":
-            step_plane(motion, motion.course_rad, -math.inf, self.limits, wind=self.wind)
-        else:
-            motion.climb_m_s = -FALL_M_S
-            motion.altitude_m -= FALL_M_S * STEP_S
-        self._look_down(now_s)
+        self.fall()
+        self._look_down()
         return True
 
-    def _look_down(self, now_s: float) -> None:
+    def _look_down(self) -> None:
         """Below the ground is a crash: the vehicle stays there for good."""
         ground_m = self.ground_amsl_m
         if self.motion.altitude_m > ground_m - 0.5:
@@ -521,9 +409,6 @@ class Flight:
         hit = math.hypot(self.motion.climb_m_s, self.motion.speed_m_s)
         self.texts.append((6, f"SIM Hit ground at {hit:.1f} m/s"))
         self.texts.append((0, "Crash: Disarming"))
-        self._touch(ground_m, now_s)
+        self.touch(ground_m)
         self.target = None
         self.crashed, self.armed = True, False
-
-    def _distance(self, place: Place) -> float:
-        return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)

@@ -1,0 +1,166 @@
+"""A mock's body: how it moves and where it stands. What it is to do is for ``flight.py`` to say."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+from autopilot_bridge.mock.kinematics import (
+    CALM,
+    STEP_S,
+    Limits,
+    Motion,
+    Wind,
+    course_along,
+    course_around,
+    step_copter,
+    step_plane,
+)
+from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
+from autopilot_bridge.stacks import Stack
+
+Place = tuple[float, float]  # metres north and east of home
+
+APPROACH_M = 60.0
+LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
+GLIDE = math.tan(math.radians(6.0))
+FALL_M_S = 8.0  # of a copter without power
+CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
+
+
+@dataclass(slots=True)
+class Body:
+    """One vehicle in its surroundings; each manoeuvre is one step of it."""
+
+    stack: Stack
+    frame: LocalFrame
+    limits: Limits
+    wind: Wind = CALM
+    terrain: Terrain | None = None
+    airborne: bool = False
+    motion: Motion = field(init=False)
+    _stood_amsl_m: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.motion = Motion(0.0, 0.0, self.frame.altitude_m)
+        self._stood_amsl_m = self.frame.altitude_m
+
+    # What there is to see ---------------------------------------------------------------------
+
+    @property
+    def roll_rad(self) -> float:
+        """Bank, right wing down positive; 0 for copters."""
+        return self.motion.roll_rad
+
+    @property
+    def heading_rad(self) -> float:
+        """Where the nose points."""
+        return self.motion.heading_rad
+
+    @property
+    def airspeed_m_s(self) -> float:
+        """Speed through the air."""
+        return self.motion.airspeed_m_s
+
+    @property
+    def ground_speed_m_s(self) -> float:
+        """Speed over the ground."""
+        return self.motion.speed_m_s
+
+    @property
+    def climb_m_s(self) -> float:
+        """Upwards positive."""
+        return self.motion.climb_m_s
+
+    @property
+    def wind_from_deg(self) -> float:
+        """Where the wind comes from."""
+        return self.wind.from_deg
+
+    @property
+    def wind_speed_m_s(self) -> float:
+        """How strong the wind is."""
+        return self.wind.speed_m_s
+
+    @property
+    def ground_amsl_m(self) -> float:
+        """The terrain below; without one, where the vehicle last stood."""
+        if self.terrain is None:
+            return self._stood_amsl_m
+        return self.terrain(*self.frame.global_position(self.motion))
+
+    # Manoeuvres -------------------------------------------------------------------------------
+
+    def follow(self, start: Place, end: Place, altitude_m: float) -> None:
+        """A plane's step along a line."""
+        course = course_along(self.motion, start, end, APPROACH_M)
+        step_plane(self.motion, course, altitude_m, self.limits, wind=self.wind)
+
+    def approach(self, place: Place, altitude_m: float, stop: bool) -> None:
+        """A copter's step towards a place."""
+        step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
+
+    def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
+        """A step of circling; copters stand at the centre. Negative radius: anticlockwise."""
+        if self.stack.vehicle == "copter":
+            step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
+            return
+        clockwise, radius_m = radius_m > 0.0, abs(radius_m)
+        course = course_around(self.motion, centre, radius_m, clockwise)
+        near = abs(self.distance(centre) - radius_m) < 0.2 * radius_m
+        turn = self.limits.airspeed_m_s / radius_m if near else 0.0
+        turn = turn if clockwise else -turn
+        step_plane(self.motion, course, altitude_m, self.limits, turn, self.wind)
+
+    def circle(self, centre: Place, altitude_m: float, radius_m: float) -> None:
+        """A step of ArduCopter's circle."""
+        motion, limits, size = self.motion, self.limits, abs(radius_m)
+        bearing = math.atan2(motion.east_m - centre[1], motion.north_m - centre[0])
+        fastest = math.sqrt(limits.acceleration_m_s2 * size)
+        speed = min(limits.airspeed_m_s, CIRCLE_RATE_RAD_S * size, fastest)
+        ahead = bearing + math.copysign(2.0 * speed * STEP_S / size, radius_m)
+        on = (centre[0] + size * math.cos(ahead), centre[1] + size * math.sin(ahead))
+        slow = replace(limits, airspeed_m_s=speed)
+        step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
+
+    def descend(self, place: Place) -> bool:
+        """A copter's landing: over the place, then down; True when it stands."""
+        height_m = self.motion.altitude_m - self.ground_amsl_m
+        rate = 0.0
+        if self.distance(place) < 1.0:
+            rate = self.limits.sink_m_s if height_m > LAST_DESCENT_M else LAST_DESCENT_M_S
+        wanted_m = self.motion.altitude_m - min(rate * STEP_S, max(height_m, 0.0))
+        self.approach(place, wanted_m, stop=True)
+        if height_m > rate * STEP_S or rate == 0.0:
+            return False
+        self.touch(self.ground_amsl_m)
+        return True
+
+    def glide(self, start: Place, place: Place, ground_m: float) -> bool:
+        """A plane's landing along a line; True when it stands."""
+        leg = (place[0] - start[0], place[1] - start[1])
+        left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
+        length = max(math.hypot(*leg), 1.0)
+        ahead_m = max((left[0] * leg[0] + left[1] * leg[1]) / length, 0.0)
+        self.follow(start, place, min(ground_m + ahead_m * GLIDE, self.motion.altitude_m))
+        if self.motion.altitude_m > ground_m + 0.1:
+            return False
+        self.touch(ground_m)
+        return True
+
+    def fall(self) -> None:
+        """Without power: a plane sinks as fast as it may, a copter falls."""
+        motion = self.motion
+        if self.stack.vehicle == "plane":
+            step_plane(motion, motion.course_rad, -math.inf, self.limits, wind=self.wind)
+        else:
+            motion.climb_m_s = -FALL_M_S
+            motion.altitude_m -= FALL_M_S * STEP_S
+
+    def touch(self, ground_m: float) -> None:
+        """Stand on the ground."""
+        self.motion.stop()
+        self.motion.altitude_m = self._stood_amsl_m = ground_m
+        self.airborne = False
+
+    def distance(self, place: Place) -> float:
+        """To a place, over the ground."""
+        return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)
