@@ -2,15 +2,16 @@
 
 Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next_timer``,
 ``handle_timer``), events (``next_event``). Time is an argument, in microseconds of any clock.
+Who shares a link among vehicles deals in messages (``receive_message``, ``messages_to_send``).
 """
 
 from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge import orders
 from autopilot_bridge.client_events import (
     ClientEvent,
-    CommandFinished,
     Connected,
     ItemReached,
     LinkLost,
@@ -23,21 +24,18 @@ from autopilot_bridge.client_events import (
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec, Message
-from autopilot_bridge.command import CommandSequence
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
-from autopilot_bridge.stacks import Stack, Step, stack_of
+from autopilot_bridge.queues import Commands, ParameterRequests
+from autopilot_bridge.rates import RATES_HZ, Rates, RatesHz
+from autopilot_bridge.stacks import Stack, stack_of
+from autopilot_bridge.telemetry import Telemetry
 from autopilot_bridge.transfer import Kind, TransferResult, TransferTiming
 
 HEARTBEAT_EVERY_US = 1_000_000
+NEVER_US = 1 << 62
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
-REBOOT_BACK_MS = 5_000
-# Message rates asked for once (ArduCopter streams nothing unasked).
-RATES_HZ = (
-    (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 4.0),
-    (mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
-)
 
 
 class VehicleClient:
@@ -50,26 +48,36 @@ class VehicleClient:
         target_system: int | None = 1,
         heartbeat_timeout_us: int = 3_000_000,
         timing: TransferTiming | None = None,
+        rates_hz: RatesHz = RATES_HZ,
+        heartbeats: bool = True,
     ) -> None:
+        """``rates_hz`` (by message id) is asked for when the vehicle is heard, and heard again.
+
+        Without ``heartbeats`` somebody else sends ours on this link.
+        """
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
+        self.position: Position | None = None
         self._own = (system_id, component_id)
         self._target_system = target_system
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
-        self._outgoing: list[bytes] = []
+        self._outgoing: list[Message] = []
         self._events: deque[ClientEvent] = deque()
         self._heard_us: int | None = None
         self._lost = False
+        self._heartbeats = heartbeats
         self._heartbeat_due_us = 0
-        self._boot_ms = 0
+        self._telemetry = Telemetry()
+        self._rates = Rates(self._own, rates_hz)
         self._current: int | None = None
         self._total: int | None = None
         self._reached: int | None = None
         self._jobs = Jobs(self._own, self._timing, self._report)
-        self._sequences: list[CommandSequence] = []
+        self._commands = Commands(self._own, self._timing, self._events.append)
+        self._parameters = ParameterRequests(self._timing, self._events.append)
 
     # What the user asks for -------------------------------------------------------------------
 
@@ -108,16 +116,100 @@ class VehicleClient:
         self._send(*self._jobs.cancel(transfer_id, self._known_stack(), now_us))
         self._go_on(now_us)
 
-    def start_mission(self, now_us: int) -> None:
-        """Fly the mission: arm and change mode where needed; outcome as CommandFinished."""
-        stack = self._known_stack()
-        flying = (stack.set_mode(stack.mission_mode),)
-        self._command("start mission", flying if self.armed else stack.start, now_us)
+    # Orders; outcome as CommandFinished with the id. They are carried out one after another, but
+    # hold, return, land and disarm take the place of all that is not ended.
 
-    def hold(self, now_us: int) -> None:
-        """Loiter here; outcome as CommandFinished."""
+    def arm(self, now_us: int) -> int:
+        """Arm, with the autopilot's checks."""
+        return self._order("arm", orders.arm(self._known_stack()), now_us)
+
+    def disarm(self, now_us: int) -> int:
+        """Disarm; refused in the air."""
+        return self._order("disarm", orders.disarm(self._known_stack()), now_us, urgent=True)
+
+    def takeoff(self, height_m: float, now_us: int) -> int:
+        """Arm, take off and hold so high above the ground; sets ArduPlane's TKOFF_ALT."""
+        stack, here = self._known_stack(), self.position
+        if here is None:
+            raise BridgeError("the vehicle has told no position yet; wait for Position")
+        return self._order("takeoff", orders.takeoff(stack, height_m, here.altitude_amsl_m), now_us)
+
+    def start_mission(self, now_us: int) -> int:
+        """Fly the mission: arm and change mode where needed."""
+        steps = orders.start_mission(self._known_stack(), self.armed)
+        return self._order("start mission", steps, now_us)
+
+    def hold(self, now_us: int) -> int:
+        """Pause: loiter here."""
+        return self._order("hold", orders.pause(self._known_stack()), now_us, urgent=True)
+
+    def resume(self, now_us: int) -> int:
+        """Go on with the mission where it was left."""
+        return self._order("resume", orders.resume(self._known_stack()), now_us)
+
+    def return_home(self, now_us: int) -> int:
+        """Return to the launch place."""
+        return self._order("return", orders.return_home(self._known_stack()), now_us, urgent=True)
+
+    def land(self, now_us: int) -> int:
+        """Land here; ArduPlane by the landing of its mission."""
+        return self._order("land", orders.land(self._known_stack()), now_us, urgent=True)
+
+    def reposition(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
+    ) -> int:
+        """Fly to a place and hold there."""
+        steps = orders.reposition(self._known_stack(), lat_deg, lon_deg, altitude_amsl_m)
+        return self._order("reposition", steps, now_us)
+
+    def orbit(
+        self,
+        lat_deg: float,
+        lon_deg: float,
+        altitude_amsl_m: float,
+        radius_m: float,
+        now_us: int,
+        speed_m_s: float | None = None,
+    ) -> int:
+        """Circle a place, clockwise with a positive radius."""
+        place = (lat_deg, lon_deg, altitude_amsl_m)
+        steps = orders.orbit(self._known_stack(), *place, radius_m, speed_m_s)
+        return self._order("orbit", steps, now_us)
+
+    def change_speed(self, speed_m_s: float, now_us: int) -> int:
+        """Airspeed of planes, ground speed of multirotors."""
+        steps = orders.change_speed(self._known_stack(), speed_m_s)
+        return self._order("change speed", steps, now_us)
+
+    def set_mode(self, name: str, now_us: int) -> int:
+        """Change to a mode of ``Stack.modes``."""
+        return self._order(f"mode {name}", orders.set_mode(self._known_stack(), name), now_us)
+
+    def _order(self, name: str, steps: orders.Steps, now_us: int, urgent: bool = False) -> int:
+        command_id = self._commands.add(
+            name, steps, self._target(), self._known_stack(), urgent, now_us
+        )
+        self._send(*self._commands.begin_next(now_us))
+        return command_id
+
+    # Parameters; outcome as ParametersFinished with the id.
+
+    def read_parameter(self, name: str, now_us: int) -> int:
+        """Read one parameter."""
+        return self._ask(self._parameters.read(name, self._target(), self._known_stack()), now_us)
+
+    def read_parameters(self, now_us: int) -> int:
+        """Read all parameters (ArduPilot has over a thousand)."""
+        return self._ask(self._parameters.read_all(self._target(), self._known_stack()), now_us)
+
+    def set_parameter(self, name: str, value: float, now_us: int) -> int:
+        """Set a parameter; accepted when the autopilot tells the new value."""
         stack = self._known_stack()
-        self._command("hold", (stack.set_mode(stack.hold_mode),), now_us)
+        return self._ask(self._parameters.set(name, value, self._target(), stack), now_us)
+
+    def _ask(self, request_id: int, now_us: int) -> int:
+        self._send(*self._parameters.begin_next(now_us))
+        return request_id
 
     def _known_stack(self) -> Stack:
         if self.stack is None:
@@ -129,11 +221,19 @@ class VehicleClient:
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram."""
         for message in self._codec.decode(data):
-            if self._from_vehicle(message):
-                self._receive(message, now_us)
+            self.receive_message(message, now_us)
+
+    def receive_message(self, message: Message, now_us: int) -> None:
+        """Take in a message from anybody on the link."""
+        if self._from_vehicle(message):
+            self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:
         """Datagrams to send, in order; each is handed out once."""
+        return [self._codec.encode(message) for message in self.messages_to_send()]
+
+    def messages_to_send(self) -> list[Message]:
+        """Messages to send, for one who encodes them; each is handed out once."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
@@ -143,34 +243,32 @@ class VehicleClient:
 
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
-        timers = [self._heartbeat_due_us]
+        timers = [
+            self._heartbeat_due_us if self._heartbeats else None,
+            self._jobs.next_timer(),
+            self._commands.next_timer(),
+            self._parameters.next_timer(),
+        ]
         if self._heard_us is not None and not self._lost:
-            timers.append(self._heard_us + self._heartbeat_timeout_us)
-        transfer_timer = self._jobs.next_timer()
-        if transfer_timer is not None:
-            timers.append(transfer_timer)
-        timers.extend(sequence.next_timer() for sequence in self._sequences[:1])
-        return min(timers)
+            timers += (self._heard_us + self._heartbeat_timeout_us, self._rates.next_timer())
+        return min((timer for timer in timers if timer is not None), default=NEVER_US)
 
     def handle_timer(self, now_us: int) -> None:
         """Do what is due."""
-        if now_us >= self._heartbeat_due_us:
+        if self._heartbeats and now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
-            self._send(
-                mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
-                )
-            )
+            self._send(gcs_heartbeat())
         if self._heard_us is not None and not self._lost:
             silent_us = now_us - self._heard_us
             if silent_us >= self._heartbeat_timeout_us:
                 self._lost = True
                 self._events.append(LinkLost(now_us, silent_us))
+            else:
+                self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
         self._go_on(now_us)
-        if self._sequences:
-            self._send(*self._sequences[0].handle_timer(now_us))
-            self._step_sequences(now_us)
+        self._send(*self._commands.handle_timer(now_us))
+        self._send(*self._parameters.handle_timer(now_us))
 
     # Messages -----------------------------------------------------------------------------------
 
@@ -183,11 +281,15 @@ class VehicleClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
+        if self._telemetry.rebooted(message):
+            self._rebooted(now_us)
+        for event in self._telemetry.events(message, now_us):
+            if isinstance(event, Position):
+                self.position = event
+            self._events.append(event)
         match message.get_type():
             case "HEARTBEAT":
                 self._heartbeat(message, now_us)
-            case "GLOBAL_POSITION_INT":
-                self._position(message, now_us)
             case "MISSION_CURRENT":
                 self._progress(message, now_us)
             case "MISSION_ITEM_REACHED":
@@ -198,11 +300,11 @@ class VehicleClient:
                 self._events.append(Text(now_us, message.severity, message.text))
             case _:
                 pass
+        self._send(*self._rates.receive(message, now_us))
         self._send(*self._jobs.receive(message, now_us))
         self._go_on(now_us)
-        if self._sequences:
-            self._send(*self._sequences[0].receive(message, now_us))
-            self._step_sequences(now_us)
+        self._send(*self._commands.receive(message, now_us))
+        self._send(*self._parameters.receive(message, now_us))
 
     def _heartbeat(self, message: Message, now_us: int) -> None:
         self._heard_us = now_us
@@ -211,46 +313,28 @@ class VehicleClient:
             if self.stack is None:
                 return
             self._events.append(Connected(now_us, self.stack))
-            self._ask_for_rates()
+            self._ask_for_rates(now_us)
         if self._lost:
             self._lost = False
             self._events.append(LinkRestored(now_us))
-            self._ask_for_rates()
+            self._ask_for_rates(now_us)
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if (armed, message.custom_mode) != (self.armed, self.custom_mode):
             self.armed, self.custom_mode = armed, message.custom_mode
-            self._events.append(ModeChanged(now_us, message.custom_mode, armed))
+            name = self.stack.mode_name(message.custom_mode)
+            self._events.append(ModeChanged(now_us, message.custom_mode, armed, name))
         self._go_on(now_us)
 
-    def _ask_for_rates(self) -> None:
-        for message_id, rate_hz in RATES_HZ:
-            command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-            params = (float(message_id), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0)
-            self._send(mavlink.MAVLink_command_long_message(*self._target(), command, 0, *params))
+    def _rebooted(self, now_us: int) -> None:
+        self._telemetry.forget()
+        self._current = self._reached = None
+        self._events.append(Rebooted(now_us))
+        self._commands.end_all("the autopilot was restarted", now_us)
+        self._ask_for_rates(now_us)
 
-    def _position(self, message: Message, now_us: int) -> None:
-        if message.time_boot_ms < self._boot_ms - REBOOT_BACK_MS:
-            self._current = self._reached = None
-            self._events.append(Rebooted(now_us))
-            self._ask_for_rates()
-        elif message.time_boot_ms <= self._boot_ms:
-            return  # late or doubled on the way
-        self._boot_ms = message.time_boot_ms
-        heading = message.hdg / 100.0 if message.hdg != 65535 else 0.0
-        self._events.append(
-            Position(
-                now_us,
-                message.time_boot_ms * 1000,
-                message.lat / 1e7,
-                message.lon / 1e7,
-                message.alt / 1e3,
-                message.relative_alt / 1e3,
-                message.vx / 100.0,
-                message.vy / 100.0,
-                message.vz / 100.0,
-                heading,
-            )
-        )
+    def _ask_for_rates(self, now_us: int) -> None:
+        if self.stack is not None:
+            self._send(*self._rates.begin(self.stack, self._target(), now_us))
 
     def _progress(self, message: Message, now_us: int) -> None:
         self._total = message.total
@@ -285,21 +369,12 @@ class VehicleClient:
         ended = TransferFinished(now_us, job.transfer_id, job.action, result, job.kind)
         self._events.append(ended)
 
-    # Commands -----------------------------------------------------------------------------------
-
-    def _command(self, name: str, steps: tuple[Step, ...], now_us: int) -> None:
-        self._sequences.append(CommandSequence(name, self._target(), steps, self._timing))
-        if len(self._sequences) == 1:
-            self._send(*self._sequences[0].start(now_us))
-
-    def _step_sequences(self, now_us: int) -> None:
-        outcome = self._sequences[0].outcome
-        if outcome is None:
-            return
-        ended = self._sequences.pop(0)
-        self._events.append(CommandFinished(now_us, ended.name, *outcome))
-        if self._sequences:
-            self._send(*self._sequences[0].start(now_us))
-
     def _send(self, *messages: Message) -> None:
-        self._outgoing.extend(self._codec.encode(message) for message in messages)
+        self._outgoing.extend(messages)
+
+
+def gcs_heartbeat() -> Message:
+    """HEARTBEAT of a ground station."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
+    )
