@@ -9,17 +9,30 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import waypoint
+from autopilot_bridge.mock import instruments
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
-from autopilot_bridge.mock.flight import Flight, LocalFrame, Mode
+from autopilot_bridge.mock.commands import CommandServer, asked_of, custom_mode_of
+from autopilot_bridge.mock.flight import Flight, LocalFrame
 from autopilot_bridge.mock.ftp_server import FtpServer
-from autopilot_bridge.mock.kinematics import STEP_US, Limits
+from autopilot_bridge.mock.intervals import (
+    ATTITUDE,
+    BATTERY_STATUS,
+    GPS,
+    POSITION,
+    SYS_STATUS,
+    VFR_HUD,
+    WIND,
+    WIND_COV,
+    Intervals,
+)
+from autopilot_bridge.mock.kinematics import STEP_US, Limits, wrap
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
+from autopilot_bridge.mock.parameters import ParameterServer
 from autopilot_bridge.mock.px4_server import Px4Server
 from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
-POSITION_EVERY_STEPS = 2  # 4 Hz
 HOME_EVERY_STEPS = 80
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 # A process that was held up does not try to make up for more than this at once.
@@ -50,7 +63,15 @@ class MockAutopilot:
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions, self._flying_mission)
         self.positions = True  # False: GPS is lost, no position is told
-        self.battery_percent: int | None = None  # told once a second when given
+        self.battery_percent: int | None = None  # 100 if not given
+        self.unhealthy = 0  # bits of SYS_STATUS
+        self.wind_from_deg = self.wind_m_s = 0.0
+        self.intervals = Intervals(stack)
+        self.parameters = ParameterServer(stack)
+        self._commands = CommandServer(
+            stack, self.missions, self.intervals, self.parameters, self._send
+        )
+        self._course_rad = 0.0
         self._codec = Codec(system_id, COMPONENT)
         self._system_id = system_id
         self._outgoing: list[bytes] = []
@@ -96,6 +117,7 @@ class MockAutopilot:
             self._steps += 1
             self.flight.step(self._now_s())
             self._report()
+            self._tell_instruments()
 
     def say(self, message: Message) -> None:
         """Send any message, such as an acknowledgement nobody waits for."""
@@ -107,6 +129,7 @@ class MockAutopilot:
         fresh.motion = self.flight.motion
         fresh.items = tuple(self.missions.items)
         self.flight = fresh
+        self.intervals.reset()
         self.missions.forget_transfers()
         self._boot_us, self._steps, self._reached_again = now_us, 0, 0
 
@@ -122,6 +145,8 @@ class MockAutopilot:
         kind = message.get_type()
         if kind in ("COMMAND_LONG", "COMMAND_INT"):
             self._command(message)
+        elif kind.startswith("PARAM_"):
+            self._send(*self.parameters.receive(message))
         elif kind == "MISSION_SET_CURRENT":
             self._set_current(message)
         elif kind == "FILE_TRANSFER_PROTOCOL":
@@ -181,66 +206,12 @@ class MockAutopilot:
         self._tell_begun()
 
     def _command(self, message: Message) -> None:
-        result = self._obey(message)
-        if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
-            self._make_current(int(message.param1))
-        self._send(
-            mavlink.MAVLink_command_ack_message(
-                message.command,
-                result,
-                0,
-                0,
-                message.get_srcSystem(),
-                message.get_srcComponent(),
-            )
-        )
-
-    def _obey(self, message: Message) -> int:
-        accepted = int(mavlink.MAV_RESULT_ACCEPTED)
-        flight = self.flight
-        match message.command:
-            case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-                if message.param1 < 0.5 and flight.airborne:
-                    return int(mavlink.MAV_RESULT_DENIED)
-                copter_auto = self.stack.keeps_target and self.stack.vehicle == "copter"
-                if copter_auto and flight.mode == "mission" and not flight.armed:
-                    return int(mavlink.MAV_RESULT_FAILED)
-                flight.armed = message.param1 > 0.5
-                return accepted
-            case mavlink.MAV_CMD_DO_SET_MODE:
-                return self._set_mode(message)
-            case mavlink.MAV_CMD_DO_SET_MISSION_CURRENT if self.stack.item_0_is_home:
-                known = 0 <= message.param1 < len(flight.items)
-                return accepted if known else int(mavlink.MAV_RESULT_DENIED)
-            case mavlink.MAV_CMD_MISSION_START:
-                flight.set_mode("mission", self._now_s())
-                return accepted
-            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL | mavlink.MAV_CMD_REQUEST_MESSAGE:
-                return accepted
-            case _:
-                return int(mavlink.MAV_RESULT_UNSUPPORTED)
-
-    def _set_mode(self, message: Message) -> int:
-        wanted = int(message.param2)
-        if self.stack.name == "px4":
-            wanted = wanted << 16 | int(message.param3) << 24
-        modes: dict[int, Mode] = {
-            self.stack.mission_mode: "mission",
-            self.stack.hold_mode: "hold",
-            self.stack.rtl_mode: "rtl",
-        }
-        if self.stack.keeps_target and wanted == 4:  # ArduCopter's GUIDED
-            modes[4] = "hold"
-        mode = modes.get(wanted)
-        no_mission = len(self.missions.items) <= (1 if self.stack.item_0_is_home else 0)
-        if mode is None or (mode == "mission" and no_mission):
-            return int(mavlink.MAV_RESULT_DENIED)
-        reason = self.missions.infeasible()
-        if mode == "mission" and reason is not None:
-            self._send(text(2, reason + "\t"))
-            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        self.flight.set_mode(mode, self._now_s())
-        return int(mavlink.MAV_RESULT_ACCEPTED)
+        asked = asked_of(message)
+        result = self._commands.obey(asked, self.flight, self._now_s())
+        if asked.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
+            self._make_current(int(asked.params[0]))
+        asker = (message.get_srcSystem(), message.get_srcComponent())
+        self._send(mavlink.MAVLink_command_ack_message(asked.command, result, 0, 0, *asker))
 
     # Telemetry ----------------------------------------------------------------------------------
 
@@ -250,11 +221,10 @@ class MockAutopilot:
         self._tell_begun()
         if self._steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat()
-            self._battery()
             self._tell_current()
         elif self._told_current != (flight.current, *self.missions.progress()):
             self._tell_current()
-        if self.positions and self._steps % POSITION_EVERY_STEPS == 0:
+        if self.positions and self.intervals.due(POSITION, self._steps):
             self._position()
         if self._steps % HOME_EVERY_STEPS == 1:
             self._home()
@@ -279,12 +249,7 @@ class MockAutopilot:
         flight.begun.clear()
 
     def _heartbeat(self) -> None:
-        custom_mode = {
-            "mission": self.stack.mission_mode,
-            "hold": self.stack.hold_mode,
-            "rtl": self.stack.rtl_mode,
-            "idle": 0,
-        }[self.flight.mode]
+        custom_mode = custom_mode_of(self.stack, self.flight.mode)
         base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if self.flight.armed:
             base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -331,14 +296,37 @@ class MockAutopilot:
             )
         )
 
-    def _battery(self) -> None:
-        if self.battery_percent is not None:
-            self._send(
-                mavlink.MAVLink_sys_status_message(
-                    *(0, 0, 0, 0, 12_000, 0, self.battery_percent),
-                    *(0, 0, 0, 0, 0, 0),
-                )
-            )
+    def _tell_instruments(self) -> None:
+        flight, motion, step = self.flight, self.flight.motion, self._steps
+        boot_us = step * STEP_US
+        due = self.intervals.due
+        if due(ATTITUDE, step):
+            turn = wrap(motion.course_rad - self._course_rad) * 1e6 / STEP_US
+            roll_rad = instruments.bank_rad(turn, motion.speed_m_s)
+            pitch_rad = math.atan2(motion.climb_m_s, max(motion.speed_m_s, 1.0))
+            told = instruments.attitude(boot_us // 1000, roll_rad, pitch_rad, motion.course_rad)
+            self._send(told)
+        self._course_rad = motion.course_rad
+        if due(VFR_HUD, step):
+            speeds = (motion.speed_m_s, motion.speed_m_s, motion.course_rad)
+            throttle = 60 if flight.armed else 0
+            climb = (motion.altitude_m, motion.climb_m_s)
+            self._send(instruments.vfr_hud(*speeds, throttle, *climb))
+        if due(WIND, step):
+            self._send(instruments.wind(self.wind_from_deg, self.wind_m_s))
+        if due(WIND_COV, step) and flight.airborne:
+            wind = (self.wind_from_deg, self.wind_m_s)
+            self._send(instruments.wind_cov(boot_us, *wind, motion.altitude_m))
+        percent = 100 if self.battery_percent is None else self.battery_percent
+        voltage_v = 14.0 + 2.8 * percent / 100.0
+        if due(SYS_STATUS, step):
+            self._send(instruments.sys_status(percent, voltage_v, self.unhealthy))
+        if due(BATTERY_STATUS, step):
+            self._send(instruments.battery_status(percent, voltage_v))
+        if due(GPS, step):
+            place = flight.frame.global_position(motion)
+            fix = (3, 10) if self.positions else (1, 0)
+            self._send(instruments.gps_raw(boot_us, *place, motion.altitude_m, *fix))
 
     def _home(self) -> None:
         frame = self.flight.frame

@@ -13,11 +13,12 @@ from autopilot_bridge.mock.kinematics import (
     course_along,
     course_around,
     step_copter,
+    step_copter_around,
     step_plane,
 )
 from autopilot_bridge.stacks import Stack
 
-Mode = Literal["idle", "mission", "hold", "rtl"]
+Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
 DEFAULT_RADIUS_M = 80.0
 APPROACH_M = 60.0
@@ -53,9 +54,13 @@ class LocalFrame:
 
     def local(self, item: MissionItem) -> tuple[float, float]:
         """(north, east) of an item."""
+        return self.local_of(item.x / 1e7, item.y / 1e7)
+
+    def local_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """(north, east) of a place."""
         return (
-            (item.x / 1e7 - self.lat_deg) * self.north_m_per_deg,
-            (item.y / 1e7 - self.lon_deg) * self.east_m_per_deg,
+            (lat_deg - self.lat_deg) * self.north_m_per_deg,
+            (lon_deg - self.lon_deg) * self.east_m_per_deg,
         )
 
     def global_position(self, motion: Motion) -> tuple[float, float]:
@@ -96,6 +101,7 @@ class Flight:
         self.begun: list[tuple[int, int]] = []  # items and their commands
         self.target: Target | None = None
         self._stack = stack
+        self.radius_m = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
         self._hold_at: tuple[float, float, float] = (0.0, 0.0, frame.altitude_m)
         self._finished = False
 
@@ -109,9 +115,15 @@ class Flight:
         motion = self.motion
         if mode != self.mode:
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
+            self.radius_m = DEFAULT_RADIUS_M
         if mode == "mission" and self.mode != "mission":
             self.go_to(self.current, now_s)
         self.mode = mode
+
+    def fly_around(self, place: tuple[float, float], altitude_m: float, radius_m: float) -> None:
+        """Where to hold, and how wide; by this a vehicle leaves the ground too."""
+        self._hold_at = (*place, altitude_m)
+        self.radius_m = radius_m
 
     def make_current(self, seq: int, now_s: float) -> None:
         """Make an item the current one; PX4 leaves a DO item there until it flies the mission."""
@@ -145,9 +157,28 @@ class Flight:
             self._fly(self.target, now_s)
         elif self.mode == "rtl":
             self._loiter((0.0, 0.0), self.frame.altitude_m + 100.0, DEFAULT_RADIUS_M)
-        elif self.airborne:
+        elif self.mode == "land":
+            self._land()
+        elif self.airborne or self._hold_at[2] > self.frame.altitude_m + 0.5:
             north, east, altitude_m = self._hold_at
-            self._loiter((north, east), altitude_m, DEFAULT_RADIUS_M)
+            self._hold((north, east), altitude_m)
+
+    def _hold(self, place: tuple[float, float], altitude_m: float) -> None:
+        if self.mode == "orbit":
+            step_copter_around(self.motion, place, altitude_m, self.limits, self.radius_m)
+        else:
+            self._loiter(place, altitude_m, self.radius_m)
+        taken_off = self.mode == "takeoff" and self.motion.altitude_m > altitude_m - 2.0
+        if taken_off and not self._stack.item_0_is_home:
+            self.mode = "hold"  # PX4 loiters after its takeoff, ArduPlane's mode stays
+
+    def _land(self) -> None:
+        """Straight down (a plane on its circle), then disarm."""
+        north, east, _ = self._hold_at
+        self._loiter((north, east), self.frame.altitude_m, self.radius_m)
+        if not self.airborne:
+            self.armed = False
+            self.motion.speed_m_s = self.motion.climb_m_s = 0.0
 
     def _fly(self, target: Target, now_s: float) -> None:
         item = target.item
