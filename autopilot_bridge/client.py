@@ -293,7 +293,8 @@ class VehicleClient:
             case "MISSION_CURRENT":
                 self._progress(message, now_us)
             case "MISSION_ITEM_REACHED":
-                if message.seq != self._reached:
+                # ArduPlane tells of item 0, its home, when it is where GUIDED sent it.
+                if message.seq != self._reached and message.seq >= self._hidden_items():
                     self._reached = message.seq
                     self._events.append(ItemReached(now_us, message.seq - self._hidden_items()))
             case "STATUSTEXT":

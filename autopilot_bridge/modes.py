@@ -40,7 +40,7 @@ ARDUCOPTER: Modes = (
     ("altitude", 2),
     ("mission", 3),
     ("guided", 4),
-    ("hold", 5),
+    ("loiter", 5),  # by the pilot's sticks: without a pilot it sinks at 2.5 m/s
     ("return", 6),
     ("circle", 7),
     ("land", 9),
@@ -49,6 +49,7 @@ ARDUCOPTER: Modes = (
     ("flip", 14),
     ("autotune", 15),
     ("position", 16),
+    ("hold", 17),
     ("brake", 17),
     ("throw", 18),
     ("avoid adsb", 19),

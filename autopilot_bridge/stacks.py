@@ -135,7 +135,7 @@ STACKS = (
     _ardupilot(
         "copter",
         mavlink.MAV_TYPE_QUADROTOR,
-        (3, 5, 6),
+        (3, 17, 6),  # hold is BRAKE: LOITER sinks without a pilot
         650,
         (
             Step(

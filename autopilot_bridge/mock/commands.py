@@ -162,7 +162,7 @@ class CommandServer:
     def _land_start(self, flight: Flight, now_s: float) -> int:
         commands = [item.command for item in flight.items]
         if not self._plane or mavlink.MAV_CMD_DO_LAND_START not in commands:
-            self._tell(text(4, "No landing sequence found"))
+            self._tell(text(4, "Unable to start landing sequence"))
             return FAILED
         flight.set_mode("mission", now_s)
         flight.go_to(commands.index(mavlink.MAV_CMD_DO_LAND_START), now_s)

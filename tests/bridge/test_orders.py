@@ -175,7 +175,7 @@ def test_arduplane_lands_only_by_its_mission() -> None:
     ended = outcome(pair, pair.client.land(pair.now_us))
     assert (ended.accepted, ended.reason) == (
         False,
-        "DO_LAND_START failed: No landing sequence found",
+        "DO_LAND_START failed: Unable to start landing sequence",
     )
 
 
