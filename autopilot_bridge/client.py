@@ -2,7 +2,7 @@
 
 Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next_timer``,
 ``handle_timer``), events (``next_event``). Time is an argument, in microseconds of any clock.
-Who shares a link among vehicles deals in messages (``receive_message``, ``messages_to_send``).
+Where vehicles share a link, ``fleet.py`` decodes for all (``receive_message``).
 """
 
 from collections import deque
@@ -49,11 +49,11 @@ class VehicleClient:
         heartbeat_timeout_us: int = 3_000_000,
         timing: TransferTiming | None = None,
         rates_hz: RatesHz = RATES_HZ,
-        heartbeats: bool = True,
+        shared: list[Message] | None = None,
     ) -> None:
         """``rates_hz`` (by message id) is asked for when the vehicle is heard, and heard again.
 
-        Without ``heartbeats`` somebody else sends ours on this link.
+        ``shared`` is for clients on one link: its owner sends what is put there, and heartbeats.
         """
         self.stack: Stack | None = None
         self.armed = False
@@ -64,11 +64,11 @@ class VehicleClient:
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
-        self._outgoing: list[Message] = []
+        self._outgoing: list[Message] = [] if shared is None else shared
         self._events: deque[ClientEvent] = deque()
         self._heard_us: int | None = None
         self._lost = False
-        self._heartbeats = heartbeats
+        self._heartbeats = shared is None
         self._heartbeat_due_us = 0
         self._telemetry = Telemetry()
         self._rates = Rates(self._own, rates_hz)
@@ -230,12 +230,8 @@ class VehicleClient:
 
     def data_to_send(self) -> list[bytes]:
         """Datagrams to send, in order; each is handed out once."""
-        return [self._codec.encode(message) for message in self.messages_to_send()]
-
-    def messages_to_send(self) -> list[Message]:
-        """Messages to send, for one who encodes them; each is handed out once."""
         outgoing, self._outgoing = self._outgoing, []
-        return outgoing
+        return [self._codec.encode(message) for message in outgoing]
 
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""

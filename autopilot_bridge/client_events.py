@@ -66,10 +66,10 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """VFR_HUD."""
+    """VFR_HUD; no airspeed where nothing measures it."""
 
     at_us: int
-    airspeed_m_s: float
+    airspeed_m_s: float | None
     groundspeed_m_s: float
     climb_m_s: float
     throttle_percent: int

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
+from autopilot_bridge.fleet import FleetLink
 from autopilot_bridge.link import parse_link
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.wires import wire_of
@@ -108,14 +109,17 @@ class Connection:
             self._failure = error
         self._news.set()
 
-    def frames_received(self, frames: list[bytes]) -> None:
+    def frames_received(self, frames: list[bytes], remote: str) -> None:
         """Hand the frames of one remote to the peer."""
-        self._guarded(lambda: self._take(frames))
+        self._guarded(lambda: self._take(frames, remote))
 
-    def _take(self, frames: list[bytes]) -> None:
+    def _take(self, frames: list[bytes], remote: str) -> None:
         if self._tlog is not None:
             self._tlog.record(frames)
-        self._peer.receive_data(b"".join(frames), self._clock())
+        if isinstance(self._peer, FleetLink):
+            self._peer.receive_from(remote, b"".join(frames), self._clock())
+        else:
+            self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
         """The wire is at its end; ``wait`` raises it."""

@@ -26,6 +26,11 @@ class Step(NamedTuple):
     place: Place | None = None
 
 
+COPTER_TYPES = (
+    *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_TYPE_COAXIAL, mavlink.MAV_TYPE_HELICOPTER),
+    *(mavlink.MAV_TYPE_HEXAROTOR, mavlink.MAV_TYPE_OCTOROTOR, mavlink.MAV_TYPE_TRICOPTER),
+    *(mavlink.MAV_TYPE_DODECAROTOR, mavlink.MAV_TYPE_DECAROTOR),
+)
 PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *range(19, 26))  # VTOLs fly missions as planes do
 ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
@@ -158,7 +163,9 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """The stack that a HEARTBEAT tells of, or None for an autopilot not known here."""
+    """The stack that a HEARTBEAT tells of, or None for what is none of them."""
+    if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
+        return None
     vehicle = "plane" if mav_type in PLANE_TYPES else "copter"
     for stack in STACKS:
         if stack.autopilot == autopilot and stack.vehicle == vehicle:

@@ -47,7 +47,8 @@ def attitude(message: Message, at_us: int) -> Attitude:
 
 def speed(message: Message, at_us: int) -> Speed:
     """VFR_HUD."""
-    return Speed(at_us, message.airspeed, message.groundspeed, message.climb, message.throttle)
+    airspeed_m_s = None if math.isnan(message.airspeed) else message.airspeed  # PX4 multirotors
+    return Speed(at_us, airspeed_m_s, message.groundspeed, message.climb, message.throttle)
 
 
 def wind(message: Message, at_us: int) -> Wind:

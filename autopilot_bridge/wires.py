@@ -34,8 +34,8 @@ SILENCE = {
 class Listener(Protocol):
     """Who wants to know what a wire brings."""
 
-    def frames_received(self, frames: list[bytes]) -> None:
-        """Whole frames came in."""
+    def frames_received(self, frames: list[bytes], remote: str) -> None:
+        """Whole frames came in from one remote."""
 
     def failed(self, error: Exception) -> None:
         """The wire is at its end for a reason that is no silence."""
@@ -133,7 +133,7 @@ class Udp(asyncio.DatagramProtocol):
         remote.heard_s = asyncio.get_running_loop().time()
         if self._address.kind == "udpin":
             self._target = addr
-        self._listener.frames_received(frames)
+        self._listener.frames_received(frames, f"{addr[0]}:{addr[1]}")
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet (ICMP), or no network leads there now."""
@@ -158,6 +158,7 @@ class Stream(asyncio.Protocol):
         self._in: asyncio.BaseTransport | None = None
         self._framer = Framer()
         self._listener = listener
+        self._remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
         """Send, unless the remote has stopped reading."""
@@ -183,6 +184,8 @@ class Stream(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Ready."""
         self._in = transport
+        host_and_port = transport.get_extra_info("peername") or ()
+        self._remote = ":".join(str(part) for part in host_and_port[:2])
         if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
             self.out = transport
 
@@ -191,7 +194,7 @@ class Stream(asyncio.Protocol):
         frames = self._framer.feed(data)
         if frames:
             self.heard = True
-            self._listener.frames_received(frames)
+            self._listener.frames_received(frames, self._remote)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The remote is gone, or we closed."""
