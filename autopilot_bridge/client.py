@@ -178,7 +178,9 @@ class VehicleClient:
 
     def change_speed(self, speed_m_s: float, now_us: int) -> int:
         """Airspeed of planes, ground speed of multirotors."""
-        steps = orders.change_speed(self._known_stack(), speed_m_s)
+        stack = self._known_stack()
+        orbiting = stack.mode_name(self.custom_mode) == "orbit"
+        steps = orders.change_speed(stack, speed_m_s, orbiting)
         return self._order("change speed", steps, now_us)
 
     def set_mode(self, name: str, now_us: int) -> int:

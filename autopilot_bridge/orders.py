@@ -15,6 +15,7 @@ from autopilot_bridge.stacks import ARM, Place, Stack, Step
 NAN = math.nan
 CHANGE_MODE = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 AIRSPEED, GROUNDSPEED = 0.0, 1.0
+SAME_PLACE = Place(mavlink.MAV_FRAME_GLOBAL, 2**31 - 1, 2**31 - 1, NAN)
 PX4_MOST_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
 PLANE_MOST_RADIUS_M = 32767.0
 
@@ -60,7 +61,12 @@ def start_mission(stack: Stack, armed: bool) -> Steps:
 
 
 def pause(stack: Stack) -> Steps:
-    """Hold here: planes circle, multirotors stop."""
+    """Hold here: planes circle, multirotors stop.
+
+    PX4 repositions in its hold mode, so changing to that mode would not end a reposition.
+    """
+    if stack.name == "px4":
+        return (Step(mavlink.MAV_CMD_DO_REPOSITION, (-1.0, CHANGE_MODE, 0.0, NAN), SAME_PLACE),)
     return (stack.set_mode(stack.hold_mode),)
 
 
@@ -121,9 +127,14 @@ def orbit(
     return Step(mavlink.MAV_CMD_DO_ORBIT, (radius_m, velocity, NAN, NAN), place), *change
 
 
-def change_speed(stack: Stack, speed_m_s: float) -> Steps:
-    """Airspeed of planes, ground speed of multirotors, until changed or another mode."""
+def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Steps:
+    """Airspeed of planes, ground speed of multirotors, until changed or another mode.
+
+    A PX4 multirotor accepts it without effect while ``orbiting``; there the orbit is changed.
+    """
     _checked_speed(speed_m_s)
+    if orbiting and stack.name == "px4" and stack.vehicle == "copter":
+        return (Step(mavlink.MAV_CMD_DO_ORBIT, (NAN, speed_m_s, NAN, NAN), SAME_PLACE),)
     kind = AIRSPEED if stack.vehicle == "plane" else GROUNDSPEED
     return (Step(mavlink.MAV_CMD_DO_CHANGE_SPEED, (kind, speed_m_s, -1.0)),)
 

@@ -1,7 +1,9 @@
 """Which messages an autopilot shall send how often, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
 
 asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
-when all were asked: what has not arrived is asked for again, a few times
+when all were asked: what does not arrive is asked for again, a few times; so is what stops
+
+ArduCopter forgets its rates at a restart, and its heartbeat does not tell of that.
 
 The acknowledgement does not say for which message it is, so one is asked for at a time.
 """
@@ -32,8 +34,8 @@ _OF_THE_OTHER_STACK = {
 SET_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 ANSWER_WITHIN_US = 1_000_000
 TRIES = 3
-LOOK_AFTER_US = 4_000_000  # then what has not arrived is asked for again
-ROUNDS = 4
+LOOK_AFTER_US = 4_000_000  # at least; whether all arrives
+ROUNDS = 3  # in a row for the same messages
 
 
 def rates_for(stack: Stack, rates_hz: RatesHz = RATES_HZ) -> dict[int, float]:
@@ -52,6 +54,7 @@ class Rates:
         self._waiting: list[int] = []
         self._arrived: set[int] = set()
         self._unanswered: set[int] = set()
+        self._absent: set[int] = set()  # at the last look
         self._tries = 0
         self._rounds = 0
         self._due_us: int | None = None
@@ -60,20 +63,19 @@ class Rates:
         """Ask for everything (anew)."""
         self._target = target
         self._wanted = rates_for(stack, self._rates_hz)
+        self._absent = set()
         self._rounds = 0
         return self._ask_round(list(self._wanted), now_us)
 
     def _ask_round(self, message_ids: list[int], now_us: int) -> list[Message]:
         self._waiting = message_ids
-        self._arrived.clear()
         self._unanswered.clear()
-        self._rounds += 1
         self._tries = 0
         return self._ask(now_us)
 
     def _ask(self, now_us: int) -> list[Message]:
         if not self._waiting:
-            self._due_us = now_us + LOOK_AFTER_US if self._rounds < ROUNDS else None
+            self._look_later(now_us)
             return []
         self._due_us = now_us + ANSWER_WITHIN_US
         message_id = self._waiting[0]
@@ -84,6 +86,11 @@ class Rates:
             mavlink.MAVLink_command_long_message(*self._target, SET_INTERVAL, self._tries, *params)
         ]
 
+    def _look_later(self, now_us: int) -> None:
+        self._arrived.clear()
+        slowest_hz = min((hz for hz in self._wanted.values() if hz > 0.0), default=1.0)
+        self._due_us = now_us + max(LOOK_AFTER_US, round(3e6 / slowest_hz))
+
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Note what arrives; go on after an acknowledgement, whatever it says."""
         message_id = message.get_msgId()
@@ -93,9 +100,7 @@ class Rates:
             return []
         ours = message.target_system in (0, self._own[0])
         ours &= message.target_component in (0, self._own[1])
-        if not ours or not self._waiting:
-            return []
-        return self._next(now_us)
+        return self._next(now_us) if ours and self._waiting else []
 
     def _next(self, now_us: int) -> list[Message]:
         self._waiting.pop(0)
@@ -107,7 +112,7 @@ class Rates:
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat what was not answered; look for what has not arrived."""
+        """Repeat what was not answered; look for what does not arrive."""
         if self._due_us is None or now_us < self._due_us:
             return []
         if self._waiting:
@@ -116,9 +121,14 @@ class Rates:
                 return self._ask(now_us)
             self._unanswered.add(self._waiting[0])
             return self._next(now_us)
+        return self._look(now_us)
+
+    def _look(self, now_us: int) -> list[Message]:
         expected = {key for key, hz in self._wanted.items() if hz > 0.0}
-        absent = sorted(expected - self._arrived | self._unanswered)
-        if absent:
-            return self._ask_round(absent, now_us)
-        self._due_us = None
+        absent = expected - self._arrived | self._unanswered
+        self._rounds = self._rounds + 1 if absent == self._absent else 0
+        self._absent = absent
+        if absent and self._rounds < ROUNDS:
+            return self._ask_round(sorted(absent), now_us)
+        self._look_later(now_us)
         return []

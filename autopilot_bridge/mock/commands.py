@@ -29,6 +29,7 @@ _MODES: dict[str, Mode] = {
     "orbit": "orbit",
 }
 _NAMES = {mode: name for name, mode in _MODES.items()}
+NO_PLACE = 2**31 - 1
 _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 
 
@@ -47,6 +48,11 @@ class Asked:
     lon_deg: float
     z: float
     frame: int | None
+
+    @property
+    def x_is_none(self) -> bool:
+        """COMMAND_INT's word for no place."""
+        return self.frame is not None and round(self.lat_deg * 1e7) == NO_PLACE
 
 
 def asked_of(message: Message) -> Asked:
@@ -175,7 +181,9 @@ class CommandServer:
             if int(flags) != mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
                 return UNSUPPORTED
             flight.set_mode("hold", now_s)
-            if flight.armed:
+            if asked.x_is_none and math.isnan(asked.z):
+                flight.fly_around(_here(flight), flight.motion.altitude_m, DEFAULT_RADIUS_M)
+            elif flight.armed:
                 flight.fly_around(place, asked.z, DEFAULT_RADIUS_M)
             return ACCEPTED
         valid = abs(asked.lat_deg) <= 90.0 and abs(asked.lon_deg) <= 180.0
@@ -199,10 +207,13 @@ class CommandServer:
             flight.set_mode("hold", now_s)
         else:
             if flight.mode != "orbit":
-                self._set_speed(flight, 1.0)
+                flight.orbit_m_s = 1.0
             if not math.isnan(speed_m_s):
-                self._set_speed(flight, speed_m_s)
+                flight.orbit_m_s = speed_m_s
+            keeps = flight.mode == "orbit" and asked.x_is_none and math.isnan(radius_m)
             flight.set_mode("orbit", now_s)
+            if keeps:
+                return ACCEPTED
         if flight.armed:
             flight.fly_around(
                 place, asked.z, DEFAULT_RADIUS_M if math.isnan(radius_m) else radius_m
@@ -213,7 +224,7 @@ class CommandServer:
         kind, speed_m_s = asked.params[:2]
         if self._px4:
             if speed_m_s > 0.0:
-                self._set_speed(flight, speed_m_s)
+                self._set_speed(flight, speed_m_s)  # an orbiting multirotor keeps its own
             return ACCEPTED
         if flight.mode not in ("guided", "mission"):
             return FAILED

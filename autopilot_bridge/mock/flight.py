@@ -1,7 +1,7 @@
 """Flight of the mock: modes, and the execution of a mission's items."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -102,6 +102,7 @@ class Flight:
         self.target: Target | None = None
         self._stack = stack
         self.radius_m = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+        self.orbit_m_s = 1.0  # of PX4 multirotors, once they are on the circle
         self._hold_at: tuple[float, float, float] = (0.0, 0.0, frame.altitude_m)
         self._finished = False
 
@@ -165,7 +166,10 @@ class Flight:
 
     def _hold(self, place: tuple[float, float], altitude_m: float) -> None:
         if self.mode == "orbit":
-            step_copter_around(self.motion, place, altitude_m, self.limits, self.radius_m)
+            on_circle = abs(self._distance(place) - abs(self.radius_m)) < 5.0
+            speed_m_s = self.orbit_m_s if on_circle else self.limits.airspeed_m_s
+            limits = replace(self.limits, airspeed_m_s=speed_m_s)
+            step_copter_around(self.motion, place, altitude_m, limits, self.radius_m)
         else:
             self._loiter(place, altitude_m, self.radius_m)
         taken_off = self.mode == "takeoff" and self.motion.altitude_m > altitude_m - 2.0

@@ -151,6 +151,18 @@ def test_a_mission_is_paused_and_resumed_where_it_was_left(stack: Stack) -> None
 
 
 @each_stack
+def test_a_hold_ends_a_reposition_where_the_vehicle_is(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.reposition(36.33, -84.2, 390.0, pair.now_us))
+    pair.run_for(15.0)
+    accepted(pair, pair.client.hold(pair.now_us))
+    here = pair.of(Position)[-1]
+    pair.run_for(60.0)
+    assert max(distances_m(pair, (here.lat_deg, here.lon_deg))) < 170.0
+    assert mode(pair) == "hold"
+
+
+@each_stack
 def test_a_vehicle_returns(stack: Stack) -> None:
     pair = airborne(stack)
     accepted(pair, pair.client.reposition(*PLACE, 390.0, pair.now_us))
@@ -188,6 +200,19 @@ def test_speed_is_changed_in_flight(stack: Stack) -> None:
     here = pair.of(Position)[-1]
     ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
     assert ground_m_s == pytest.approx(11.0, abs=0.1)
+
+
+@circling
+def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.orbit(*PLACE, 390.0, 90.0, pair.now_us, speed_m_s=15.0))
+    pair.run_for(80.0)
+    accepted(pair, pair.client.change_speed(11.0, pair.now_us))
+    pair.run_for(15.0)
+    here = pair.of(Position)[-1]
+    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    assert ground_m_s == pytest.approx(11.0, abs=0.3)
+    assert max(abs(distance - 90.0) for distance in distances_m(pair, PLACE, last=40)) < 4.0
 
 
 def test_a_refusal_is_told_with_its_command_and_result() -> None:
