@@ -300,8 +300,9 @@ class VehicleClient:
             case _:
                 pass
         self._send(*self._rates.receive(message, now_us))
-        self._send(*self._jobs.receive(message, now_us))
-        self._go_on(now_us)
+        if self._jobs.next_timer() is not None:  # something is under way
+            self._send(*self._jobs.receive(message, now_us))
+            self._go_on(now_us)
         self._send(*self._commands.receive(message, now_us))
         self._send(*self._parameters.receive(message, now_us))
 

@@ -1,5 +1,6 @@
 """The one place where bytes become MAVLink 2 messages and back (pymavlink's generated codec)."""
 
+import contextlib
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -26,6 +27,14 @@ class Codec:
         """The messages in the data; what is no message is passed over."""
         found = self._mav.parse_buffer(data) or []
         return [message for message in found if message.get_type() != "BAD_DATA"]
+
+    def decode_frames(self, frames: list[bytes]) -> list[Message]:
+        """The messages in whole frames, faster than ``decode``."""
+        found = []
+        for frame in frames:
+            with contextlib.suppress(mavlink.MAVError):  # of another dialect
+                found.append(self._mav.decode(bytearray(frame)))
+        return found
 
 
 def item_message(

@@ -52,6 +52,7 @@ class Connection:
         self._news = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
+        self._armed_us = 0  # what the timer waits for
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
@@ -90,15 +91,20 @@ class Connection:
         self._arm()
 
     def _arm(self) -> None:
+        due_us = self._peer.next_timer()
+        if self._timer is not None and due_us == self._armed_us and self._open:
+            return
         if self._timer is not None:
             self._timer.cancel()
-        due_us = self._peer.next_timer()
+            self._timer = None
         if due_us is None or not self._open:
             return
+        self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
 
     def _wake(self) -> None:
+        self._timer = None
         self._guarded(lambda: self._peer.handle_timer(self._clock()))
 
     def _guarded(self, handle: Callable[[], None]) -> None:
@@ -117,7 +123,7 @@ class Connection:
         if self._tlog is not None:
             self._tlog.record(frames)
         if isinstance(self._peer, FleetLink):
-            self._peer.receive_from(remote, b"".join(frames), self._clock())
+            self._peer.receive_frames(remote, frames, self._clock())
         else:
             self._peer.receive_data(b"".join(frames), self._clock())
 

@@ -93,12 +93,15 @@ class FleetLink:
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram from a link with one other end."""
-        self.receive_from("", data, now_us)
+        self._take("", self._codec.decode(data), now_us)
 
-    def receive_from(self, remote: str, data: bytes, now_us: int) -> None:
-        """Take in a datagram of a remote."""
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Take in whole frames of a remote."""
+        self._take(remote, self._codec.decode_frames(frames), now_us)
+
+    def _take(self, remote: str, messages: list[Message], now_us: int) -> None:
         touched: dict[int, None] = {}
-        for message in self._codec.decode(data):
+        for message in messages:
             if message.get_srcComponent() != AUTOPILOT:
                 continue
             system = message.get_srcSystem()

@@ -63,7 +63,7 @@ class Air:
                 for datagram in mocks.data_to_send():
                     down.send(datagram, self.now_us)
                 for datagram in down.receive(self.now_us):
-                    self.fleet.links[name].receive_from(remote, datagram, self.now_us)
+                    self.fleet.links[name].receive_frames(remote, [datagram], self.now_us)
             self.events += self.fleet.events()
 
     def of(self, kind: type, system_id: int | None = None, link: str | None = None) -> list[Any]:
@@ -252,7 +252,7 @@ def test_250_vehicles_take_less_than_a_quarter_of_a_core() -> None:
     events = 0
     for now_us, datagrams in sent:
         for datagram in datagrams:
-            link.receive_from("", datagram, now_us)
+            link.receive_frames("", [datagram], now_us)
             link.data_to_send()
             link.next_timer()
         link.handle_timer(now_us)
