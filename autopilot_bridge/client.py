@@ -299,12 +299,12 @@ class VehicleClient:
                 self._events.append(Text(now_us, message.severity, message.text))
             case _:
                 pass
-        self._send(*self._rates.receive(message, now_us))
-        if self._jobs.next_timer() is not None:  # something is under way
+        for protocol in (self._rates, self._commands, self._parameters):
+            if messages := protocol.receive(message, now_us):
+                self._send(*messages)
+        if self._jobs.next_timer() is not None:  # a transfer is under way
             self._send(*self._jobs.receive(message, now_us))
             self._go_on(now_us)
-        self._send(*self._commands.receive(message, now_us))
-        self._send(*self._parameters.receive(message, now_us))
 
     def _heartbeat(self, message: Message, now_us: int) -> None:
         self._heard_us = now_us

@@ -1,6 +1,5 @@
 """The one place where bytes become MAVLink 2 messages and back (pymavlink's generated codec)."""
 
-import contextlib
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -32,8 +31,10 @@ class Codec:
         """The messages in whole frames, faster than ``decode``."""
         found = []
         for frame in frames:
-            with contextlib.suppress(mavlink.MAVError):  # of another dialect
+            try:
                 found.append(self._mav.decode(bytearray(frame)))
+            except mavlink.MAVError:  # of another dialect
+                continue
         return found
 
 

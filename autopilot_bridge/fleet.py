@@ -18,6 +18,7 @@ from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.rates import RATES_HZ, RatesHz
 from autopilot_bridge.stacks import stack_of
+from autopilot_bridge.telemetry import MESSAGES
 from autopilot_bridge.transfer import TransferTiming
 
 HEARTBEAT_TIMEOUT_US = 3_000_000
@@ -100,7 +101,7 @@ class FleetLink:
         self._take(remote, self._codec.decode_frames(frames), now_us)
 
     def _take(self, remote: str, messages: list[Message], now_us: int) -> None:
-        touched: dict[int, None] = {}
+        touched: dict[int, bool] = {}
         for message in messages:
             if message.get_srcComponent() != AUTOPILOT:
                 continue
@@ -108,9 +109,10 @@ class FleetLink:
             client = self.clients.get(system) or self._found(message, system)
             if client is not None and self._is_its(remote, system, now_us):
                 client.receive_message(message, now_us)
-                touched[system] = None
-        for system in touched:
-            self._touched(system)
+                # Telemetry brings no timer forward, unless it leads to something being sent.
+                touched[system] = message.get_type() not in MESSAGES or bool(self._outgoing)
+        for system, timer in touched.items():
+            self._touched(system, timer)
 
     def _found(self, message: Message, system: int) -> VehicleClient | None:
         """A client for an autopilot not heard before; None for anybody else."""
@@ -144,11 +146,13 @@ class FleetLink:
             self._events.append(FleetEvent(VehicleKey(self.name, system), told))
         return True
 
-    def _touched(self, system: int) -> None:
+    def _touched(self, system: int, timer: bool = True) -> None:
         """Take over a client's events and its timer."""
         client = self.clients[system]
         while (event := client.next_event()) is not None:
             self._events.append(FleetEvent(VehicleKey(self.name, system), event))
+        if not timer and system in self._due_us:
+            return
         due_us = client.next_timer()
         if self._due_us.get(system) != due_us:
             self._due_us[system] = due_us
@@ -156,6 +160,8 @@ class FleetLink:
 
     def data_to_send(self) -> list[bytes]:
         """Datagrams of all clients, and what their owners ordered since the last call."""
+        if not self._outgoing:
+            return []
         for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
             if system in self.clients:
                 self._touched(system)

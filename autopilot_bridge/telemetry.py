@@ -129,7 +129,7 @@ _DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent], ...]] = {
     "GPS_RAW_INT": (gps_fix,),
 }
 TOLD_ON_CHANGE = (Battery, Health, GpsFix)
-MESSAGES = tuple(_DECODERS)
+MESSAGES = frozenset(_DECODERS)
 
 
 class Telemetry:

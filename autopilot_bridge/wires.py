@@ -72,6 +72,7 @@ def wire_of(address: LinkAddress | SerialAddress, listener: Listener) -> Wire:
 
 @dataclass
 class _Remote:
+    name: str
     framer: Framer = field(default_factory=Framer)
     heard_s: float = float("-inf")
 
@@ -123,7 +124,7 @@ class Udp(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Each remote has a parser of its own: one's torn frame is not another's beginning."""
-        remote = self._remotes.pop(addr, _Remote())
+        remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MOST_REMOTES:
             del self._remotes[next(iter(self._remotes))]
@@ -133,7 +134,7 @@ class Udp(asyncio.DatagramProtocol):
         remote.heard_s = asyncio.get_running_loop().time()
         if self._address.kind == "udpin":
             self._target = addr
-        self._listener.frames_received(frames, f"{addr[0]}:{addr[1]}")
+        self._listener.frames_received(frames, remote.name)
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet (ICMP), or no network leads there now."""
