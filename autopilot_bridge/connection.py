@@ -85,10 +85,16 @@ class Connection:
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        frames = self._peer.data_to_send()
-        if self._open and frames and self._wire.send(frames) and self._tlog is not None:
-            self._tlog.record(frames)
+        if isinstance(self._peer, FleetLink):
+            for remote, frame in self._peer.addressed_to_send():
+                self._send([frame], remote)
+        elif frames := self._peer.data_to_send():
+            self._send(frames, "")
         self._arm()
+
+    def _send(self, frames: list[bytes], remote: str) -> None:
+        if self._open and self._wire.send(frames, remote) and self._tlog is not None:
+            self._tlog.record(frames)
 
     def _arm(self) -> None:
         due_us = self._peer.next_timer()

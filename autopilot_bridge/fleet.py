@@ -159,14 +159,22 @@ class FleetLink:
             heapq.heappush(self._timers, (due_us, system))
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams of all clients, and what their owners ordered since the last call."""
+        """Datagrams of all clients, for a link with one other end."""
+        return [datagram for _, datagram in self.addressed_to_send()]
+
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """Datagrams and the remotes they are for; those for "" are for all."""
         if not self._outgoing:
             return []
         for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
             if system in self.clients:
                 self._touched(system)
         outgoing, self._outgoing[:] = list(self._outgoing), []
-        return [self._codec.encode(message) for message in outgoing]
+        return [(self._remote_of(message), self._codec.encode(message)) for message in outgoing]
+
+    def _remote_of(self, message: Message) -> str:
+        known = self._remotes.get(getattr(message, "target_system", 0))
+        return known.name if known is not None else ""
 
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""

@@ -19,7 +19,7 @@ from autopilot_bridge.link import LinkAddress, SerialAddress, reconnect_wait_s
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 # Frames for a remote that does not read are lost beyond this, as they would be on a radio.
 MOST_UNSENT_BYTES = 256 * 1024
-MOST_REMOTES = 64
+MOST_REMOTES = 512
 ANSWER_FOR_S = 10.0
 CONNECT_WITHIN_S = 5.0
 CLOSE_WITHIN_S = 1.0
@@ -47,8 +47,8 @@ class Wire(Protocol):
     async def open(self) -> None:
         """Raises BridgeError when what the link names cannot be used."""
 
-    def send(self, frames: list[bytes]) -> bool:
-        """Send if there is anybody to send to; says whether there was."""
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to a remote heard before, or to all; says whether there was anybody."""
 
     async def close(self) -> None:
         """Let go of socket or device."""
@@ -100,18 +100,21 @@ class Udp(asyncio.DatagramProtocol):
         transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=sock)
         self._transport = transport
 
-    def send(self, frames: list[bytes]) -> bool:
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
         """A datagram for each frame and remote."""
-        targets = self._targets()
+        targets = self._targets(remote)
         if self._transport is not None:
             for frame in frames:
                 for target in targets:
                     self._transport.sendto(frame, target)
         return bool(targets)
 
-    def _targets(self) -> list[tuple[str, int]]:
+    def _targets(self, remote: str) -> list[tuple[str, int]]:
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
+        host, _, port = remote.rpartition(":")
+        if remote and (host, int(port)) in self._remotes:
+            return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
         recent = [at for at, remote in self._remotes.items() if remote.heard_s >= since_s]
         return recent or [self._target]
@@ -159,7 +162,7 @@ class Stream(asyncio.Protocol):
         self._in: asyncio.BaseTransport | None = None
         self._framer = Framer()
         self._listener = listener
-        self._remote = ""
+        self.remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
         """Send, unless the remote has stopped reading."""
@@ -186,7 +189,7 @@ class Stream(asyncio.Protocol):
         """Ready."""
         self._in = transport
         host_and_port = transport.get_extra_info("peername") or ()
-        self._remote = ":".join(str(part) for part in host_and_port[:2])
+        self.remote = ":".join(str(part) for part in host_and_port[:2])
         if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
             self.out = transport
 
@@ -195,7 +198,7 @@ class Stream(asyncio.Protocol):
         frames = self._framer.feed(data)
         if frames:
             self.heard = True
-            self._listener.frames_received(frames, self._remote)
+            self._listener.frames_received(frames, self.remote)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The remote is gone, or we closed."""
@@ -260,7 +263,7 @@ class StreamClient:
         if isinstance(error, Exception):
             self._listener.failed(error)
 
-    def send(self, frames: list[bytes]) -> bool:
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
         """Send if connected."""
         return self._stream is not None and self._stream.send(frames)
 
@@ -294,9 +297,10 @@ class TcpServer:
         self._streams = [*(old for old in self._streams if not old.lost.is_set()), stream]
         return stream
 
-    def send(self, frames: list[bytes]) -> bool:
-        """Send to all."""
-        sent = [stream.send(frames) for stream in self._streams]
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to all, or to the one."""
+        the_one = [stream for stream in self._streams if remote == stream.remote]
+        sent = [stream.send(frames) for stream in the_one or self._streams]
         return any(sent)
 
     async def close(self) -> None:

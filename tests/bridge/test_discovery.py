@@ -233,6 +233,44 @@ def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
     assert told[0].kept.startswith("127.0.0.1:")
 
 
+def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
+    port = free_port()
+    heard: dict[int, list[str]] = {1: [], 2: []}
+
+    class Spy(MockAutopilot):
+        def receive_data(self, data: bytes, now_us: int) -> None:
+            kinds = [
+                (m.get_type(), getattr(m, "target_system", 0)) for m in Codec(9, 9).decode(data)
+            ]
+            heard[self._system_id] += [f"{kind} {system}" for kind, system in kinds]
+            super().receive_data(data, now_us)
+
+    def spy(system_id: int) -> Spy:
+        return Spy(
+            PX4,
+            system_id=system_id,
+            home_lat_deg=36.3,
+            home_lon_deg=-84.2,
+            home_altitude_amsl_m=300.0,
+        )
+
+    async def run() -> None:
+        link = FleetLink("udp")
+        async with (
+            Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as here,
+            Connection(f"udpout:127.0.0.1:{port}", spy(1), clock_us),
+            Connection(f"udpout:127.0.0.1:{port}", spy(2), clock_us),
+            asyncio.timeout(8.0),
+        ):
+            while min(len(kinds) for kinds in heard.values()) < 8:
+                await here.wait()
+
+    asyncio.run(run())
+    for system, other in ((1, 2), (2, 1)):
+        assert f"COMMAND_LONG {system}" in heard[system]
+        assert f"COMMAND_LONG {other}" not in heard[system]
+
+
 def test_250_vehicles_take_less_than_a_quarter_of_a_core() -> None:
     """Ten seconds of traffic of 250 vehicles, in less than 2.5 seconds of this process."""
     link = FleetLink("a")
