@@ -339,6 +339,17 @@ def test_a_command_in_progress_is_not_repeated() -> None:
     assert late.outcome == (False, "NAV_TAKEOFF was begun and not ended in 60 s")
 
 
+def test_the_reason_of_a_refusal_may_come_after_it() -> None:
+    sequence = begun()
+    sequence.receive(ack(mavlink.MAV_RESULT_FAILED), 10)
+    sequence.handle_timer(200_000)
+    assert sequence.outcome is None
+    text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"Arm: no position")
+    text._header = mavlink.MAVLink_header(253, srcSystem=1, srcComponent=1)
+    sequence.receive(text, 210_000)
+    assert sequence.outcome == (False, "NAV_TAKEOFF failed: Arm: no position")
+
+
 def test_repeats_are_counted_and_a_refusal_then_is_told_with_care() -> None:
     sequence = begun()
     (again,) = sequence.handle_timer(1_000_000)
