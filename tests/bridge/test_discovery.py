@@ -134,7 +134,10 @@ def test_the_same_id_on_two_links_is_two_vehicles() -> None:
 def test_the_same_id_twice_on_one_link_is_told_and_not_mixed() -> None:
     first, second = mock_of(PX4), mock_of(PX4)
     second.flight.motion.north_m = 5_000.0
-    second.handle_timer(-SECOND)  # its messages are the newer ones
+    first.handle_timer(0)
+    second.handle_timer(-SECOND)
+    second.handle_timer(0)  # its messages are the newer ones
+    second.data_to_send()
     air = Air(a_first=[first], a_second=[second, mock_of(COPTER, system_id=2)])
     air.run_for(20.0)
     (told,) = air.of(SameSystemId)
