@@ -26,10 +26,10 @@ class Autopilot(Protocol):
     def clear(self, now_us: int) -> int:
         """Remove the mission."""
 
-    def start_mission(self, now_us: int) -> None:
+    def start_mission(self, now_us: int) -> object:
         """Arm where needed and fly the mission."""
 
-    def hold(self, now_us: int) -> None:
+    def hold(self, now_us: int) -> object:
         """Loiter here."""
 
     def next_event(self) -> ClientEvent | None:

@@ -2,30 +2,34 @@
 
 Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next_timer``,
 ``handle_timer``), events (``next_event``). Time is an argument, in microseconds of any clock.
+Where vehicles share a link, ``fleet.py`` decodes for all (``receive_message``).
 """
 
 from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge import orders
 from autopilot_bridge.client_events import (
     ClientEvent,
-    CommandFinished,
     Connected,
     LinkRestored,
+    Position,
     Rebooted,
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec, Message
-from autopilot_bridge.command import CommandSequence
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
-from autopilot_bridge.stacks import Stack, Step
+from autopilot_bridge.queues import Commands, ParameterRequests
+from autopilot_bridge.rates import RATES_HZ, Rates, RatesHz
+from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import Kind, TransferResult, TransferTiming
-from autopilot_bridge.watch import AUTOPILOT, Watch, rate_requests
+from autopilot_bridge.watch import AUTOPILOT, Watch
 
 HEARTBEAT_EVERY_US = 1_000_000
+NEVER_US = 1 << 62
 
 
 class VehicleClient:
@@ -38,17 +42,26 @@ class VehicleClient:
         target_system: int | None = 1,
         heartbeat_timeout_us: int = 3_000_000,
         timing: TransferTiming | None = None,
+        rates_hz: RatesHz = RATES_HZ,
+        shared: list[Message] | None = None,
     ) -> None:
+        """``rates_hz`` (by message id) is asked for when the vehicle is heard, and heard again.
+
+        ``shared`` is for clients on one link: its owner sends what is put there, and heartbeats.
+        """
         self._own = (system_id, component_id)
         self._target_system = target_system
         self._watch = Watch(heartbeat_timeout_us)
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
-        self._outgoing: list[bytes] = []
+        self._outgoing: list[Message] = [] if shared is None else shared
         self._events: deque[ClientEvent] = deque()
+        self._heartbeats = shared is None
         self._heartbeat_due_us = 0
+        self._rates = Rates(self._own, rates_hz)
         self._jobs = Jobs(self._own, self._timing, self._report)
-        self._sequences: list[CommandSequence] = []
+        self._commands = Commands(self._own, self._timing, self._events.append)
+        self._parameters = ParameterRequests(self._timing, self._events.append)
 
     @property
     def stack(self) -> Stack | None:
@@ -64,6 +77,11 @@ class VehicleClient:
     def custom_mode(self) -> int:
         """By its last HEARTBEAT."""
         return self._watch.custom_mode
+
+    @property
+    def position(self) -> Position | None:
+        """The last one told."""
+        return self._watch.position
 
     # What the user asks for -------------------------------------------------------------------
 
@@ -102,16 +120,102 @@ class VehicleClient:
         self._send(*self._jobs.cancel(transfer_id, self._known_stack(), now_us))
         self._go_on(now_us)
 
-    def start_mission(self, now_us: int) -> None:
-        """Fly the mission: arm and change mode where needed; outcome as CommandFinished."""
-        stack = self._known_stack()
-        flying = (stack.set_mode(stack.mission_mode),)
-        self._command("start mission", flying if self.armed else stack.start, now_us)
+    # Orders; outcome as CommandFinished with the id. They are carried out one after another, but
+    # hold, return, land and disarm take the place of all that is not ended.
 
-    def hold(self, now_us: int) -> None:
-        """Loiter here; outcome as CommandFinished."""
+    def arm(self, now_us: int) -> int:
+        """Arm, with the autopilot's checks."""
+        return self._order("arm", orders.arm(self._known_stack()), now_us)
+
+    def disarm(self, now_us: int) -> int:
+        """Disarm; refused in the air."""
+        return self._order("disarm", orders.disarm(self._known_stack()), now_us, urgent=True)
+
+    def takeoff(self, height_m: float, now_us: int) -> int:
+        """Arm, take off and hold so high above the ground; sets ArduPlane's TKOFF_ALT."""
+        stack, here = self._known_stack(), self.position
+        if here is None:
+            raise BridgeError("the vehicle has told no position yet; wait for Position")
+        return self._order("takeoff", orders.takeoff(stack, height_m, here.altitude_amsl_m), now_us)
+
+    def start_mission(self, now_us: int) -> int:
+        """Fly the mission: arm and change mode where needed."""
+        steps = orders.start_mission(self._known_stack(), self.armed)
+        return self._order("start mission", steps, now_us)
+
+    def hold(self, now_us: int) -> int:
+        """Pause: loiter here."""
+        return self._order("hold", orders.pause(self._known_stack()), now_us, urgent=True)
+
+    def resume(self, now_us: int) -> int:
+        """Go on with the mission where it was left."""
+        return self._order("resume", orders.resume(self._known_stack()), now_us)
+
+    def return_home(self, now_us: int) -> int:
+        """Return to the launch place."""
+        return self._order("return", orders.return_home(self._known_stack()), now_us, urgent=True)
+
+    def land(self, now_us: int) -> int:
+        """Land here; ArduPlane by the landing of its mission."""
+        return self._order("land", orders.land(self._known_stack()), now_us, urgent=True)
+
+    def reposition(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
+    ) -> int:
+        """Fly to a place and hold there."""
+        steps = orders.reposition(self._known_stack(), lat_deg, lon_deg, altitude_amsl_m)
+        return self._order("reposition", steps, now_us)
+
+    def orbit(
+        self,
+        lat_deg: float,
+        lon_deg: float,
+        altitude_amsl_m: float,
+        radius_m: float,
+        now_us: int,
+        speed_m_s: float | None = None,
+    ) -> int:
+        """Circle a place, clockwise with a positive radius."""
+        place = (lat_deg, lon_deg, altitude_amsl_m)
+        steps = orders.orbit(self._known_stack(), *place, radius_m, speed_m_s)
+        return self._order("orbit", steps, now_us)
+
+    def change_speed(self, speed_m_s: float, now_us: int) -> int:
+        """Airspeed of planes, ground speed of multirotors."""
         stack = self._known_stack()
-        self._command("hold", (stack.set_mode(stack.hold_mode),), now_us)
+        orbiting = stack.mode_name(self.custom_mode) == "orbit"
+        steps = orders.change_speed(stack, speed_m_s, orbiting)
+        return self._order("change speed", steps, now_us)
+
+    def set_mode(self, name: str, now_us: int) -> int:
+        """Change to a mode of ``Stack.modes``."""
+        return self._order(f"mode {name}", orders.set_mode(self._known_stack(), name), now_us)
+
+    def _order(self, name: str, steps: orders.Steps, now_us: int, urgent: bool = False) -> int:
+        command_id = self._commands.add(
+            name, steps, self._target(), self._known_stack(), urgent, now_us
+        )
+        self._send(*self._commands.begin_next(now_us))
+        return command_id
+
+    # Parameters; outcome as ParametersFinished with the id.
+
+    def read_parameter(self, name: str, now_us: int) -> int:
+        """Read one parameter."""
+        return self._ask(self._parameters.read(name, self._target(), self._known_stack()), now_us)
+
+    def read_parameters(self, now_us: int) -> int:
+        """Read all parameters (ArduPilot has over a thousand)."""
+        return self._ask(self._parameters.read_all(self._target(), self._known_stack()), now_us)
+
+    def set_parameter(self, name: str, value: float, now_us: int) -> int:
+        """Set a parameter; accepted when the autopilot tells the new value."""
+        stack = self._known_stack()
+        return self._ask(self._parameters.set(name, value, self._target(), stack), now_us)
+
+    def _ask(self, request_id: int, now_us: int) -> int:
+        self._send(*self._parameters.begin_next(now_us))
+        return request_id
 
     def _known_stack(self) -> Stack:
         if self.stack is None:
@@ -123,13 +227,17 @@ class VehicleClient:
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram."""
         for message in self._codec.decode(data):
-            if self._from_vehicle(message):
-                self._receive(message, now_us)
+            self.receive_message(message, now_us)
+
+    def receive_message(self, message: Message, now_us: int) -> None:
+        """Take in a message from anybody on the link."""
+        if self._from_vehicle(message):
+            self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:
         """Datagrams to send, in order; each is handed out once."""
         outgoing, self._outgoing = self._outgoing, []
-        return outgoing
+        return [self._codec.encode(message) for message in outgoing]
 
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""
@@ -137,27 +245,28 @@ class VehicleClient:
 
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
-        timers = [self._heartbeat_due_us]
-        others = (self._watch.next_timer(), self._jobs.next_timer())
-        timers.extend(timer for timer in others if timer is not None)
-        timers.extend(sequence.next_timer() for sequence in self._sequences[:1])
-        return min(timers)
+        timers = [
+            self._heartbeat_due_us if self._heartbeats else None,
+            self._jobs.next_timer(),
+            self._commands.next_timer(),
+            self._parameters.next_timer(),
+        ]
+        if (silent_us := self._watch.next_timer()) is not None:  # else there is nobody to ask
+            timers += (silent_us, self._rates.next_timer())
+        return min((timer for timer in timers if timer is not None), default=NEVER_US)
 
     def handle_timer(self, now_us: int) -> None:
         """Do what is due."""
-        if now_us >= self._heartbeat_due_us:
+        if self._heartbeats and now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
-            self._send(
-                mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
-                )
-            )
+            self._send(gcs_heartbeat())
         self._events.extend(self._watch.handle_timer(now_us))
+        if self._watch.next_timer() is not None:
+            self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
         self._go_on(now_us)
-        if self._sequences:
-            self._send(*self._sequences[0].handle_timer(now_us))
-            self._step_sequences(now_us)
+        self._send(*self._commands.handle_timer(now_us))
+        self._send(*self._parameters.handle_timer(now_us))
 
     # Messages -----------------------------------------------------------------------------------
 
@@ -170,17 +279,20 @@ class VehicleClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        events = self._watch.receive(message, now_us)
-        self._events.extend(events)
-        if any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events):
-            self._send(*rate_requests(self._target()))
-        if message.get_type() == "HEARTBEAT":
+        for event in self._watch.receive(message, now_us):
+            self._events.append(event)
+            if isinstance(event, Rebooted):
+                self._commands.end_all("the autopilot was restarted", now_us)
+            if isinstance(event, Connected | LinkRestored | Rebooted) and self.stack is not None:
+                self._send(*self._rates.begin(self.stack, self._target(), now_us))
+        for protocol in (self._rates, self._commands, self._parameters):
+            if messages := protocol.receive(message, now_us):
+                self._send(*messages)
+        if self._jobs.next_timer() is not None:  # a transfer is under way
+            self._send(*self._jobs.receive(message, now_us))
             self._go_on(now_us)
-        self._send(*self._jobs.receive(message, now_us))
-        self._go_on(now_us)
-        if self._sequences:
-            self._send(*self._sequences[0].receive(message, now_us))
-            self._step_sequences(now_us)
+        elif message.get_type() == "HEARTBEAT":
+            self._go_on(now_us)
 
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT
@@ -206,21 +318,12 @@ class VehicleClient:
         ended = TransferFinished(now_us, job.transfer_id, job.action, result, job.kind)
         self._events.append(ended)
 
-    # Commands -----------------------------------------------------------------------------------
-
-    def _command(self, name: str, steps: tuple[Step, ...], now_us: int) -> None:
-        self._sequences.append(CommandSequence(name, self._target(), steps, self._timing))
-        if len(self._sequences) == 1:
-            self._send(*self._sequences[0].start(now_us))
-
-    def _step_sequences(self, now_us: int) -> None:
-        outcome = self._sequences[0].outcome
-        if outcome is None:
-            return
-        ended = self._sequences.pop(0)
-        self._events.append(CommandFinished(now_us, ended.name, *outcome))
-        if self._sequences:
-            self._send(*self._sequences[0].start(now_us))
-
     def _send(self, *messages: Message) -> None:
-        self._outgoing.extend(self._codec.encode(message) for message in messages)
+        self._outgoing.extend(messages)
+
+
+def gcs_heartbeat() -> Message:
+    """HEARTBEAT of a ground station."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
+    )

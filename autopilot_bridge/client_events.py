@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from autopilot_bridge.parameters import ParametersResult
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import Kind, TransferResult
 
@@ -53,6 +54,80 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
+class Attitude:
+    """ATTITUDE: roll right wing down, pitch nose up, yaw clockwise from north (0 to 360)."""
+
+    at_us: int
+    boot_us: int
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """VFR_HUD; no airspeed where nothing measures it."""
+
+    at_us: int
+    airspeed_m_s: float | None
+    groundspeed_m_s: float
+    climb_m_s: float
+    throttle_percent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Wind:
+    """The autopilot's estimate: where the wind comes from, and how fast."""
+
+    at_us: int
+    from_deg: float
+    speed_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """State of a battery, told when it changes; None where the autopilot does not know."""
+
+    at_us: int
+    battery_id: int
+    percent: int | None
+    voltage_v: float | None
+    current_a: float | None
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return self.percent, self.voltage_v, self.current_a
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What is switched on and not healthy, in words, told when it changes; () is all well."""
+
+    at_us: int
+    unhealthy: tuple[str, ...]
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return self.unhealthy
+
+
+@dataclass(frozen=True, slots=True)
+class GpsFix:
+    """Kind of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, told on change."""
+
+    at_us: int
+    fix: str
+    satellites: int | None
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return self.fix, self.satellites
+
+
+TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix
+
+
+@dataclass(frozen=True, slots=True)
 class MissionProgress:
     """The item being flown has changed (index into the user's items)."""
 
@@ -87,6 +162,16 @@ class CommandFinished:
     name: str
     accepted: bool
     reason: str
+    command_id: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ParametersFinished:
+    """Reading or setting of parameters has ended."""
+
+    at_us: int
+    request_id: int
+    result: ParametersResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +181,7 @@ class ModeChanged:
     at_us: int
     custom_mode: int
     armed: bool
+    name: str = ""  # the stack's word for the mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +198,12 @@ ClientEvent = (
     | LinkLost
     | LinkRestored
     | Rebooted
-    | Position
+    | TelemetryEvent
     | MissionProgress
     | ItemReached
     | TransferFinished
     | CommandFinished
+    | ParametersFinished
     | ModeChanged
     | Text
 )

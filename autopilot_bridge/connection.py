@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from autopilot_bridge.codec import Codec
+from autopilot_bridge.fleet import FleetLink
 from autopilot_bridge.link import parse_link
 from autopilot_bridge.signing import Key, Signing, is_secret, setup_signing
 from autopilot_bridge.tlog import Tlog
@@ -58,7 +59,7 @@ class Connection:
         self._news = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
-        self._armed_us = 0
+        self._armed_us = 0  # what the timer waits for
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
@@ -91,7 +92,10 @@ class Connection:
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        if frames := self._peer.data_to_send():
+        if isinstance(self._peer, FleetLink):
+            for remote, frame in self._peer.addressed_to_send():
+                self._send([frame], remote)
+        elif frames := self._peer.data_to_send():
             self._send(frames)
         self._arm()
 
@@ -162,9 +166,12 @@ class Connection:
             self._guarded(lambda: self._take(batch))
 
     def _take(self, batch: Batch) -> None:
-        for _, frames in batch:
+        for remote, frames in batch:
             self._record(frames)
-            self._peer.receive_data(b"".join(frames), self._clock())
+            if isinstance(self._peer, FleetLink):
+                self._peer.receive_frames(remote, frames, self._clock())
+            else:
+                self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
         """The wire is at its end; ``wait`` raises it."""

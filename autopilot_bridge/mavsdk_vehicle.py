@@ -28,7 +28,7 @@ from autopilot_bridge.client_events import (
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec, Message
-from autopilot_bridge.command import RESULTS
+from autopilot_bridge.command import RESULTS, command_message
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, jumps_moved
@@ -42,10 +42,11 @@ from autopilot_bridge.mavsdk_library import (
     raw_items,
     raw_message,
 )
+from autopilot_bridge.rates import rate_requests
 from autopilot_bridge.stacks import Stack, Step
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.transfer import TransferResult
-from autopilot_bridge.watch import AUTOPILOT, Watch, rate_requests
+from autopilot_bridge.watch import AUTOPILOT, Watch
 
 LOOK_EVERY_S = 0.05
 ANSWER_S = 1.5
@@ -221,8 +222,9 @@ class MavsdkVehicle:
             self._told_current.add(message.seq)
         events = self._watch.receive(message, now_us)
         self._events.extend(events)
-        if any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events):
-            for request in rate_requests(self._target):
+        news = any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events)
+        if news and self.stack is not None:
+            for request in rate_requests(self.stack, self._target):
                 self._outgoing.append(self._codec.encode(request))
 
     def data_to_send(self) -> list[bytes]:
@@ -293,9 +295,8 @@ class MavsdkVehicle:
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
         """Commands one after another until one is refused; MAVSDK repeats them."""
-        for command, params in steps:
-            values = [*params, *[0.0] * (7 - len(params))]
-            asked = mavlink.MAVLink_command_long_message(*self._target, command, 0, *values)
+        for step in steps:
+            command, asked = step.command, command_message(self._target, step, 0)
             try:
                 ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
             except library().direct.MavlinkDirectError as error:

@@ -23,7 +23,7 @@ class SetMode(Asking):
     ) -> None:
         super().__init__(address, timing)
         self._custom_mode = custom_mode
-        self._command, self._params = stack.set_mode(custom_mode)
+        self._command, self._params, _ = stack.set_mode(custom_mode)
 
     def start(self, now_us: int) -> list[Message]:
         """Ask for it."""

@@ -1,15 +1,38 @@
 """What PX4 and ArduPilot each do differently, as data (seen on PX4 1.17 and ArduPilot 4.6.2)."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.modes import ARDUCOPTER, ARDUPLANE, PX4, Modes
 
-Step = tuple[int, tuple[float, ...]]  # a command and its first parameters
 
+class Place(NamedTuple):
+    """Where a command acts, as COMMAND_INT carries it: x and y in degrees times 1e7."""
+
+    frame: int
+    x: int
+    y: int
+    z: float
+
+
+class Step(NamedTuple):
+    """A command and its first parameters; with a place it is sent as COMMAND_INT."""
+
+    command: int
+    params: tuple[float, ...] = ()
+    place: Place | None = None
+
+
+COPTER_TYPES = (
+    *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_TYPE_COAXIAL, mavlink.MAV_TYPE_HELICOPTER),
+    *(mavlink.MAV_TYPE_HEXAROTOR, mavlink.MAV_TYPE_OCTOROTOR, mavlink.MAV_TYPE_TRICOPTER),
+    *(mavlink.MAV_TYPE_DODECAROTOR, mavlink.MAV_TYPE_DECAROTOR),
+)
 PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *range(19, 26))  # VTOLs fly missions as planes do
-ARM: Step = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
+ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +55,29 @@ class Stack:
     hold_mode: int
     rtl_mode: int
     start: tuple[Step, ...]  # from disarmed on the ground to flying the mission
+    modes: Modes
+
+    def mode_name(self, custom_mode: int) -> str:
+        """The word for a mode number; a number not known here is told as it is."""
+        for name, number in self.modes:
+            if number == custom_mode:
+                return name
+        return f"mode {custom_mode}"
+
+    def mode_number(self, name: str) -> int:
+        """The number of a mode; BridgeError names the modes there are."""
+        for known, number in self.modes:
+            if known == name:
+                return number
+        there_are = ", ".join(known for known, _ in self.modes)
+        raise BridgeError(f"{self.name} {self.vehicle} has no mode {name!r}; it has {there_are}")
 
     def set_mode(self, custom_mode: int) -> Step:
         """MAV_CMD_DO_SET_MODE for a mode number of this stack."""
         if self.name == "px4":
-            return mavlink.MAV_CMD_DO_SET_MODE, (1.0, custom_mode >> 16 & 0xFF, custom_mode >> 24)
-        return mavlink.MAV_CMD_DO_SET_MODE, (1.0, float(custom_mode))
+            main_and_sub = (float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
+            return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, *main_and_sub))
+        return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, float(custom_mode)))
 
 
 def _px4(vehicle: str, mav_type: int) -> Stack:
@@ -58,7 +98,8 @@ def _px4(vehicle: str, mav_type: int) -> Stack:
         mission_mode=auto | 4 << 24,
         hold_mode=auto | 3 << 24,
         rtl_mode=auto | 5 << 24,
-        start=((mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 4.0)), ARM),
+        start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 4.0)), ARM),
+        modes=PX4,
     )
 
 
@@ -82,6 +123,7 @@ def _ardupilot(
         hold_mode=modes[1],
         rtl_mode=modes[2],
         start=start,
+        modes=ARDUPLANE if vehicle == "plane" else ARDUCOPTER,
     )
 
 
@@ -93,18 +135,20 @@ STACKS = (
         mavlink.MAV_TYPE_FIXED_WING,
         (10, 12, 11),
         655,
-        (ARM, (mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0))),
+        (ARM, Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0))),
     ),
     _ardupilot(
         "copter",
         mavlink.MAV_TYPE_QUADROTOR,
-        (3, 5, 6),
+        (3, 17, 6),  # hold is BRAKE: LOITER sinks without a pilot
         650,
         (
-            (mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)),  # arming in AUTO is refused: GUIDED first
+            Step(
+                mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)
+            ),  # arming in AUTO is refused: GUIDED first
             ARM,
-            (mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),
-            (mavlink.MAV_CMD_MISSION_START, ()),
+            Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),
+            Step(mavlink.MAV_CMD_MISSION_START),
         ),
     ),
 )
@@ -119,7 +163,9 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """The stack that a HEARTBEAT tells of, or None for an autopilot not known here."""
+    """The stack that a HEARTBEAT tells of, or None for what is none of them."""
+    if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
+        return None
     vehicle = "plane" if mav_type in PLANE_TYPES else "copter"
     for stack in STACKS:
         if stack.autopilot == autopilot and stack.vehicle == vehicle:

@@ -16,14 +16,9 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.codec import Message
 from autopilot_bridge.stacks import Stack, stack_of
+from autopilot_bridge.telemetry import Telemetry
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
-REBOOT_BACK_MS = 5_000
-# Message rates asked for when it is heard (ArduCopter streams nothing unasked).
-RATES_HZ = (
-    (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 4.0),
-    (mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
-)
 
 
 class Watch:
@@ -38,7 +33,8 @@ class Watch:
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._heard_us: int | None = None
         self._lost = False
-        self._boot_ms = 0
+        self.position: Position | None = None
+        self._telemetry = Telemetry()
         self._reached: int | None = None
 
     @property
@@ -68,18 +64,30 @@ class Watch:
 
     def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
         """Take in a message of this vehicle's autopilot."""
+        events: list[ClientEvent] = []
+        if self._telemetry.rebooted(message):
+            self._telemetry.forget()
+            self.current = self._reached = None
+            events.append(Rebooted(now_us))
+        for event in self._telemetry.events(message, now_us):
+            if isinstance(event, Position):
+                self.position = event
+            events.append(event)
+        events += self._state(message, now_us)
+        return events
+
+    def _state(self, message: Message, now_us: int) -> list[ClientEvent]:
         match message.get_type():
             case "HEARTBEAT":
                 return self._heartbeat(message, now_us)
-            case "GLOBAL_POSITION_INT":
-                return self._position(message, now_us)
             case "MISSION_CURRENT":
                 self.total = message.total
                 if message.seq != self.current:
                     self.current = message.seq
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":
-                if message.seq != self._reached:
+                # ArduPlane tells of item 0, its home, when it is where GUIDED sent it.
+                if message.seq != self._reached and message.seq >= self.hidden_items:
                     self._reached = message.seq
                     return [ItemReached(now_us, message.seq - self.hidden_items)]
             case "STATUSTEXT":
@@ -102,39 +110,6 @@ class Watch:
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if (armed, message.custom_mode) != (self.armed, self.custom_mode):
             self.armed, self.custom_mode = armed, message.custom_mode
-            events.append(ModeChanged(now_us, message.custom_mode, armed))
+            name = self.stack.mode_name(message.custom_mode)
+            events.append(ModeChanged(now_us, message.custom_mode, armed, name))
         return events
-
-    def _position(self, message: Message, now_us: int) -> list[ClientEvent]:
-        events: list[ClientEvent] = []
-        if message.time_boot_ms < self._boot_ms - REBOOT_BACK_MS:
-            self.current = self._reached = None
-            events.append(Rebooted(now_us))
-        elif message.time_boot_ms <= self._boot_ms:
-            return []  # late or doubled on the way
-        self._boot_ms = message.time_boot_ms
-        heading = message.hdg / 100.0 if message.hdg != 65535 else 0.0
-        here = Position(
-            now_us,
-            message.time_boot_ms * 1000,
-            message.lat / 1e7,
-            message.lon / 1e7,
-            message.alt / 1e3,
-            message.relative_alt / 1e3,
-            message.vx / 100.0,
-            message.vy / 100.0,
-            message.vz / 100.0,
-            heading,
-        )
-        return [*events, here]
-
-
-def rate_requests(target: tuple[int, int]) -> list[Message]:
-    """What asks for ``RATES_HZ``; nobody waits for an answer."""
-    command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-    return [
-        mavlink.MAVLink_command_long_message(
-            *target, command, 0, float(message_id), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0
-        )
-        for message_id, rate_hz in RATES_HZ
-    ]

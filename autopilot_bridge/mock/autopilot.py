@@ -8,11 +8,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import waypoint
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
-from autopilot_bridge.mock.flight import Flight, Mode
+from autopilot_bridge.mock.commands import CommandServer, asked_of
+from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.ftp_server import FtpServer
+from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
+from autopilot_bridge.mock.parameters import ParameterServer
 from autopilot_bridge.mock.payload import Output
 from autopilot_bridge.mock.power import Battery
 from autopilot_bridge.mock.px4_server import Px4Server
@@ -57,7 +60,14 @@ class MockAutopilot:
         self._outgoing: list[bytes] = []
         self._boot_us: int | None = None
         self._steps = 0
-        self.telemetry = Telemetry(stack, self.missions, self._send)
+        self.intervals = Intervals(stack)
+        self.parameters = ParameterServer(stack)
+        self.telemetry = Telemetry(stack, self.missions, self.intervals, self._send)
+        self._commands = CommandServer(
+            stack, self.missions, self.intervals, self.parameters, self._send
+        )
+        if isinstance(self.missions, Px4Server):
+            self.missions.required = lambda: int(self.parameters.value("MIS_TKO_LAND_REQ"))
 
     @property
     def positions(self) -> bool:
@@ -129,6 +139,7 @@ class MockAutopilot:
         self.flight = self.flight.rebooted()
         self.missions.forget_transfers()
         self.telemetry.forget()
+        self.intervals.reset()
         self._boot_us, self._steps = now_us, 0
 
     def _flying_mission(self) -> bool:
@@ -147,6 +158,8 @@ class MockAutopilot:
             self._set_current(message)
         elif kind == "FILE_TRANSFER_PROTOCOL":
             self.ftp.receive(message, now_us)
+        elif kind.startswith("PARAM_"):
+            self._send(*self.parameters.receive(message))
         elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
             self._take_over()
@@ -202,66 +215,12 @@ class MockAutopilot:
         self.telemetry.tell_texts(self.flight)
 
     def _command(self, message: Message) -> None:
-        result = self._obey(message)
-        if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
-            self._make_current(int(message.param1))
-        self._send(
-            mavlink.MAVLink_command_ack_message(
-                message.command,
-                result,
-                0,
-                0,
-                message.get_srcSystem(),
-                message.get_srcComponent(),
-            )
-        )
-
-    def _obey(self, message: Message) -> int:
-        accepted = int(mavlink.MAV_RESULT_ACCEPTED)
-        flight = self.flight
-        match message.command:
-            case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-                if message.param1 < 0.5 and flight.airborne:
-                    return int(mavlink.MAV_RESULT_DENIED)
-                copter_auto = self.stack.keeps_target and self.stack.vehicle == "copter"
-                if copter_auto and flight.mode == "mission" and not flight.armed:
-                    return int(mavlink.MAV_RESULT_FAILED)
-                flight.armed = message.param1 > 0.5
-                return accepted
-            case mavlink.MAV_CMD_DO_SET_MODE:
-                return self._set_mode(message)
-            case mavlink.MAV_CMD_DO_SET_MISSION_CURRENT if self.stack.item_0_is_home:
-                known = 0 <= message.param1 < len(flight.items)
-                return accepted if known else int(mavlink.MAV_RESULT_DENIED)
-            case mavlink.MAV_CMD_MISSION_START:
-                flight.set_mode("mission", self._now_s())
-                return accepted
-            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL | mavlink.MAV_CMD_REQUEST_MESSAGE:
-                return accepted
-            case _:
-                return int(mavlink.MAV_RESULT_UNSUPPORTED)
-
-    def _set_mode(self, message: Message) -> int:
-        wanted = int(message.param2)
-        if self.stack.name == "px4":
-            wanted = wanted << 16 | int(message.param3) << 24
-        modes: dict[int, Mode] = {
-            self.stack.mission_mode: "mission",
-            self.stack.hold_mode: "hold",
-            self.stack.rtl_mode: "rtl",
-        }
-        if self.stack.keeps_target and wanted == 4:  # ArduCopter's GUIDED
-            modes[4] = "hold"
-        mode = modes.get(wanted)
-        no_mission = len(self.missions.items) <= (1 if self.stack.item_0_is_home else 0)
-        if mode is None or (mode == "mission" and no_mission):
-            return int(mavlink.MAV_RESULT_DENIED)
-        reason = self.missions.infeasible()
-        if mode == "mission" and reason is not None:
-            self._send(text(2, reason + "\t"))
-            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        self.flight.set_mode(mode, self._now_s())
-        return int(mavlink.MAV_RESULT_ACCEPTED)
+        asked = asked_of(message)
+        result = self._commands.obey(asked, self.flight, self._now_s())
+        if asked.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
+            self._make_current(int(asked.params[0]))
+        asker = (message.get_srcSystem(), message.get_srcComponent())
+        self._send(mavlink.MAVLink_command_ack_message(asked.command, result, 0, 0, *asker))
 
     def _send(self, *messages: Message) -> None:
         self._outgoing.extend(self._codec.encode(message) for message in messages)

@@ -12,6 +12,7 @@ from autopilot_bridge.mock.kinematics import (
     course_along,
     course_around,
     step_copter,
+    step_copter_around,
     step_plane,
 )
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
@@ -120,6 +121,13 @@ class Body:
         on = (centre[0] + size * math.cos(ahead), centre[1] + size * math.sin(ahead))
         slow = replace(limits, airspeed_m_s=speed)
         step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
+
+    def orbit(self, centre: Place, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
+        """A step of a PX4 multirotor's orbit; on its way to the circle it is as fast as it may."""
+        on_circle = abs(self.distance(centre) - abs(radius_m)) < 5.0
+        speed_m_s = speed_m_s if on_circle else self.limits.airspeed_m_s
+        limits = replace(self.limits, airspeed_m_s=speed_m_s)
+        step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
         """A copter's landing: over the place, then down; True when it stands."""

@@ -24,7 +24,7 @@ from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.power import Battery
 
-Mode = Literal["idle", "mission", "hold", "rtl"]
+Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
@@ -64,6 +64,8 @@ class Flight(Body):
     texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words
     target: Target | None = None
     payload: Payload = field(init=False)
+    radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+    orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
     _return_amsl_m: float = field(init=False)
@@ -112,9 +114,15 @@ class Flight(Body):
         self.mode = mode
         if mode != before:
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
+            self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._way_home_amsl_m()
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
+
+    def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
+        """Where to hold, and how wide; by this a vehicle leaves the ground too."""
+        self._hold_at = (*place, altitude_m)
+        self.radius_m = radius_m
 
     def make_current(self, seq: int, now_s: float) -> None:
         """Make an item the current one; PX4 leaves a DO item there until it flies the mission."""
@@ -187,9 +195,10 @@ class Flight(Body):
                 self._run_waiting(now_s)
         elif self.mode == "rtl":
             self._return(now_s)
-        elif self.airborne:
-            north, east, altitude_m = self._hold_at
-            self.loiter((north, east), altitude_m, DEFAULT_RADIUS_M)
+        elif self.mode == "land":
+            self._land_here(now_s)
+        elif self.airborne or self._hold_at[2] > self._stood_amsl_m + 0.5:
+            self._hold()
         if not self.airborne:
             self.airborne = self.motion.altitude_m > self._stood_amsl_m + 0.5
         if self.terrain is not None and self.airborne:
@@ -283,6 +292,29 @@ class Flight(Body):
         return seq
 
     # Manoeuvres -------------------------------------------------------------------------------
+
+    def _hold(self) -> None:
+        """Stay, circle or orbit where it was sent; PX4 loiters after its takeoff."""
+        north, east, altitude_m = self._hold_at
+        if self.mode == "orbit":
+            self.orbit((north, east), altitude_m, self.radius_m, self.orbit_m_s)
+        else:
+            self.loiter((north, east), altitude_m, self.radius_m)
+        up = self.mode == "takeoff" and self.motion.altitude_m > altitude_m - 2.0
+        if up and not self.stack.item_0_is_home:
+            self.mode = "hold"
+
+    def _land_here(self, now_s: float) -> None:
+        """Straight down, a plane on its circle."""
+        north, east, _ = self._hold_at
+        if self.stack.vehicle == "copter":
+            if self.airborne:
+                self._down((north, east), now_s)
+            return
+        self.loiter((north, east), self.ground_amsl_m, self.radius_m)
+        if self.airborne and self.motion.altitude_m <= self.ground_amsl_m + 0.5:
+            self.touch(self.ground_amsl_m)
+            self._disarm_later(now_s)
 
     def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
         """Fly a loiter; whether it has come to its end. Time and turns count from the arrival."""

@@ -214,3 +214,23 @@ def step_copter(
         turn = max(-most, min(most, wrap(motion.course_rad - motion.heading_rad)))
         motion.heading_rad = (motion.heading_rad + turn) % math.tau
     climb_towards(motion, altitude_m, limits)
+
+
+def step_copter_around(
+    motion: Motion,
+    centre: tuple[float, float],
+    altitude_m: float,
+    limits: Limits,
+    radius_m: float,
+) -> None:
+    """One step of a multirotor on its way to a circle and along it; negative is anticlockwise."""
+    course = course_around(motion, centre, abs(radius_m), radius_m > 0.0)
+    ahead_m = max(limits.airspeed_m_s * STEP_S, 1e-3)
+    north_m = motion.north_m + ahead_m * math.cos(course)
+    east_m = motion.east_m + ahead_m * math.sin(course)
+    distance_m = math.hypot(north_m - centre[0], east_m - centre[1])
+    if abs(distance_m - abs(radius_m)) < ahead_m:  # on it: the chord must not lead outwards
+        scale = abs(radius_m) / distance_m
+        north_m = centre[0] + (north_m - centre[0]) * scale
+        east_m = centre[1] + (east_m - centre[1]) * scale
+    step_copter(motion, (north_m, east_m), altitude_m, limits, stop=False)

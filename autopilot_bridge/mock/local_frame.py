@@ -40,9 +40,13 @@ class LocalFrame:
 
     def local(self, item: MissionItem) -> tuple[float, float]:
         """(north, east) of an item."""
+        return self.local_of(item.x / 1e7, item.y / 1e7)
+
+    def local_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """(north, east) of a place."""
         return (
-            (item.x / 1e7 - self.lat_deg) * self.north_m_per_deg,
-            (item.y / 1e7 - self.lon_deg) * self.east_m_per_deg,
+            (lat_deg - self.lat_deg) * self.north_m_per_deg,
+            (lon_deg - self.lon_deg) * self.east_m_per_deg,
         )
 
     def global_position(self, motion: Motion) -> tuple[float, float]:

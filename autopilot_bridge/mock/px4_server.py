@@ -5,6 +5,7 @@ each client); only one of them may receive at a time.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -71,7 +72,7 @@ class Px4Server(MissionServer):
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         super().__init__(stack, home)
-        self.required = 2 if stack.vehicle == "plane" else 0  # as each airframe sets it
+        self.required: Callable[[], int] = lambda: 0
         self.ids = {MISSION: 0, FENCE: 0, RALLY: 0}
         self._managers: dict[Client, Manager] = {}
         self._check_us: int | None = None
@@ -122,7 +123,7 @@ class Px4Server(MissionServer):
 
     def infeasible(self) -> str | None:
         """Why the mission cannot be flown though it was accepted."""
-        return lacking(self.items, self.required) or self._reason
+        return lacking(self.items, self.required()) or self._reason
 
     def busy_with(self, client: Client) -> bool:
         """Whether a transfer with this client is open."""

@@ -5,23 +5,44 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.mock import instruments
+from autopilot_bridge.mock.commands import custom_mode_of
 from autopilot_bridge.mock.flight import Flight
+from autopilot_bridge.mock.intervals import (
+    ATTITUDE,
+    BATTERY_STATUS,
+    GPS,
+    POSITION,
+    SERVOS,
+    SYS_STATUS,
+    VFR_HUD,
+    WIND,
+    WIND_COV,
+    Intervals,
+)
 from autopilot_bridge.mock.kinematics import STEP_US
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
-POSITION_EVERY_STEPS = 2  # 4 Hz
 HOME_EVERY_STEPS = 80
 
 
 class Telemetry:
     """Says what is due after each step of a flight. ``send`` takes any number of messages."""
 
-    def __init__(self, stack: Stack, missions: MissionServer, send: Callable[..., None]) -> None:
+    def __init__(
+        self,
+        stack: Stack,
+        missions: MissionServer,
+        intervals: Intervals,
+        send: Callable[..., None],
+    ) -> None:
+        self.unhealthy = 0  # bits of SYS_STATUS
         self._stack = stack
         self._missions = missions
+        self._intervals = intervals
         self._send = send
         self._told_current: object = None
         self._reached = self._reached_again = 0
@@ -36,13 +57,12 @@ class Telemetry:
         self.tell_texts(flight)
         if steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat(flight)
-            self._battery(flight)
-            self._servos(flight, steps)
             self.tell_current(flight)
         elif self._told_current != (flight.current, *self._missions.progress()):
             self.tell_current(flight)
-        if flight.gps and steps % POSITION_EVERY_STEPS == 0:
+        if flight.gps and self._intervals.due(POSITION, steps):
             self._position(flight, steps)
+        self._instruments(flight, steps)
         if steps % HOME_EVERY_STEPS == 1:
             self._home(flight)
 
@@ -82,12 +102,7 @@ class Telemetry:
         flight.reached.clear()
 
     def _heartbeat(self, flight: Flight) -> None:
-        custom_mode = {
-            "mission": self._stack.mission_mode,
-            "hold": self._stack.hold_mode,
-            "rtl": self._stack.rtl_mode,
-            "idle": 0,
-        }[flight.mode]
+        custom_mode = custom_mode_of(self._stack, flight.mode)
         base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if flight.armed:
             base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -115,18 +130,34 @@ class Telemetry:
             )
         )
 
-    def _battery(self, flight: Flight) -> None:
-        if flight.battery_percent is not None:
-            self._send(
-                mavlink.MAVLink_sys_status_message(
-                    *(0, 0, 0, 0, round(flight.battery.volts * 1e3)),
-                    *(-1, math.ceil(flight.battery_percent)),
-                    *(0, 0, 0, 0, 0, 0),
-                )
-            )
+    def _instruments(self, flight: Flight, steps: int) -> None:
+        boot_us, motion, due = steps * STEP_US, flight.motion, self._intervals.due
+        if due(ATTITUDE, steps):
+            pitch_rad = math.atan2(motion.climb_m_s, max(motion.airspeed_m_s, 1.0))
+            angles = (motion.roll_rad, pitch_rad, motion.heading_rad)
+            self._send(instruments.attitude(boot_us // 1000, *angles))
+        if due(VFR_HUD, steps):
+            speeds = (motion.airspeed_m_s, motion.speed_m_s, motion.heading_rad)
+            climb = (motion.altitude_m, motion.climb_m_s)
+            self._send(instruments.vfr_hud(*speeds, 60 if flight.armed else 0, *climb))
+        wind = (flight.wind.from_deg, flight.wind.speed_m_s)
+        if due(WIND, steps):
+            self._send(instruments.wind(*wind))
+        if due(WIND_COV, steps) and flight.airborne:
+            self._send(instruments.wind_cov(boot_us, *wind, motion.altitude_m))
+        percent = 100 if flight.battery_percent is None else math.ceil(flight.battery_percent)
+        if due(SYS_STATUS, steps):
+            self._send(instruments.sys_status(percent, flight.battery.volts, self.unhealthy))
+        if due(BATTERY_STATUS, steps):
+            self._send(instruments.battery_status(percent, flight.battery.volts))
+        if due(GPS, steps):
+            place = flight.frame.global_position(motion)
+            fix = (3, 10) if flight.gps else (1, 0)
+            self._send(instruments.gps_raw(boot_us, *place, motion.altitude_m, *fix))
+        if due(SERVOS, steps):
+            self._servos(flight, steps)
 
     def _servos(self, flight: Flight, steps: int) -> None:
-        """Once a second, as PX4 does by itself and ArduPilot when asked."""
         servos = flight.payload.servos_us
         self._send(
             mavlink.MAVLink_servo_output_raw_message(

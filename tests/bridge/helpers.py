@@ -8,7 +8,6 @@ from autopilot_bridge.client_events import ClientEvent, TransferFinished
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.px4_server import Px4Server
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import TransferResult
 
@@ -25,8 +24,8 @@ def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopil
         home_altitude_amsl_m=HOME[2],
         **more,
     )
-    if isinstance(mock.missions, Px4Server):
-        mock.missions.required = landing_required
+    if stack.name == "px4":
+        mock.parameters.change("MIS_TKO_LAND_REQ", landing_required)
     return mock
 
 

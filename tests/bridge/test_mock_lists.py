@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from autopilot_bridge.items import MissionItem, waypoint
-from autopilot_bridge.mock.px4_server import Px4Server
 from autopilot_bridge.stacks import Stack
 from tests.bridge.helpers import line_of
 from tests.bridge.mock_talk import (
@@ -138,8 +137,7 @@ def test_px4_tells_the_checksum_of_each_plan() -> None:
 
 def test_px4_accepts_a_mission_without_landing_and_then_does_not_fly_it() -> None:
     player = player_of(PX4)
-    assert isinstance(player.mock.missions, Px4Server)
-    player.mock.missions.required = 2
+    player.mock.parameters.change("MIS_TKO_LAND_REQ", 2)
     assert brief(upload(player, line_of(3))) == [("MISSION_ACK", 0)]
     assert current(player)["mission_state"] == 1
     said = player.say(command(176, 1.0, 4.0, 4.0))

@@ -98,7 +98,7 @@ def expected(items: Items, stack: Stack) -> list[tuple[int, ...]]:
 
 
 def start(connection: Any, stack: Stack) -> None:
-    for command, params in stack.start:
+    for command, params, _ in stack.start:
         values = [*params, *[0.0] * (7 - len(params))]
         connection.mav.command_long_send(1, 1, command, 0, *values)
         ack = heard(connection, "COMMAND_ACK")
@@ -138,7 +138,7 @@ def test_the_classic_waypoint_loop_uploads_downloads_flies_and_clears(
         assert told[-3:] == [len(items) - 3, len(items) - 2, len(items) - 1]
         connection.waypoint_set_current_send(hidden + 1)
         assert until_current(connection, hidden + 1)
-        command, params = stack.set_mode(stack.rtl_mode)
+        command, params, _ = stack.set_mode(stack.rtl_mode)
         connection.mav.command_long_send(1, 1, command, 0, *params, *[0.0] * (7 - len(params)))
         assert heard(connection, "COMMAND_ACK").result == mavlink.MAV_RESULT_ACCEPTED
         connection.waypoint_clear_all_send()

@@ -246,7 +246,9 @@ def _set_parameters(mock: MockAutopilot, transcript: Transcript) -> None:
     if isinstance(mock.missions, Px4Server):
         required = transcript.meta.get("params", {}).get("MIS_TKO_LAND_REQ", 0)
         by_default = 2 if mock.stack.vehicle == "plane" else 0
-        mock.missions.required = by_default if required == "default" else required
+        mock.parameters.change(
+            "MIS_TKO_LAND_REQ", by_default if required == "default" else required
+        )
 
 
 def play_flights(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:

@@ -1,0 +1,66 @@
+"""How often the mock sends which message: each stack's own rates until somebody asks for others.
+
+Seen in SITL without any request: ArduPlane sends all at 1 Hz, ArduCopter nothing but HEARTBEAT and
+texts, PX4 what its link's profile holds.
+"""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.mock.kinematics import STEP_US
+from autopilot_bridge.stacks import Stack
+
+POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+ATTITUDE = mavlink.MAVLINK_MSG_ID_ATTITUDE
+VFR_HUD = mavlink.MAVLINK_MSG_ID_VFR_HUD
+SYS_STATUS = mavlink.MAVLINK_MSG_ID_SYS_STATUS
+BATTERY_STATUS = mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
+GPS = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT
+WIND = mavlink.MAVLINK_MSG_ID_WIND
+WIND_COV = mavlink.MAVLINK_MSG_ID_WIND_COV
+SERVOS = mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+EVERY_STEP_HZ = 1e6 / STEP_US
+
+_PLANE = dict.fromkeys(
+    (POSITION, ATTITUDE, VFR_HUD, SYS_STATUS, BATTERY_STATUS, GPS, WIND, SERVOS), 1.0
+)
+_PX4 = {
+    **dict.fromkeys((POSITION, ATTITUDE, VFR_HUD), 4.0),
+    **dict.fromkeys((SYS_STATUS, BATTERY_STATUS, GPS, WIND_COV, SERVOS), 1.0),
+}
+_COPTER_KNOWS = tuple(_PLANE)
+
+
+class Intervals:
+    """The rates of one mock, in whole steps."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._every: dict[int, int] = {}
+        if stack.name == "px4":
+            hz = _PX4
+        else:
+            hz = _PLANE if stack.vehicle == "plane" else dict.fromkeys(_COPTER_KNOWS, 0.0)
+        for message_id, rate_hz in hz.items():
+            self.set(message_id, 1e6 / rate_hz if rate_hz else -1.0)
+        self._default = dict(self._every)
+
+    def set(self, message_id: int, interval_us: float) -> None:
+        """SET_MESSAGE_INTERVAL: 0 is the default rate, -1 stops it."""
+        if interval_us == 0.0:
+            self._every[message_id] = self._default.get(message_id, 0)
+        elif interval_us < 0.0:
+            self._every[message_id] = 0
+        else:
+            self._every[message_id] = max(round(interval_us / STEP_US), 1)
+
+    def reset(self) -> None:
+        """As after a restart."""
+        self._every = dict(self._default)
+
+    def knows(self, message_id: int) -> bool:
+        """Whether the mock has this message."""
+        return message_id in self._every
+
+    def due(self, message_id: int, step: int) -> bool:
+        """Whether it is sent in this step."""
+        every = self._every.get(message_id, 0)
+        return every > 0 and step % every == 0

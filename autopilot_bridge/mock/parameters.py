@@ -1,0 +1,114 @@
+"""A few parameters of each stack, told and set as the real ones do."""
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.parameters import REAL32, decoded_value, encoded_value
+from autopilot_bridge.stacks import Stack
+
+INT8, INT16, INT32 = (
+    mavlink.MAV_PARAM_TYPE_INT8,
+    mavlink.MAV_PARAM_TYPE_INT16,
+    mavlink.MAV_PARAM_TYPE_INT32,
+)
+NO_INDEX = 65535
+
+_PLANE = {
+    "AIRSPEED_CRUISE": (22.0, REAL32),
+    "AIRSPEED_MAX": (30.0, INT16),
+    "AIRSPEED_MIN": (10.0, INT16),
+    "RTL_ALTITUDE": (100.0, REAL32),
+    "SERIAL0_BAUD": (115.0, INT32),
+    "SYSID_THISMAV": (1.0, INT16),
+    "TKOFF_ALT": (50.0, REAL32),
+    "WP_LOITER_RAD": (80.0, INT16),
+}
+_COPTER = {
+    "ARMING_CHECK": (1.0, INT32),
+    "FS_GCS_ENABLE": (0.0, INT8),
+    "RTL_ALT": (1500.0, INT32),
+    "SYSID_THISMAV": (1.0, INT16),
+    "WPNAV_SPEED": (1000.0, REAL32),
+}
+_PX4 = {
+    "COM_RC_IN_MODE": (1.0, INT32),
+    "MIS_TAKEOFF_ALT": (20.0, REAL32),
+    "MIS_TKO_LAND_REQ": (0.0, INT32),
+    "MAV_SYS_ID": (1.0, INT32),
+    "NAV_LOITER_RAD": (80.0, REAL32),
+}
+
+
+@dataclass(slots=True)
+class _Held:
+    value: float
+    kind: int
+
+
+class ParameterServer:
+    """The parameters of one mock. What is not known gets no answer."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._bytewise = stack.name == "px4"
+        plane = stack.vehicle == "plane"
+        table = _PX4 if self._bytewise else _PLANE if plane else _COPTER
+        self._held = {name: _Held(*held) for name, held in sorted(table.items())}
+        if self._bytewise and plane:
+            self.change("MIS_TKO_LAND_REQ", 2.0)  # as PX4 sets it for fixed wings
+
+    def value(self, name: str) -> float:
+        """A parameter's value."""
+        return self._held[name].value
+
+    def change(self, name: str, value: float) -> None:
+        """Set a parameter there and then."""
+        self._held[name].value = value
+
+    def receive(self, message: Message) -> list[Message]:
+        """Take in PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET."""
+        names = list(self._held)
+        match message.get_type():
+            case "PARAM_REQUEST_LIST":
+                # PX4 begins with a hash over all of them, which has no index.
+                told = [self._tell(name, index) for index, name in enumerate(names)]
+                return [*self._hash(), *told]
+            case "PARAM_REQUEST_READ" if 0 <= message.param_index < len(names):
+                return [self._tell(names[message.param_index], message.param_index)]
+            case "PARAM_REQUEST_READ" if message.param_index < 0 and message.param_id in names:
+                return [self._tell(message.param_id, self._index(message.param_id))]
+            case "PARAM_SET" if message.param_id in names:
+                return self._set(message)
+        return []
+
+    def _index(self, name: str) -> int:
+        # ArduPilot tells no index but in the list.
+        return list(self._held).index(name) if self._bytewise else NO_INDEX
+
+    def _hash(self) -> list[Message]:
+        if not self._bytewise:
+            return []
+        kind = mavlink.MAV_PARAM_TYPE_UINT32
+        wire = encoded_value(0x12345678, kind, True)
+        count = len(self._held)
+        return [mavlink.MAVLink_param_value_message(b"_HASH_CHECK", wire, kind, count, NO_INDEX)]
+
+    def _tell(self, name: str, index: int) -> Message:
+        held = self._held[name]
+        wire = encoded_value(held.value, held.kind, self._bytewise)
+        count = len(self._held)
+        return mavlink.MAVLink_param_value_message(name.encode(), wire, held.kind, count, index)
+
+    def _set(self, message: Message) -> list[Message]:
+        held = self._held[message.param_id]
+        if self._bytewise and message.param_type != held.kind:
+            return []  # PX4 wants the very type
+        value = decoded_value(message.param_value, held.kind, self._bytewise)
+        try:
+            encoded_value(value, held.kind, self._bytewise)
+        except BridgeError:
+            value = float(int(value))  # ArduPilot casts
+        held.value = value
+        return [self._tell(message.param_id, self._index(message.param_id))]

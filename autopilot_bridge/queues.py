@@ -1,0 +1,157 @@
+"""Commands and parameter requests of one vehicle, one of each at a time, sans-IO."""
+
+from collections.abc import Callable
+
+from autopilot_bridge.client_events import CommandFinished, ParametersFinished
+from autopilot_bridge.codec import Message
+from autopilot_bridge.command import AnyStep, CommandSequence
+from autopilot_bridge.parameters import ParameterRead, ParameterSet, ParametersRead
+from autopilot_bridge.stacks import Stack
+from autopilot_bridge.transfer import TransferTiming
+
+Request = ParameterRead | ParametersRead | ParameterSet
+
+
+class Commands:
+    """Orders waiting and under way."""
+
+    def __init__(
+        self,
+        own: tuple[int, int],
+        timing: TransferTiming,
+        report: Callable[[CommandFinished], None],
+    ) -> None:
+        self._own = own
+        self._timing = timing
+        self._report = report
+        self._last_id = 0
+        self._queue: list[tuple[int, CommandSequence]] = []
+        self._begun = False
+
+    def add(
+        self,
+        name: str,
+        steps: tuple[AnyStep, ...],
+        target: tuple[int, int],
+        stack: Stack,
+        urgent: bool,
+        now_us: int,
+    ) -> int:
+        """Queue an order; an urgent one takes the place of all others."""
+        if urgent:
+            self.end_all(f"{name} took its place", now_us)
+        self._last_id += 1
+        bytewise = stack.name == "px4"
+        sequence = CommandSequence(name, self._own, target, steps, self._timing, bytewise)
+        self._queue.append((self._last_id, sequence))
+        return self._last_id
+
+    def end_all(self, reason: str, now_us: int) -> None:
+        """End what waits and what is under way."""
+        for command_id, sequence in self._queue:
+            self._report(CommandFinished(now_us, sequence.name, False, reason, command_id))
+        self._queue.clear()
+        self._begun = False
+
+    def begin_next(self, now_us: int) -> list[Message]:
+        """Begin what waits if nothing is under way."""
+        if self._begun or not self._queue:
+            return []
+        self._begun = True
+        messages = self._queue[0][1].start(now_us)
+        return messages + self._after(now_us)
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Hand a message to what is under way."""
+        if not self._begun:
+            return []
+        messages = self._queue[0][1].receive(message, now_us)
+        return messages + self._after(now_us)
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        return self._queue[0][1].next_timer() if self._begun else None
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Do what is due."""
+        if not self._begun:
+            return []
+        messages = self._queue[0][1].handle_timer(now_us)
+        return messages + self._after(now_us)
+
+    def _after(self, now_us: int) -> list[Message]:
+        outcome = self._queue[0][1].outcome
+        if outcome is None:
+            return []
+        command_id, ended = self._queue.pop(0)
+        self._begun = False
+        self._report(CommandFinished(now_us, ended.name, *outcome, command_id))
+        return self.begin_next(now_us)
+
+
+class ParameterRequests:
+    """Reading and setting of parameters, waiting and under way."""
+
+    def __init__(
+        self, timing: TransferTiming, report: Callable[[ParametersFinished], None]
+    ) -> None:
+        self._timing = timing
+        self._report = report
+        self._last_id = 0
+        self._queue: list[tuple[int, Request]] = []
+        self._begun = False
+
+    def read(self, name: str, target: tuple[int, int], stack: Stack) -> int:
+        """Queue the reading of one."""
+        return self._add(ParameterRead(target, name, _bytewise(stack), self._timing))
+
+    def read_all(self, target: tuple[int, int], stack: Stack) -> int:
+        """Queue the reading of all."""
+        return self._add(ParametersRead(target, _bytewise(stack), self._timing))
+
+    def set(self, name: str, value: float, target: tuple[int, int], stack: Stack) -> int:
+        """Queue the setting of one."""
+        return self._add(ParameterSet(target, name, value, _bytewise(stack), self._timing))
+
+    def _add(self, request: Request) -> int:
+        self._last_id += 1
+        self._queue.append((self._last_id, request))
+        return self._last_id
+
+    def begin_next(self, now_us: int) -> list[Message]:
+        """Begin what waits if nothing is under way."""
+        if self._begun or not self._queue:
+            return []
+        self._begun = True
+        return self._queue[0][1].start(now_us)
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Hand a message to what is under way."""
+        if not self._begun:
+            return []
+        messages = self._queue[0][1].receive(message, now_us)
+        return messages + self._after(now_us)
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        return self._queue[0][1].next_timer() if self._begun else None
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Do what is due."""
+        if not self._begun:
+            return []
+        messages = self._queue[0][1].handle_timer(now_us)
+        return messages + self._after(now_us)
+
+    def _after(self, now_us: int) -> list[Message]:
+        result = self._queue[0][1].result
+        if result is None:
+            return []
+        request_id, _ = self._queue.pop(0)
+        self._begun = False
+        self._report(ParametersFinished(now_us, request_id, result))
+        return self.begin_next(now_us)
+
+
+def _bytewise(stack: Stack) -> bool:
+    return stack.name == "px4"

@@ -1,0 +1,190 @@
+"""Telemetry as events: pure functions of a message, and what keeps them in order and few."""
+
+import math
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import (
+    Attitude,
+    Battery,
+    GpsFix,
+    Health,
+    Position,
+    Speed,
+    TelemetryEvent,
+    Wind,
+)
+from autopilot_bridge.codec import Message
+
+REBOOT_BACK_US = 5_000_000
+UNKNOWN_VOLTAGE_MV = 65535
+FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
+
+
+def position(message: Message, at_us: int) -> Position:
+    """GLOBAL_POSITION_INT."""
+    return Position(
+        at_us,
+        message.time_boot_ms * 1000,
+        message.lat / 1e7,
+        message.lon / 1e7,
+        message.alt / 1e3,
+        message.relative_alt / 1e3,
+        message.vx / 100.0,
+        message.vy / 100.0,
+        message.vz / 100.0,
+        message.hdg / 100.0 if message.hdg != 65535 else 0.0,
+    )
+
+
+def attitude(message: Message, at_us: int) -> Attitude:
+    """ATTITUDE."""
+    angles = (math.degrees(angle) for angle in (message.roll, message.pitch, message.yaw))
+    roll_deg, pitch_deg, yaw_deg = angles
+    return Attitude(at_us, message.time_boot_ms * 1000, roll_deg, pitch_deg, yaw_deg % 360.0)
+
+
+def speed(message: Message, at_us: int) -> Speed:
+    """VFR_HUD."""
+    airspeed_m_s = None if math.isnan(message.airspeed) else message.airspeed  # PX4 multirotors
+    return Speed(at_us, airspeed_m_s, message.groundspeed, message.climb, message.throttle)
+
+
+def wind(message: Message, at_us: int) -> Wind:
+    """WIND: where it comes from (ArduPilot)."""
+    return Wind(at_us, message.direction % 360.0, message.speed)
+
+
+def wind_from_vector(message: Message, at_us: int) -> Wind:
+    """WIND_COV: the velocity of the air, so where it goes (PX4)."""
+    from_deg = math.degrees(math.atan2(-message.wind_y, -message.wind_x)) % 360.0
+    return Wind(at_us, from_deg, math.hypot(message.wind_x, message.wind_y))
+
+
+def battery_of_system(message: Message, at_us: int) -> Battery:
+    """SYS_STATUS."""
+    voltage_mv, current_ca = message.voltage_battery, message.current_battery
+    return Battery(
+        at_us,
+        0,
+        _percent(message.battery_remaining),
+        voltage_mv / 1e3 if voltage_mv not in (0, UNKNOWN_VOLTAGE_MV) else None,
+        current_ca / 100.0 if current_ca >= 0 else None,
+    )
+
+
+def battery(message: Message, at_us: int) -> Battery:
+    """BATTERY_STATUS; its cells add up."""
+    cells = [mv for mv in message.voltages if mv != UNKNOWN_VOLTAGE_MV]
+    current_ca = message.current_battery
+    return Battery(
+        at_us,
+        message.id,
+        _percent(message.battery_remaining),
+        sum(cells) / 1e3 if any(cells) else None,
+        current_ca / 100.0 if current_ca >= 0 else None,
+    )
+
+
+def _percent(remaining: int) -> int | None:
+    return remaining if remaining >= 0 else None
+
+
+def health(message: Message, at_us: int) -> Health:
+    """SYS_STATUS: what is switched on and not healthy."""
+    bad = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
+    words = [word for bit, word in _SENSORS if bad & bit]
+    return Health(at_us, tuple(words))
+
+
+def _sensor_words() -> tuple[tuple[int, str], ...]:
+    names = mavlink.enums["MAV_SYS_STATUS_SENSOR"].items()
+    return tuple(
+        (bit, entry.name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_"))
+        for bit, entry in sorted(names)
+        if bit.bit_count() == 1 and "ENUM_END" not in entry.name
+    )
+
+
+_SENSORS = tuple((bit, word.lower().replace("_", " ")) for bit, word in _sensor_words())
+
+
+def gps_fix(message: Message, at_us: int) -> GpsFix:
+    """GPS_RAW_INT."""
+    known = message.fix_type < len(FIXES)
+    fix = FIXES[message.fix_type] if known else f"fix {message.fix_type}"
+    satellites = message.satellites_visible
+    return GpsFix(at_us, fix, satellites if satellites != 255 else None)
+
+
+_DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent], ...]] = {
+    "GLOBAL_POSITION_INT": (position,),
+    "ATTITUDE": (attitude,),
+    "VFR_HUD": (speed,),
+    "WIND": (wind,),
+    "WIND_COV": (wind_from_vector,),
+    "SYS_STATUS": (health, battery_of_system),
+    "BATTERY_STATUS": (battery,),
+    "GPS_RAW_INT": (gps_fix,),
+}
+TOLD_ON_CHANGE = (Battery, Health, GpsFix)
+MESSAGES = frozenset(_DECODERS)
+
+
+class Telemetry:
+    """The telemetry of one vehicle: late and doubled messages left out, states told on change."""
+
+    def __init__(self) -> None:
+        self._boot_us: dict[str, int] = {}
+        self._told: dict[tuple[str, int], Battery | Health | GpsFix] = {}
+        self._has_battery_status = False
+
+    def forget(self) -> None:
+        """Begin anew: the autopilot was restarted."""
+        self._boot_us.clear()
+        self._told.clear()
+
+    def rebooted(self, message: Message) -> bool:
+        """Whether the autopilot's time since boot went back."""
+        boot_us = _boot_us(message)
+        latest_us = max(self._boot_us.values(), default=0)
+        return boot_us is not None and boot_us < latest_us - REBOOT_BACK_US
+
+    def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
+        """What a message tells, if it is news."""
+        kind = message.get_type()
+        decoders = _DECODERS.get(kind, ())
+        if not decoders or self._late(kind, message):
+            return []
+        self._has_battery_status |= kind == "BATTERY_STATUS"
+        found = []
+        for decode in decoders:
+            if decode is battery_of_system and self._has_battery_status:
+                continue
+            event = decode(message, at_us)
+            if not isinstance(event, TOLD_ON_CHANGE) or self._changed(event):
+                found.append(event)
+        return found
+
+    def _late(self, kind: str, message: Message) -> bool:
+        boot_us = _boot_us(message)
+        if boot_us is None:
+            return False
+        if boot_us <= self._boot_us.get(kind, -1):
+            return True
+        self._boot_us[kind] = boot_us
+        return False
+
+    def _changed(self, event: Battery | Health | GpsFix) -> bool:
+        number = event.battery_id if isinstance(event, Battery) else 0
+        key = (type(event).__name__, number)
+        before = self._told.get(key)
+        self._told[key] = event
+        return before is None or before.without_time() != event.without_time()
+
+
+def _boot_us(message: Message) -> int | None:
+    """Time since boot of messages that carry it in milliseconds."""
+    boot_ms: int | None = getattr(message, "time_boot_ms", None)
+    return None if boot_ms is None else boot_ms * 1000

@@ -1,0 +1,306 @@
+"""Vehicles are found on their links, kept apart, lost and heard again."""
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import (
+    CommandFinished,
+    Connected,
+    LinkLost,
+    LinkRestored,
+    Position,
+    TransferFinished,
+)
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.connection import Connection
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.fleet import Fleet, FleetEvent, FleetLink, SameSystemId, VehicleKey
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.fleet import Fleet as Mocks
+from autopilot_bridge.stacks import STACKS, stack_named, stack_of
+from tests.bridge.helpers import SECOND, line_of, mock_of
+from tests.bridge.wire_helpers import clock_us, free_port
+
+PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
+COPTER = stack_named("ardupilot", "copter")
+
+
+class Air:
+    """Links with mocks on them, in virtual time. A remote is a list of mocks behind one address."""
+
+    def __init__(self, **remotes: list[MockAutopilot]) -> None:
+        """``remotes`` are named ``link_remote``."""
+        self.fleet = Fleet()
+        self.remotes: dict[tuple[str, str], tuple[Mocks, MemoryLink, MemoryLink]] = {}
+        self.events: list[FleetEvent] = []
+        self.now_us = 0
+        for name, mocks in remotes.items():
+            link, _, remote = name.partition("_")
+            if link not in self.fleet.links:
+                self.fleet.add(FleetLink(link))
+            self.remotes[link, remote] = (Mocks(mocks), MemoryLink(), MemoryLink())
+
+    def run_for(self, seconds: float) -> None:
+        end_us = self.now_us + round(seconds * SECOND)
+        while self.now_us < end_us:
+            self.now_us += 25_000
+            for link in self.fleet.links.values():
+                if link.next_timer() <= self.now_us:
+                    link.handle_timer(self.now_us)
+                for datagram in link.data_to_send():
+                    for (name, _), (_, up, _) in self.remotes.items():
+                        if name == link.name:
+                            up.send(datagram, self.now_us)
+            for (name, remote), (mocks, up, down) in self.remotes.items():
+                for datagram in up.receive(self.now_us):
+                    mocks.receive_data(datagram, self.now_us)
+                mocks.handle_timer(self.now_us)
+                for datagram in mocks.data_to_send():
+                    down.send(datagram, self.now_us)
+                for datagram in down.receive(self.now_us):
+                    self.fleet.links[name].receive_frames(remote, [datagram], self.now_us)
+            self.events += self.fleet.events()
+
+    def of(self, kind: type, system_id: int | None = None, link: str | None = None) -> list[Any]:
+        return [
+            event
+            for (name, system), event in self.events
+            if isinstance(event, kind) and system_id in (None, system) and link in (None, name)
+        ]
+
+
+def heartbeat(system: int, component: int, autopilot: int, mav_type: int) -> bytes:
+    message = mavlink.MAVLink_heartbeat_message(mav_type, autopilot, 0, 0, 4, 3)
+    return Codec(system, component).encode(message)
+
+
+def test_all_four_kinds_are_found_on_one_link() -> None:
+    air = Air(a_1=[mock_of(stack, system_id=n) for n, stack in enumerate(STACKS, start=1)])
+    air.run_for(4.0)
+    found = {key.system_id: e.stack for key, e in air.events if isinstance(e, Connected)}
+    assert found == dict(enumerate(STACKS, start=1))
+    assert list(air.fleet.vehicles) == [VehicleKey("a", n) for n in (1, 2, 3, 4)]
+    assert all(len(air.of(Position, n)) > 4 for n in (1, 2, 3, 4))
+
+
+@pytest.mark.parametrize(
+    ("component", "autopilot", "mav_type"),
+    [
+        (190, mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GCS),
+        (1, mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GCS),
+        (100, mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_CAMERA),
+        (154, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_GIMBAL),
+        (156, mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_ADSB),
+        (191, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_QUADROTOR),
+        (1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_ANTENNA_TRACKER),
+        (1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_GROUND_ROVER),
+        (1, mavlink.MAV_AUTOPILOT_GENERIC, mavlink.MAV_TYPE_QUADROTOR),
+    ],
+)
+def test_only_autopilots_of_aircraft_are_vehicles(
+    component: int, autopilot: int, mav_type: int
+) -> None:
+    link = FleetLink("a")
+    link.receive_data(heartbeat(9, component, autopilot, mav_type), 0)
+    assert link.clients == {}
+    link.receive_data(heartbeat(9, 1, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_HEXAROTOR), 0)
+    assert list(link.clients) == [9]
+
+
+def test_vtols_count_as_planes() -> None:
+    assert stack_of(mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_VTOL_TILTROTOR) == PX4
+
+
+def test_the_same_id_on_two_links_is_two_vehicles() -> None:
+    air = Air(a_1=[mock_of(PX4)], b_1=[mock_of(COPTER)])
+    air.run_for(3.0)
+    assert {str(key): client.stack for key, client in air.fleet.vehicles.items()} == {
+        "1 on a": PX4,
+        "1 on b": COPTER,
+    }
+    air.fleet.client(VehicleKey("b", 1)).upload(line_of(3), air.now_us, by_file=False)
+    air.run_for(5.0)
+    assert [e.result.outcome for e in air.of(TransferFinished, link="b")] == ["accepted"]
+    assert air.of(TransferFinished, link="a") == []
+    assert len(air.remotes["a", "1"][0].mocks[0].missions.items) == 0
+    assert air.of(SameSystemId) == []
+
+
+def test_the_same_id_twice_on_one_link_is_told_and_not_mixed() -> None:
+    first, second = mock_of(PX4), mock_of(PX4)
+    second.flight.motion.north_m = 5_000.0
+    first.handle_timer(0)
+    second.handle_timer(-SECOND)
+    second.handle_timer(0)  # its messages are the newer ones
+    second.data_to_send()
+    air = Air(a_first=[first], a_second=[second, mock_of(COPTER, system_id=2)])
+    air.run_for(20.0)
+    (told,) = air.of(SameSystemId)
+    assert (told.kept, told.left_out) == ("first", "second")
+    assert "second is left out: give it another system id or a link of its own" in str(told)
+    assert all(event.lat_deg == pytest.approx(36.3, abs=1e-4) for event in air.of(Position, 1))
+    assert len(air.of(Connected)) == 2  # the other one behind the second remote is heard
+
+
+def test_a_vehicle_may_come_back_from_another_address() -> None:
+    mock = mock_of(PX4)
+    air = Air(a_first=[mock], a_second=[])
+    air.run_for(5.0)
+    first, second = air.remotes["a", "first"], air.remotes["a", "second"]
+    air.remotes["a", "first"] = (second[0], *first[1:])
+    air.remotes["a", "second"] = (first[0], *second[1:])
+    before = len(air.of(Position))
+    air.run_for(8.0)
+    assert air.of(SameSystemId) == []
+    assert len(air.of(Position)) - before > 16
+    assert len(air.of(Connected)) == 1
+
+
+def test_each_vehicle_is_lost_and_heard_again_for_itself() -> None:
+    air = Air(a_1=[mock_of(PX4, system_id=1)], a_2=[mock_of(PLANE, system_id=2)])
+    air.run_for(5.0)
+    mocks, up, _ = air.remotes["a", "2"]
+    air.remotes["a", "2"] = (mocks, up, MemoryLink(loss=1.0))
+    air.run_for(10.0)
+    (lost,) = air.of(LinkLost)
+    assert lost.silent_us == pytest.approx(3e6, abs=0.2e6)
+    assert air.of(LinkLost, 2) == [lost]
+    air.remotes["a", "2"] = (mocks, up, MemoryLink())
+    air.run_for(4.0)
+    assert len(air.of(LinkRestored, 2)) == 1
+    assert air.of(LinkRestored, 1) == []
+
+
+def test_orders_go_to_the_vehicle_they_are_for() -> None:
+    mocks = [mock_of(COPTER, system_id=n) for n in (1, 2, 3)]
+    air = Air(a_1=mocks)
+    air.run_for(4.0)
+    command_id = air.fleet.client(VehicleKey("a", 2)).takeoff(25.0, air.now_us)
+    air.run_for(20.0)
+    assert [(e.command_id, e.accepted) for e in air.of(CommandFinished, 2)] == [(command_id, True)]
+    assert [mock.flight.airborne for mock in mocks] == [False, True, False]
+    with pytest.raises(BridgeError, match="vehicle 7 on a was not heard"):
+        air.fleet.client(VehicleKey("a", 7))
+
+
+def test_one_heartbeat_a_second_for_the_whole_link() -> None:
+    air = Air(a_1=[mock_of(PX4, system_id=n) for n in range(1, 6)])
+    air.run_for(10.0)
+    heard: list[str] = []
+    air.remotes["a", "1"] = (Mocks([]), Tap(heard), MemoryLink(loss=1.0))
+    air.run_for(2.0)
+    assert heard.count("HEARTBEAT") == 2
+
+
+class Tap(MemoryLink):
+    def __init__(self, heard: list[str]) -> None:
+        super().__init__(loss=1.0)
+        self._heard = heard
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        self._heard += [message.get_type() for message in Codec(1, 1).decode(datagram)]
+
+
+def test_links_need_different_names() -> None:
+    fleet = Fleet()
+    fleet.add(FleetLink("a"))
+    with pytest.raises(BridgeError, match="'a' is there already"):
+        fleet.add(FleetLink("a"))
+
+
+def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
+    port = free_port()
+
+    async def run() -> list[FleetEvent]:
+        link = FleetLink("udp")
+        events: list[FleetEvent] = []
+        mocks = [mock_of(PX4), mock_of(PX4)]
+        async with (
+            Connection(f"udpin:127.0.0.1:{port}", link, clock_us, rate=1.0) as here,
+            Connection(f"udpout:127.0.0.1:{port}", mocks[0], clock_us),
+            Connection(f"udpout:127.0.0.1:{port}", mocks[1], clock_us),
+            asyncio.timeout(8.0),
+        ):
+            while not any(isinstance(event, SameSystemId) for _, event in events):
+                await here.wait()
+                while (event := link.next_event()) is not None:
+                    events.append(event)
+        return events
+
+    told = [event for _, event in asyncio.run(run()) if isinstance(event, SameSystemId)]
+    assert told[0].kept != told[0].left_out
+    assert told[0].kept.startswith("127.0.0.1:")
+
+
+def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
+    port = free_port()
+    heard: dict[int, list[str]] = {1: [], 2: []}
+
+    class Spy(MockAutopilot):
+        def receive_data(self, data: bytes, now_us: int) -> None:
+            kinds = [
+                (m.get_type(), getattr(m, "target_system", 0)) for m in Codec(9, 9).decode(data)
+            ]
+            heard[self.system_id] += [f"{kind} {system}" for kind, system in kinds]
+            super().receive_data(data, now_us)
+
+    def spy(system_id: int) -> Spy:
+        return Spy(
+            PX4,
+            system_id=system_id,
+            home_lat_deg=36.3,
+            home_lon_deg=-84.2,
+            home_altitude_amsl_m=300.0,
+        )
+
+    async def run() -> None:
+        link = FleetLink("udp")
+        async with (
+            Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as here,
+            Connection(f"udpout:127.0.0.1:{port}", spy(1), clock_us),
+            Connection(f"udpout:127.0.0.1:{port}", spy(2), clock_us),
+            asyncio.timeout(8.0),
+        ):
+            while min(len(kinds) for kinds in heard.values()) < 8:
+                await here.wait()
+
+    asyncio.run(run())
+    for system, other in ((1, 2), (2, 1)):
+        assert f"COMMAND_LONG {system}" in heard[system]
+        assert f"COMMAND_LONG {other}" not in heard[system]
+
+
+def test_250_vehicles_take_less_than_a_quarter_of_a_core() -> None:
+    """Ten seconds of traffic of 250 vehicles, in less than 2.5 seconds of this process."""
+    link = FleetLink("a")
+    mock = mock_of(PX4)
+    traffic: list[tuple[int, Any]] = []
+    for now_us in range(0, 12 * SECOND, 125_000):
+        mock.handle_timer(now_us)
+        for datagram in mock.data_to_send():
+            traffic += [(now_us, message) for message in Codec(255, 190).decode(datagram)]
+    codecs = [Codec(system, 1) for system in range(1, 251)]
+    sent = [
+        (now_us, [codec.encode(message) for codec in codecs])
+        for now_us, message in traffic
+        if now_us >= 2 * SECOND
+    ]
+    began_s = time.process_time()
+    events = 0
+    for now_us, datagrams in sent:
+        for datagram in datagrams:
+            link.receive_frames("", [datagram], now_us)
+            link.data_to_send()
+            link.next_timer()
+        link.handle_timer(now_us)
+        while link.next_event() is not None:
+            events += 1
+    took_s = time.process_time() - began_s
+    assert len(link.clients) == 250
+    assert events > 250 * 80
+    assert took_s < 2.5, f"{took_s:.2f} s for 10 s of traffic"

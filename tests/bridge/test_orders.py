@@ -1,0 +1,366 @@
+"""Orders in flight, each stack's own way; what is refused is told in words."""
+
+import itertools
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge import orders
+from autopilot_bridge.client_events import CommandFinished, ModeChanged, Position
+from autopilot_bridge.command import CommandSequence
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.stacks import STACKS, Stack, Step, stack_named
+from autopilot_bridge.transfer import TransferTiming
+from tests.bridge.helpers import HOME, Pair, flight_of, mock_of
+
+PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
+PX4_COPTER, COPTER = stack_named("px4", "copter"), stack_named("ardupilot", "copter")
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+circling = pytest.mark.parametrize(
+    "stack", [PX4, PX4_COPTER, PLANE], ids=lambda s: f"{s.name}-{s.vehicle}"
+)
+NORTH_M, EAST_M = 110_974.0, 89_830.0  # a degree at home
+PLACE = (36.304, -84.196)
+
+
+def outcome(pair: Pair, command_id: int, within_s: float = 30.0) -> CommandFinished:
+    """Run until an order has ended."""
+    for _ in range(round(within_s * 20)):
+        for event in pair.of(CommandFinished):
+            if event.command_id == command_id:
+                assert isinstance(event, CommandFinished)
+                return event
+        pair.run_for(0.05)
+    raise AssertionError(f"order {command_id} did not end within {within_s} s")
+
+
+def accepted(pair: Pair, command_id: int) -> None:
+    ended = outcome(pair, command_id)
+    assert ended.accepted, ended.reason
+
+
+def standing(stack: Stack, **link: float) -> Pair:
+    up, down = (MemoryLink(**link, seed=seed) for seed in (3, 4))  # type: ignore[arg-type]
+    speed = 18.0 if stack.vehicle == "plane" else 8.0
+    pair = Pair(mock_of(stack, airspeed_m_s=speed), up, down)
+    pair.run_for(5.0)
+    return pair
+
+
+def airborne(stack: Stack, **link: float) -> Pair:
+    pair = standing(stack, **link)
+    accepted(pair, pair.client.takeoff(60.0, pair.now_us))
+    pair.run_for(60.0)
+    return pair
+
+
+def distances_m(pair: Pair, place: tuple[float, float], last: int = 80) -> list[float]:
+    return [
+        math.hypot((at.lat_deg - place[0]) * NORTH_M, (at.lon_deg - place[1]) * EAST_M)
+        for at in pair.of(Position)[-last:]
+    ]
+
+
+def turned_deg(pair: Pair, place: tuple[float, float]) -> float:
+    """How far the bearing from a place went round, clockwise positive."""
+    bearings = [
+        math.degrees(
+            math.atan2((at.lon_deg - place[1]) * EAST_M, (at.lat_deg - place[0]) * NORTH_M)
+        )
+        for at in pair.of(Position)[-40:]
+    ]
+    steps = itertools.pairwise(bearings)
+    return sum((b - a + 180.0) % 360.0 - 180.0 for a, b in steps)
+
+
+def mode(pair: Pair) -> str:
+    pair.run_for(2.0)
+    name: str = pair.of(ModeChanged)[-1].name
+    return name
+
+
+@each_stack
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_takeoff_ends_at_the_height_asked_for(stack: Stack, loss: float) -> None:
+    pair = airborne(stack, loss=loss)
+    here = pair.of(Position)[-1]
+    assert here.altitude_relative_m == pytest.approx(60.0, abs=2.0)
+    assert pair.client.armed
+
+
+@each_stack
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_a_vehicle_goes_where_it_is_told_and_stays(stack: Stack, loss: float) -> None:
+    pair = airborne(stack, loss=loss)
+    accepted(pair, pair.client.reposition(*PLACE, 390.0, pair.now_us))
+    pair.run_for(120.0)
+    assert max(distances_m(pair, PLACE)) < (90.0 if stack.vehicle == "plane" else 2.0)
+    assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(390.0, abs=1.0)
+
+
+@circling
+@pytest.mark.parametrize("radius_m", [120.0, -150.0])
+def test_an_orbit_is_flown_at_its_radius_and_in_its_direction(
+    stack: Stack, radius_m: float
+) -> None:
+    pair = airborne(stack, loss=0.1)
+    accepted(pair, pair.client.orbit(*PLACE, 390.0, radius_m, pair.now_us, speed_m_s=12.0))
+    pair.run_for(160.0)
+    off_m = [abs(distance - abs(radius_m)) for distance in distances_m(pair, PLACE)]
+    assert max(off_m) < 4.0
+    assert math.copysign(1.0, turned_deg(pair, PLACE)) == math.copysign(1.0, radius_m)
+    speeds = [math.hypot(p.velocity_north_m_s, p.velocity_east_m_s) for p in pair.of(Position)]
+    assert speeds[-1] == pytest.approx(12.0, abs=0.3)
+
+
+@circling
+def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.orbit(*PLACE, 390.0, 120.0, pair.now_us, speed_m_s=12.0))
+    pair.run_for(100.0)
+    there = (PLACE[0] + 0.002, PLACE[1])
+    accepted(pair, pair.client.orbit(*there, 390.0, -90.0, pair.now_us, speed_m_s=12.0))
+    pair.run_for(100.0)
+    assert max(abs(distance - 90.0) for distance in distances_m(pair, there)) < 4.0
+    assert turned_deg(pair, there) < 0.0
+
+
+def test_arducopter_says_that_it_has_no_orbit() -> None:
+    pair = standing(COPTER)
+    with pytest.raises(BridgeError, match="no orbit command; fly LOITER_TURNS"):
+        pair.client.orbit(*PLACE, 390.0, 100.0, pair.now_us)
+
+
+@each_stack
+def test_a_mission_is_paused_and_resumed_where_it_was_left(stack: Stack) -> None:
+    pair = standing(stack, loss=0.1)
+    pair.result_of(pair.client.upload(flight_of(), pair.now_us, by_file=False))
+    accepted(pair, pair.client.start_mission(pair.now_us))
+    pair.run_for(60.0)
+    before = pair.mock.flight.current
+    assert before > 1
+    accepted(pair, pair.client.hold(pair.now_us))
+    assert mode(pair) == "hold"
+    pair.run_for(20.0)
+    assert pair.mock.flight.current == before
+    accepted(pair, pair.client.resume(pair.now_us))
+    assert mode(pair) == "mission"
+    assert pair.mock.flight.current in (before, before + 1)
+
+
+@each_stack
+def test_a_hold_ends_a_reposition_where_the_vehicle_is(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.reposition(36.33, -84.2, 390.0, pair.now_us))
+    pair.run_for(15.0)
+    accepted(pair, pair.client.hold(pair.now_us))
+    here = pair.of(Position)[-1]
+    pair.run_for(60.0)
+    assert max(distances_m(pair, (here.lat_deg, here.lon_deg))) < 170.0
+    assert mode(pair) == "hold"
+
+
+@each_stack
+def test_a_vehicle_returns(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.reposition(*PLACE, 390.0, pair.now_us))
+    pair.run_for(60.0)
+    accepted(pair, pair.client.return_home(pair.now_us))
+    assert mode(pair) == "return"
+    pair.run_for(90.0)
+    assert max(distances_m(pair, HOME[:2], last=8)) < 90.0
+
+
+@pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.vehicle}")
+def test_a_vehicle_lands_where_it_is_and_disarms(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.land(pair.now_us))
+    pair.run_for(60.0)
+    assert pair.of(Position)[-1].altitude_relative_m == pytest.approx(0.0, abs=0.6)
+    assert not pair.client.armed
+
+
+def test_arduplane_lands_only_by_its_mission() -> None:
+    pair = airborne(PLANE)
+    ended = outcome(pair, pair.client.land(pair.now_us))
+    assert (ended.accepted, ended.reason) == (
+        False,
+        "DO_LAND_START failed: Unable to start landing sequence",
+    )
+
+
+@each_stack
+def test_speed_is_changed_in_flight(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.reposition(36.33, -84.2, 390.0, pair.now_us))
+    accepted(pair, pair.client.change_speed(11.0, pair.now_us))
+    pair.run_for(30.0)
+    here = pair.of(Position)[-1]
+    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    assert ground_m_s == pytest.approx(11.0, abs=0.1)
+
+
+@circling
+def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
+    pair = airborne(stack)
+    accepted(pair, pair.client.orbit(*PLACE, 390.0, 90.0, pair.now_us, speed_m_s=15.0))
+    pair.run_for(80.0)
+    accepted(pair, pair.client.change_speed(11.0, pair.now_us))
+    pair.run_for(15.0)
+    here = pair.of(Position)[-1]
+    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    assert ground_m_s == pytest.approx(11.0, abs=0.3)
+    assert max(abs(distance - 90.0) for distance in distances_m(pair, PLACE, last=40)) < 4.0
+
+
+def test_a_refusal_is_told_with_its_command_and_result() -> None:
+    pair = airborne(PLANE)
+    accepted(pair, pair.client.hold(pair.now_us))
+    ended = outcome(pair, pair.client.change_speed(20.0, pair.now_us))
+    assert (ended.accepted, ended.reason) == (False, "DO_CHANGE_SPEED failed")
+
+
+def test_a_return_takes_the_place_of_orders_that_have_not_ended() -> None:
+    pair = airborne(PX4)
+    pair.up = MemoryLink(loss=1.0)
+    first = pair.client.reposition(*PLACE, 390.0, pair.now_us)
+    second = pair.client.change_speed(15.0, pair.now_us)
+    pair.run_for(1.0)
+    pair.up = MemoryLink()
+    accepted(pair, pair.client.return_home(pair.now_us))
+    for command_id in (first, second):
+        assert outcome(pair, command_id).reason == "return took its place"
+    assert mode(pair) == "return"
+
+
+def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
+    pair = airborne(COPTER)
+    pair.up = MemoryLink(loss=1.0)
+    command_id = pair.client.start_mission(pair.now_us)
+    pair.mock.reboot(pair.now_us)
+    pair.run_for(0.1)
+    pair.up = MemoryLink()
+    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, 250_000)
+    ended = outcome(pair, command_id)
+    assert ended.reason == "the autopilot was restarted"
+    pair.run_for(15.0)
+    assert not pair.mock.flight.armed
+
+
+def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
+    pair = Pair(mock_of(COPTER))
+    with pytest.raises(BridgeError, match="no autopilot was heard"):
+        pair.client.arm(0)
+    pair.mock.positions = False
+    pair.run_for(3.0)
+    with pytest.raises(BridgeError, match="no position yet"):
+        pair.client.takeoff(20.0, pair.now_us)
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (lambda: orders.takeoff(PX4, 0.0, 300.0), "takeoff to 0.0 m"),
+        (lambda: orders.reposition(PX4, 91.0, 0.0, 300.0), "no place on Earth"),
+        (lambda: orders.reposition(PLANE, math.nan, 0.0, 300.0), "no place on Earth"),
+        (lambda: orders.reposition(PLANE, 0.0, 0.0, 300.0), "means 'here'"),
+        (lambda: orders.reposition(PLANE, 36.0, -84.0, math.nan), "altitude nan"),
+        (lambda: orders.orbit(PX4, *PLACE, 300.0, 0.0), "orbit of radius 0.0"),
+        (lambda: orders.orbit(PX4_COPTER, *PLACE, 300.0, 1001.0), "1 to 1000 m"),
+        (lambda: orders.orbit(PX4_COPTER, *PLACE, 300.0, 50.0, -3.0), "speed of -3.0"),
+        (lambda: orders.change_speed(PX4, math.inf), "speed of inf"),
+        (lambda: orders.set_mode(COPTER, "orbit"), "has no mode 'orbit'; it has stabilised, acro"),
+    ],
+)
+def test_what_makes_no_sense_is_not_sent(order: object, words: str) -> None:
+    assert callable(order)
+    with pytest.raises(BridgeError, match=words):
+        order()
+
+
+def test_modes_have_names_and_numbers() -> None:
+    for stack in STACKS:
+        for name, number in (
+            ("mission", stack.mission_mode),
+            ("hold", stack.hold_mode),
+            ("return", stack.rtl_mode),
+        ):
+            assert stack.mode_number(name) == number
+            assert stack.mode_name(number) == name
+        numbers = {stack.mode_name(number) for _, number in stack.modes}
+        assert numbers <= {name for name, _ in stack.modes}
+    assert PX4.mode_name(50593792) == "hold"  # as its heartbeat tells on the ground
+    assert PLANE.mode_name(99) == "mode 99"
+
+
+# The sequence itself ----------------------------------------------------------------------------
+
+STEP = Step(mavlink.MAV_CMD_NAV_TAKEOFF, (0.0,))
+TIMING = TransferTiming(timeout_us=1_000_000, retries=2)
+
+
+def ack(result: int, target: tuple[int, int] = (255, 190), command: int = STEP.command) -> object:
+    message = mavlink.MAVLink_command_ack_message(command, result, 0, 0, *target)
+    message._header = mavlink.MAVLink_header(77, srcSystem=1, srcComponent=1)
+    return message
+
+
+def begun() -> CommandSequence:
+    sequence = CommandSequence("takeoff", (255, 190), (1, 1), (STEP,), TIMING)
+    sequence.start(0)
+    return sequence
+
+
+@pytest.mark.parametrize("target", [(254, 190), (255, 191)])
+def test_the_answer_to_another_station_is_not_ours(target: tuple[int, int]) -> None:
+    sequence = begun()
+    sequence.receive(ack(0, target), 1)
+    assert sequence.outcome is None
+
+
+@pytest.mark.parametrize("target", [(255, 190), (0, 0)])
+def test_an_answer_to_us_or_to_nobody_ends_it(target: tuple[int, int]) -> None:
+    sequence = begun()
+    sequence.receive(ack(0, target), 1)
+    assert sequence.outcome == (True, "accepted")
+
+
+def test_a_command_in_progress_is_not_repeated() -> None:
+    sequence = begun()
+    sequence.receive(ack(mavlink.MAV_RESULT_IN_PROGRESS), 500_000)
+    assert sequence.handle_timer(50_000_000) == []
+    sequence.receive(ack(0), 51_000_000)
+    assert sequence.outcome == (True, "accepted")
+    late = begun()
+    late.receive(ack(mavlink.MAV_RESULT_IN_PROGRESS), 500_000)
+    late.handle_timer(61_000_000)
+    assert late.outcome == (False, "NAV_TAKEOFF was begun and not ended in 60 s")
+
+
+def test_the_reason_of_a_refusal_may_come_after_it() -> None:
+    sequence = begun()
+    sequence.receive(ack(mavlink.MAV_RESULT_FAILED), 10)
+    sequence.handle_timer(200_000)
+    assert sequence.outcome is None
+    text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"Arm: no position")
+    text._header = mavlink.MAVLink_header(253, srcSystem=1, srcComponent=1)
+    sequence.receive(text, 210_000)
+    assert sequence.outcome == (False, "NAV_TAKEOFF failed: Arm: no position")
+
+
+def test_repeats_are_counted_and_a_refusal_then_is_told_with_care() -> None:
+    sequence = begun()
+    (again,) = sequence.handle_timer(1_000_000)
+    assert again.confirmation == 1
+    sequence.receive(ack(mavlink.MAV_RESULT_FAILED), 1_100_000)
+    sequence.handle_timer(1_400_000)
+    assert sequence.outcome == (
+        False,
+        "NAV_TAKEOFF failed when repeated; it may have been taken before",
+    )
+    silent = begun()
+    for second in (1, 2, 3):
+        silent.handle_timer(second * 1_000_000)
+    assert silent.outcome == (False, "NAV_TAKEOFF was not answered")
