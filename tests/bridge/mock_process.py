@@ -23,7 +23,10 @@ def free_port() -> int:
 def mock_process(
     port: int, stack: str, kind: str = "plane", speedup: float = 1.0, link: str = "udpout"
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """The mock of a stack standing at HOME, calling the port."""
+    """The mock of a stack standing at HOME, calling the port.
+
+    Sped up, it also waits for items less long: at 20 PX4 gives up after a quarter of a second.
+    """
     command = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
     command += ["--kind", kind, "--home", ",".join(str(value) for value in HOME)]
     command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
@@ -36,8 +39,8 @@ def mock_process(
 
 
 def short_mission(legs: int = 3) -> tuple[MissionItem, ...]:
-    """Takeoff, waypoints 155 m apart to the north, an endless loiter over the last."""
+    """Takeoff, waypoints 111 m apart to the north, an endless loiter over the last."""
     lat, lon, altitude_m = HOME
-    points = [waypoint(lat + 0.0014 * leg, lon, altitude_m + 40.0) for leg in range(1, legs + 1)]
-    last = loiter_unlimited(lat + 0.0014 * legs, lon, altitude_m + 40.0, 80.0)
-    return takeoff(lat, lon, altitude_m + 40.0), *points, last
+    points = [waypoint(lat + 0.001 * leg, lon, altitude_m + 20.0) for leg in range(1, legs + 1)]
+    last = loiter_unlimited(lat + 0.001 * legs, lon, altitude_m + 20.0, 80.0)
+    return takeoff(lat, lon, altitude_m + 20.0), *points, last

@@ -113,7 +113,7 @@ def test_mavproxy_uploads_lists_flies_and_clears_on_the_mock(
     mission = short_mission(legs=2)
     hidden = 1 if name == "ardupilot" else 0
     port = free_port()
-    with mock_process(port, name, kind, speedup=50.0), mavproxy(port, tmp_path) as prompt:
+    with mock_process(port, name, kind, speedup=20.0), mavproxy(port, tmp_path) as prompt:
         prompt.wait("online system 1")
         sent = written(tmp_path, mission, HOME if hidden else None)
         prompt.type(f"wp load {sent}")

@@ -21,7 +21,7 @@ from autopilot_bridge.transfer import TransferResult
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 
 STACKS = ("px4", "ardupilot")
-SPEEDUP = 20.0
+SPEEDUP = 10.0
 PROGRESS = events.MissionProgress
 Event = TypeVar("Event")
 
@@ -88,14 +88,14 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
             connected = await here.next(events.Connected)
             assert (connected.stack.name, connected.stack.vehicle) == (name, "plane")
             first, second = short_mission(), short_mission(legs=5)
-            assert (await here.transfer(vehicle.upload(first, clock_us()))).outcome == "accepted"
+            assert (await here.transfer(vehicle.upload(first, clock_us()))).reason == "accepted"
             read = await here.transfer(vehicle.download(clock_us()))
             assert read.items == read_back(first, name)
             vehicle.start_mission(clock_us())
             assert (await here.next(events.CommandFinished)).accepted
             await here.at_item(2)
             assert vehicle.in_mission
-            assert (await here.next(events.Position)).altitude_relative_m > 15.0
+            assert (await here.next(events.Position)).altitude_relative_m > 10.0
 
             newest = vehicle.upload(second, clock_us(), begin="keep", holds_first=True)
             result = await here.transfer(newest)
@@ -120,7 +120,7 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
             assert read.items == read_back(second, name)
             vehicle.return_home(clock_us())
             assert (await here.next(events.CommandFinished)).accepted
-            assert (await here.transfer(vehicle.clear(clock_us()))).outcome == "accepted"
+            assert (await here.transfer(vehicle.clear(clock_us()))).reason == "accepted"
             assert (await here.transfer(vehicle.download(clock_us()))).items == ()
     modes = [event.custom_mode for event in here.seen if isinstance(event, events.ModeChanged)]
     assert connected.stack.mission_mode in modes
@@ -171,7 +171,7 @@ async def talks_over_tcp() -> None:
         with mock_process(port, "ardupilot", speedup=SPEEDUP, link="tcp"):
             await here.next(events.Connected)
             sent = here.vehicle.upload(mission, clock_us(), begin=2)
-            assert (await here.transfer(sent)).outcome == "accepted"
+            assert (await here.transfer(sent)).reason == "accepted"
             numbers = [event.current_seq for event in here.seen if isinstance(event, PROGRESS)]
             assert numbers[-1] == 2
             read = await here.transfer(here.vehicle.download(clock_us()))

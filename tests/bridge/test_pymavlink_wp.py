@@ -16,7 +16,7 @@ from autopilot_bridge.stacks import Stack, stack_named
 from tests.bridge.mock_process import mock_process, short_mission
 
 mavlink = mavutil.mavlink
-SPEEDUP = 40.0
+SPEEDUP = 20.0
 TIMEOUT_S = 15.0
 
 
