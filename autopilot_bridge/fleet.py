@@ -179,7 +179,7 @@ class FleetLink:
 
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
-        while self._timers and self._due_us[self._timers[0][1]] != self._timers[0][0]:
+        while self._timers and self._due_us.get(self._timers[0][1]) != self._timers[0][0]:
             heapq.heappop(self._timers)
         return min(self._heartbeat_due_us, *(due_us for due_us, _ in self._timers[:1]), 1 << 62)
 
@@ -191,7 +191,7 @@ class FleetLink:
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)
-            if self._due_us[system] == due_us:
+            if self._due_us.get(system) == due_us:  # else it has changed, or stands here twice
                 del self._due_us[system]
                 due.append(system)
         for system in due:

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import (
     CommandFinished,
     Connected,
@@ -204,6 +205,29 @@ class Tap(MemoryLink):
 
     def send(self, datagram: bytes, now_us: int) -> None:
         self._heard += [message.get_type() for message in Codec(1, 1).decode(datagram)]
+
+
+def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
+    link = FleetLink("a")
+    timers, handled = [5 * SECOND, 7 * SECOND, 5 * SECOND], []
+
+    class Fickle(VehicleClient):
+        def next_timer(self) -> int:
+            return timers.pop(0) if timers else 9 * SECOND
+
+        def handle_timer(self, now_us: int) -> None:
+            handled.append(now_us)
+
+    link.handle_timer(0)
+    link.clients[3] = Fickle(target_system=3, shared=link._outgoing)
+    for _ in range(3):
+        link.receive_data(heartbeat(3, 1, mavlink.MAV_AUTOPILOT_PX4, 2), 0)
+    link.handle_timer(5 * SECOND)
+    link.handle_timer(6 * SECOND)
+    assert handled == [5 * SECOND]
+    assert link.next_timer() == 7 * SECOND  # the link's own heartbeat
+    link.handle_timer(9 * SECOND)
+    assert handled == [5 * SECOND, 9 * SECOND]
 
 
 def test_links_need_different_names() -> None:
