@@ -10,13 +10,13 @@ import os
 import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import Protocol, cast
+from typing import Protocol
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.framing import Framer, source_of, target_system_of
 from autopilot_bridge.link import LinkAddress, SerialAddress, reconnect_wait_s
+from autopilot_bridge.sockets import bind, look_up, reason_of, socket_of
 
-RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 # Frames for a remote that does not read are lost beyond this, as they would be on a radio.
 MOST_UNSENT_BYTES = 256 * 1024
 MOST_REMOTES = 1024
@@ -25,8 +25,6 @@ MOST_DATAGRAM_BYTES = 65536
 ANSWER_FOR_S = 10.0
 CONNECT_WITHIN_S = 5.0
 CLOSE_WITHIN_S = 1.0
-# A TCP remote that acknowledges nothing for so long is gone (switched off, out of range).
-GONE_AFTER_MS = 10_000
 SILENCE = {
     *(errno.ECONNREFUSED, errno.ECONNRESET, errno.EHOSTUNREACH, errno.ENETUNREACH),
     *(errno.ENETDOWN, errno.EHOSTDOWN, errno.ENOBUFS),
@@ -103,9 +101,9 @@ class Udp(asyncio.DatagramProtocol):
         """Bind the socket; look up the host."""
         address = self._address
         if address.kind == "udpout":
-            self._target = await _look_up(address)
-        sock = _socket(socket.SOCK_DGRAM)
-        _bind(sock, address, ("", 0) if self._target else (address.host, address.port))
+            self._target = await look_up(address)
+        sock = socket_of(socket.SOCK_DGRAM)
+        bind(sock, address, ("", 0) if self._target else (address.host, address.port))
         loop = asyncio.get_running_loop()
         transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=sock)
         self._transport, self._socket = transport, sock
@@ -273,13 +271,13 @@ class StreamClient:
     async def open(self) -> None:
         """A serial device must be there; a TCP server may come later, but its host's name not."""
         if isinstance(self._address, LinkAddress):
-            await _look_up(self._address)
+            await look_up(self._address)
         else:
             try:
                 self._stream = await self._connect()
             except OSError as error:
                 raise BridgeError(
-                    f"link {self._address}: cannot be opened ({_reason(error)}); is it plugged "
+                    f"link {self._address}: cannot be opened ({reason_of(error)}); is it plugged "
                     "in, may you read and write it, and is no other program using it?"
                 ) from None
         self._task = asyncio.create_task(self._stay_connected())
@@ -330,9 +328,9 @@ class TcpServer:
 
     async def open(self) -> None:
         """Bind and listen."""
-        sock = _socket(socket.SOCK_STREAM)
+        sock = socket_of(socket.SOCK_STREAM)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        _bind(sock, self._address, (self._address.host, self._address.port))
+        bind(sock, self._address, (self._address.host, self._address.port))
         self._server = await asyncio.get_running_loop().create_server(self._accept, sock=sock)
 
     def _accept(self) -> Stream:
@@ -357,7 +355,7 @@ class TcpServer:
 async def _call(address: LinkAddress, listener: Listener) -> Stream:
     """Connect to a TCP server; raises OSError."""
     loop = asyncio.get_running_loop()
-    sock = _socket(socket.SOCK_STREAM)
+    sock = socket_of(socket.SOCK_STREAM)
     try:
         await loop.sock_connect(sock, (address.host, address.port))
         _, stream = await loop.create_connection(lambda: Stream(listener), sock=sock)
@@ -401,45 +399,3 @@ class _Writing(asyncio.BaseProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Closed, or the device is gone."""
         self._stream.writing_ended()
-
-
-# Sockets --------------------------------------------------------------------------------------
-
-
-def _socket(kind: socket.SocketKind) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, kind)
-    sock.setblocking(False)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    if kind == socket.SOCK_STREAM and hasattr(socket, "TCP_USER_TIMEOUT"):
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_AFTER_MS)
-    return sock
-
-
-def _bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> None:
-    try:
-        sock.bind(where)
-    except (OSError, UnicodeError) as error:
-        sock.close()
-        raise BridgeError(
-            f"link {address}: cannot listen on it ({_reason(error)}); "
-            "is another program using the port?"
-        ) from None
-
-
-async def _look_up(address: LinkAddress) -> tuple[str, int]:
-    loop = asyncio.get_running_loop()
-    try:
-        found = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)
-    except (OSError, UnicodeError) as error:
-        raise BridgeError(
-            f"link {address}: host {address.host} is not known ({_reason(error)})"
-        ) from None
-    return cast(tuple[str, int], found[0][4])
-
-
-def _reason(error: OSError | UnicodeError) -> str:
-    if isinstance(error, socket.gaierror):
-        return str(error.strerror)
-    if isinstance(error, OSError) and error.errno:
-        return os.strerror(error.errno)  # pyserial's text is the path and the number once more
-    return str(error).partition("\n")[0]

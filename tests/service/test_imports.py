@@ -20,6 +20,7 @@ SHELL = {
     "autopilot_bridge/link.py",  # a seeded random.Random, given as a seed
     "autopilot_bridge/mavsdk_vehicle.py",
     "autopilot_bridge/mock/process.py",
+    "autopilot_bridge/sockets.py",
     "autopilot_bridge/wires.py",
     "mission_service/bench.py",
     "mission_service/cli.py",
