@@ -28,7 +28,7 @@ def mock_process(
     Sped up, it also waits for items less long: at 20 PX4 gives up after a quarter of a second.
     """
     command = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
-    command += ["--kind", kind, "--home", ",".join(str(value) for value in HOME)]
+    command += ["--vehicle", kind, "--home", ",".join(str(value) for value in HOME)]
     command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:

@@ -77,6 +77,7 @@ def test_servos_are_told_on_the_wire() -> None:
     flight = flown(COPTER, (UP, north(60), do(183, 10, 1234), HOVER))
     flight.steps(60.0)
     mock = flight.mock
+    mock.intervals.set(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 1e6)
     mock.handle_timer(0)
     for minute in range(80):  # beyond 2**32 microseconds
         mock.handle_timer(60_000_000 * minute)
