@@ -162,6 +162,13 @@ def run(
     metavar="FAULT",
     help="Something to go wrong (repeatable), e.g. reboot@30; see the README.",
 )
+@click.option(
+    "--param",
+    "parameters",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of faults by chance.")
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
 def mock(
@@ -178,6 +185,7 @@ def mock(
     battery_minutes: float | None,
     terrain_amsl_m: float | None,
     faults: tuple[str, ...],
+    parameters: tuple[str, ...],
     seed: int,
     as_json: bool,
 ) -> None:
@@ -191,6 +199,7 @@ def mock(
         by_hand,
         from_scenario,
         listening,
+        read_parameters,
         read_wind,
         run,
     )
@@ -199,7 +208,14 @@ def mock(
         raise click.UsageError("--count is for mocks without a scenario")
     if not scenario and vehicle not in (None, "plane", "copter"):
         raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
-    around = Surroundings(read_wind(wind), battery_minutes, terrain_amsl_m, faults, seed)
+    around = Surroundings(
+        read_wind(wind),
+        battery_minutes,
+        terrain_amsl_m,
+        faults,
+        seed,
+        read_parameters(parameters),
+    )
     fleet = (
         from_scenario(scenario, vehicle, around)
         if scenario

@@ -35,6 +35,7 @@ class Surroundings:
     terrain_amsl_m: float | None = None
     faults: tuple[str, ...] = field(default=())
     seed: int = 0
+    parameters: dict[str, float] = field(default_factory=dict)
 
     def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
         """A mock in them. Raises MissionServiceError for a home under the ground."""
@@ -44,7 +45,7 @@ class Surroundings:
             raise MissionServiceError(
                 f"--terrain {ground_m:g}: the home at {altitude_m:g} m would be under the ground"
             )
-        return MockAutopilot(
+        mock = MockAutopilot(
             stack_named(stack, kind),
             system_id=system_id,
             home_lat_deg=lat_deg,
@@ -54,6 +55,15 @@ class Surroundings:
             terrain=None if ground_m is None else lambda lat_deg, lon_deg: ground_m,
             battery_minutes=self.battery_minutes,
         )
+        for name, value in self.parameters.items():
+            try:
+                mock.parameters.change(name, value)
+            except KeyError:
+                known = ", ".join(mock.parameters.names)
+                raise MissionServiceError(
+                    f"--param {name}: the mock of {stack} {kind} has {known}"
+                ) from None
+        return mock
 
     def fleet(self, mocks: list[MockAutopilot]) -> Fleet:
         """The mocks with their faults. Raises BridgeError for faults that there are not."""
@@ -78,6 +88,18 @@ def read_wind(text: str) -> Wind:
     """FROM,SPEED: degrees it comes from, m/s."""
     from_deg, speed_m_s = _numbers(f"--wind {text}", text, "FROM_DEG,SPEED_M_S", (360.0, 60.0))
     return Wind(from_deg, speed_m_s)
+
+
+def read_parameters(texts: tuple[str, ...]) -> dict[str, float]:
+    """NAME=VALUE each."""
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise MissionServiceError(f"--param {text}: write it as NAME=VALUE") from None
+    return found
 
 
 def _numbers(

@@ -59,6 +59,11 @@ class ParameterServer:
         if self._bytewise and plane:
             self.change("MIS_TKO_LAND_REQ", 2.0)  # as PX4 sets it for fixed wings
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What there is."""
+        return tuple(self._held)
+
     def value(self, name: str) -> float:
         """A parameter's value."""
         return self._held[name].value

@@ -29,6 +29,8 @@ def mock_process(
     """
     command = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
     command += ["--vehicle", kind, "--home", ",".join(str(value) for value in HOME)]
+    if stack == "px4":  # these missions have no landing
+        command += ["--param", "MIS_TKO_LAND_REQ=0"]
     command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:

@@ -40,6 +40,7 @@ client = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_ST
 client.add_any_connection(link)
 vehicle = client.first_autopilot(15.0)
 missions, action, telemetry = MissionRaw(vehicle), Action(vehicle), Telemetry(vehicle)
+telemetry.set_rate_position(4.0)  # ArduCopter streams nothing unasked
 sent = [
     MissionItem(seq, frame, command, int(seq == first), more, p1, p2, p3, p4, x=x, y=y, z=z)
     for seq, (command, frame, x, y, z, p1, p2, p3, p4, more) in enumerate(items)
