@@ -163,7 +163,11 @@ class Jobs:
         if job.paused and not seen.stack.atomic_upload:
             return SetMode(address, seen.stack, seen.stack.hold_mode, self._timing)
         job.paused = False
-        return MissionUpload(address, job.wire_items, self._seq(job), self._timing)
+        return self._upload(job, address, seen.stack)
+
+    def _upload(self, job: Job, address: Address, stack: Stack) -> MissionUpload:
+        first, ahead = self._seq(job), stack.items_ahead
+        return MissionUpload(address, job.wire_items, first, self._timing, ahead)
 
     def _read_file(self, address: Address) -> Transfer:
         self._session = next_session(self._session)
@@ -227,7 +231,7 @@ class Jobs:
             return result
         address = self._address(job, seen)
         if isinstance(ended, SetMode):
-            return self._after_mode(job, result, address)
+            return self._after_mode(job, result, address, stack)
         if isinstance(ended, SetCurrent):
             if result.outcome == "accepted" and job.old_tail:
                 return Truncate(address, len(job.wire_items), self._timing)
@@ -299,12 +303,12 @@ class Jobs:
         return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)
 
     def _after_mode(
-        self, job: Job, result: TransferResult, address: Address
+        self, job: Job, result: TransferResult, address: Address, stack: Stack
     ) -> Transfer | TransferResult:
         """After the hold before an upload, or after flying on."""
         if job.uploaded is None:
             if result.outcome == "accepted":
-                return MissionUpload(address, job.wire_items, self._seq(job), self._timing)
+                return self._upload(job, address, stack)
             words = f"it would not hold for the upload: {result.reason}"
             return replace(result, reason=words, holds="the old one")
         if result.outcome == "accepted":

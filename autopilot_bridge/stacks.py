@@ -48,6 +48,7 @@ class Stack:
     atomic_upload: bool  # a failed upload leaves the old mission whole
     mission_files: bool  # whole missions by MAVFTP
     keeps_target: bool  # flies its old target on after an upload, until the index is set
+    items_ahead: int  # items that may be sent before they are asked for
     rerequest_us: int  # how soon a silent uploader is asked again
     cancels_after_us: int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a word
     most_items: int
@@ -92,6 +93,7 @@ def _px4(vehicle: str, mav_type: int) -> Stack:
         atomic_upload=True,
         mission_files=False,
         keeps_target=False,
+        items_ahead=8,
         rerequest_us=280_000,
         cancels_after_us=0,
         most_items=5000,
@@ -116,6 +118,7 @@ def _ardupilot(
         atomic_upload=False,
         mission_files=True,
         keeps_target=True,
+        items_ahead=0,
         rerequest_us=1_000_000,
         cancels_after_us=8_000_000,
         most_items=most,

@@ -2,7 +2,8 @@
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
-sending: items are sent only when asked for; the autopilot asks again for what got lost
+sending: items are sent when asked for, and where the autopilot takes them a few ahead of its
+requests, until it asks for one again: then something got lost, and each is waited for
 any --MISSION_ACK--> ended
 sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
@@ -23,9 +24,17 @@ class MissionUpload:
     """One upload; ``result`` is set when it has ended."""
 
     def __init__(
-        self, address: Address, items: tuple[MissionItem, ...], first: int, timing: TransferTiming
+        self,
+        address: Address,
+        items: tuple[MissionItem, ...],
+        first: int,
+        timing: TransferTiming,
+        ahead: int = 0,
     ) -> None:
-        """``items`` go out as they are; ``first`` is the one to be flown first (current = 1)."""
+        """``items`` go out as they are; ``first`` is the one to be flown first (current = 1).
+
+        Up to ``ahead`` items are sent before they are asked for.
+        """
         self.items = items
         self.touched = False  # whether the autopilot may have changed anything for it
         self.result: TransferResult | None = None
@@ -35,6 +44,8 @@ class MissionUpload:
         self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
         self._asked: int | None = None
+        self._sent = -1  # the last item sent
+        self._ahead = ahead
         self._all_sent = False
         self._doubt: TransferResult | None = None  # a refusal that may not be one
         self._deadline_us = 0
@@ -68,12 +79,24 @@ class MissionUpload:
         self._state = "sending"
         self._tries = 0
         self._doubt = None
+        before = -1 if self._asked is None else self._asked
+        if not before < seq <= self._sent + 1:  # asked for again
+            self._ahead = 0
+            self._sent = seq - 1
         self._asked = seq
-        self._all_sent |= seq == len(self.items) - 1
         self._deadline_us = now_us + self._timing.timeout_us
+        first, self._sent = self._sent + 1, max(self._sent, min(seq + self._ahead, self._last))
+        self._all_sent |= self._sent == self._last
+        return [self._item(number) for number in range(first, self._sent + 1)]
+
+    @property
+    def _last(self) -> int:
+        return len(self.items) - 1
+
+    def _item(self, seq: int) -> Message:
         current = 1 if seq == self._first else 0
-        item = self.items[seq]
-        return [item_message(self._address.target, seq, item, current, self._address.mission_type)]
+        item, mission_type = self.items[seq], self._address.mission_type
+        return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
         """End it: at once, or when an autopilot that does not listen has given up by itself."""

@@ -149,7 +149,7 @@ class Udp(asyncio.DatagramProtocol):
         A single vehicle is answered before looking for more: it waits for the answer.
         """
         batch = [self._frames(data, addr)]
-        most = MOST_AT_ONCE if len(self._remotes) > 1 else 1
+        most = MOST_AT_ONCE
         while len(batch) < most and (waiting := self._read()) is not None:
             batch.append(self._frames(*waiting))
         batch = [(remote, frames) for remote, frames in batch if frames]

@@ -73,6 +73,7 @@ def main() -> None:
     arguments = parser.parse_args()
     (port,) = free_ports(1)
     mock = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", "px4"]
+    mock += ["--param", "MIS_TKO_LAND_REQ=0"]  # these lines have no landing
     mock += ["--home", "36.3,-84.2,300", "--link", f"udpout:127.0.0.1:{port}"]
     process = subprocess.Popen(mock, stdout=subprocess.DEVNULL)
     ours, theirs = [], []

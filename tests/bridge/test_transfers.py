@@ -15,7 +15,8 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import STACKS, Stack, stack_named
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.upload import MissionUpload
 from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
@@ -375,3 +376,34 @@ def test_a_mission_that_px4_acknowledges_and_will_not_fly_is_a_failure(lands: bo
     assert result.holds == "the new one"
     assert result.outcome == ("accepted" if lands else "failed")
     assert ("does not take it for one to fly" in result.reason) != lands
+
+
+def test_items_go_ahead_of_the_requests_until_one_is_asked_for_again() -> None:
+    address = Address((255, 190), (1, 1), 0)
+    job = MissionUpload(address, line_of(12), 0, TransferTiming(), ahead=3)
+    codec = Codec(1, 1)
+
+    def asked(seq: int) -> list[int]:
+        request = mavlink.MAVLink_mission_request_int_message(255, 190, seq, 0)
+        (message,) = codec.decode(codec.encode(request))
+        return [item.seq for item in job.receive(message, 0)]
+
+    job.start(0)
+    assert [asked(seq) for seq in (0, 1, 2)] == [[0, 1, 2, 3], [4], [5]]
+    assert asked(2) == [2]  # it got lost, and with it what came behind
+    assert [asked(seq) for seq in (3, 4, 11)] == [[3], [4], [11]]
+
+
+def test_a_mission_with_items_ahead_survives_the_loss_of_any_item() -> None:
+    for number in range(12):
+        pair = connected(PX4)
+        seen = Counter[str]()
+
+        def nth(name: str, seen: Counter[str] = seen, number: int = number) -> bool:
+            seen[name] += 1
+            return name == "MISSION_ITEM_INT" and seen[name] == number + 1
+
+        pair.up = Choosy(nth)
+        sent = line_of(12)
+        assert pair.result_of(upload(pair, sent)).outcome == "accepted"
+        assert held(pair) == kept(sent, PX4)
