@@ -17,7 +17,7 @@ from mission_service.commands import Announce
 from mission_service.config import Scenario, VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.gateway import Gateway, MissionClock
+from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
@@ -104,7 +104,7 @@ def _client_of(
     if section.backend == "mavsdk":
         vehicle = MavsdkVehicle(section.link, section.system_id, clock_us, tlog)
         return vehicle, vehicle
-    client = VehicleClient(target_system=section.system_id)
+    client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
     return client, Connection(section.link, client, clock_us, tlog=tlog)
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
 from mission_service.commands import AnyCommand, Hold, StartMission, UploadMission
@@ -17,6 +19,12 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
+
+# What the core lives on; nothing else is asked for, and nothing is switched off for others.
+RATES_HZ = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+}
 
 
 class MissionClock:

@@ -12,7 +12,7 @@ from firemodel.landscape import Landscape
 from mission_service.config import LinkSection, Scenario, VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.gateway import Gateway, MissionClock
+from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
@@ -53,7 +53,8 @@ class Rig:
     ) -> None:
         seed = scenario.seed * 1000 + section.system_id * 2
         self.mock = mock_of(section, landscape)
-        self.client = VehicleClient(target_system=section.system_id)
+        self.client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
+        self.mock.intervals.only(*RATES_HZ)
         self.gateway = Gateway(section.name, self.client, clock)
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)
