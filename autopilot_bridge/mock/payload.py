@@ -34,6 +34,8 @@ class Payload:
 
         Whether the stack takes it at all is for the caller to say.
         """
+        if command != 187:
+            params = tuple(value if math.isfinite(value) else 0.0 for value in params)
         match command:
             case 183:
                 return self._servo(int(params[0]), int(params[1]), at_us)
@@ -60,6 +62,7 @@ class Payload:
             if 1 <= channel <= len(self.servos_us):
                 self.texts.append((6, f"ServoRelayEvent: Channel {channel} is already in use"))
             return False
+        pwm_us = min(max(pwm_us, 0), 65535)
         self.servos_us[channel - 1] = pwm_us
         self._note(at_us, "servo", channel, float(pwm_us))
         return True
