@@ -20,8 +20,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.connection import Connection
-from autopilot_bridge.framing import message_id_of
+from autopilot_bridge.connection import Connection, Peer
+from autopilot_bridge.fleet import FleetLink
 from benchmarks.link_shared import clock_us, free_ports
 
 MOST_SHARE = 0.25
@@ -30,63 +30,62 @@ SETTLE_S = 3.0
 PERIOD_TICKS = round(0.25 / TICK_S)
 
 
-class Counting:
-    """Passes all to the clients of the systems that send; counts frames by sequence numbers."""
+class Counts:
+    """Frames by their sequence numbers."""
 
-    def __init__(self, clients: dict[int, VehicleClient]) -> None:
-        self.heard = dict.fromkeys(clients, 0)
-        self.missed = dict.fromkeys(clients, 0)
-        self.events = 0
+    def __init__(self) -> None:
+        self.heard = self.missed = self.events = 0
         self._last: dict[int, int] = {}
-        self._clients = clients
-        self._touched = set(clients)
-        self._due_us = 0
+
+    def add(self, frame: bytes) -> None:
+        """A frame of MAVLink 2."""
+        seq, system = frame[4], frame[5]
+        self.heard += 1
+        self.missed += (seq - self._last.get(system, seq - 1) - 1) % 256
+        self._last[system] = seq
+
+
+class CountingClient(VehicleClient):
+    """One vehicle."""
+
+    def __init__(self, system: int, counts: Counts) -> None:
+        super().__init__(target_system=system)
+        self._counts = counts
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Whole frames of MAVLink 2 without signatures."""
-        of_system: dict[int, bytes] = {}
+        """Whole frames without signatures."""
         at = 0
         while at < len(data):
-            end = at + 12 + data[at + 1]
-            seq, system = data[at + 4], data[at + 5]
-            self.heard[system] += 1
-            self.missed[system] += (seq - self._last.get(system, seq - 1) - 1) % 256
-            self._last[system] = seq
-            of_system[system] = of_system.get(system, b"") + data[at:end]
-            at = end
-        for system, frames in of_system.items():
-            client = self._clients[system]
-            self._touched.add(system)
-            client.receive_data(frames, now_us)
-            while client.next_event() is not None:
-                self.events += 1
+            self._counts.add(data[at:])
+            at += 12 + data[at + 1]
+        super().receive_data(data, now_us)
+        while self.next_event() is not None:
+            self._counts.events += 1
 
-    def data_to_send(self) -> list[bytes]:
-        """Of those who heard something or whose time had come; one heartbeat does for all."""
-        touched, self._touched = self._touched, set()
-        frames = [frame for system in touched for frame in self._clients[system].data_to_send()]
-        heartbeats = [f for f in frames if message_id_of(f) == 0]
-        return heartbeats[:1] + [f for f in frames if message_id_of(f) != 0]
 
-    def next_timer(self) -> int:
-        """Ten times a second."""
-        return self._due_us
+class CountingFleet(FleetLink):
+    """All vehicles of one port."""
 
-    def handle_timer(self, now_us: int) -> None:
-        """All."""
-        self._due_us = now_us + 100_000
-        self._touched.update(self._clients)
-        for client in self._clients.values():
-            client.handle_timer(now_us)
+    def __init__(self, counts: Counts) -> None:
+        super().__init__("one port")
+        self._counts = counts
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Whole frames."""
+        for frame in frames:
+            self._counts.add(frame)
+        super().receive_frames(remote, frames, now_us)
+        while self.next_event() is not None:
+            self._counts.events += 1
 
 
 async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, float]:
     """What one process needs to hear them all."""
+    counts = Counts()
     systems = range(1, vehicles + 1)
-    clients = {system: VehicleClient(target_system=system) for system in systems}
-    groups = [clients] if one_port else [{system: clients[system]} for system in systems]
-    ports = free_ports(len(groups))
-    peers = [Counting(group) for group in groups]
+    each = [CountingClient(system, counts) for system in systems]
+    peers: list[Peer] = [CountingFleet(counts)] if one_port else [*each]
+    ports = free_ports(len(peers))
     connections: list[Connection] = []
     async with AsyncExitStack() as stack:
         for port, peer in zip(ports, peers, strict=True):
@@ -105,14 +104,13 @@ async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, fl
         for connection in connections:
             await connection.wait()  # raises what went wrong
     cpu_s = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
-    heard = {k: v for peer in peers for k, v in peer.heard.items()}
-    sent = {int(k): v for k, v in json.loads(told).items()}
+    sent = sum(json.loads(told).values())
     return {
         "share": cpu_s / (ended_s - began_s),
-        "sent": sum(sent.values()),
-        "missed": sum(sum(peer.missed.values()) for peer in peers),
-        "not heard": sum(sent.values()) - sum(heard.values()),
-        "events": sum(peer.events for peer in peers),
+        "sent": sent,
+        "missed": counts.missed,
+        "not heard": sent - counts.heard,
+        "events": counts.events,
     }
 
 
