@@ -21,6 +21,7 @@ from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
 from autopilot_bridge.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
 from autopilot_bridge.items import MissionItem, jumps_moved
 from autopilot_bridge.mode import SetMode
+from autopilot_bridge.plan_id import mission_id_of
 from autopilot_bridge.read_back import same_mission
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import (
@@ -167,7 +168,8 @@ class Jobs:
 
     def _upload(self, job: Job, address: Address, stack: Stack) -> MissionUpload:
         first, ahead = self._seq(job), stack.items_ahead
-        return MissionUpload(address, job.wire_items, first, self._timing, ahead)
+        plan_id = mission_id_of(job.wire_items, stack)
+        return MissionUpload(address, job.wire_items, first, self._timing, ahead, plan_id)
 
     def _read_file(self, address: Address) -> Transfer:
         self._session = next_session(self._session)

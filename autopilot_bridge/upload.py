@@ -7,6 +7,7 @@ requests, until it asks for one again: then something got lost, and each is wait
 any --MISSION_ACK--> ended
 sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
+sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
 any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
 cancelling: nothing is sent any more; PX4 forgets the transfer when told, ArduPilot after 8 s
 """
@@ -19,6 +20,8 @@ from autopilot_bridge.codec import Message, item_message
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, rejected
 
+IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE
+
 
 class MissionUpload:
     """One upload; ``result`` is set when it has ended."""
@@ -30,10 +33,12 @@ class MissionUpload:
         first: int,
         timing: TransferTiming,
         ahead: int = 0,
+        plan_id: int | None = None,
     ) -> None:
         """``items`` go out as they are; ``first`` is the one to be flown first (current = 1).
 
-        Up to ``ahead`` items are sent before they are asked for.
+        Up to ``ahead`` items are sent before they are asked for. ``plan_id`` is what the autopilot
+        will call the plan (see ``plan_id.py``), so that a lost acknowledgement is no riddle.
         """
         self.items = items
         self.touched = False  # whether the autopilot may have changed anything for it
@@ -46,6 +51,8 @@ class MissionUpload:
         self._asked: int | None = None
         self._sent = -1  # the last item sent
         self._ahead = ahead
+        self._plan_id = plan_id
+        self._told_id: int | None = None  # by MISSION_CURRENT since all was sent
         self._all_sent = False
         self._doubt: TransferResult | None = None  # a refusal that may not be one
         self._deadline_us = 0
@@ -63,6 +70,10 @@ class MissionUpload:
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Answer a message of the autopilot."""
         kind = message.get_type()
+        if kind == "MISSION_CURRENT" and self._all_sent:
+            if (message.get_srcSystem(), message.get_srcComponent()) == self._address.target:
+                self._told_id = getattr(message, IDS[self._address.mission_type])
+            return []
         if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
             return []
         if not self._address.concerns(message):
@@ -138,6 +149,10 @@ class MissionUpload:
             return []
         if self._doubt is not None:
             self.result = self._doubt
+            return []
+        if self._all_sent and self._plan_id and self._told_id == self._plan_id:
+            words = "accepted: the acknowledgement got lost, the autopilot tells the plan's id"
+            self.result = TransferResult("accepted", words, items=self.items)
             return []
         self._tries += 1
         self._deadline_us = now_us + self._timing.timeout_us

@@ -407,3 +407,19 @@ def test_a_mission_with_items_ahead_survives_the_loss_of_any_item() -> None:
         sent = line_of(12)
         assert pair.result_of(upload(pair, sent)).outcome == "accepted"
         assert held(pair) == kept(sent, PX4)
+
+
+def test_a_lost_acknowledgement_is_resolved_by_the_plans_id_without_reading_back() -> None:
+    asked: list[str] = []
+
+    def sent(name: str) -> bool:
+        asked.append(name)
+        return False
+
+    pair = connected(PX4, up=Choosy(sent), down=Choosy(lambda name: name == "MISSION_ACK"))
+    began_us = pair.now_us
+    result = pair.result_of(upload(pair, line_of(6)))
+    assert (result.outcome, result.holds) == ("accepted", "the new one")
+    assert "MISSION_REQUEST_LIST" not in asked
+    assert pair.now_us - began_us < 4 * SECOND
+    assert held(pair) == kept(line_of(6), PX4)
