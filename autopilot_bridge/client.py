@@ -25,6 +25,7 @@ from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
 from autopilot_bridge.queues import Commands, ParameterRequests
 from autopilot_bridge.rates import RATES_HZ, Rates, RatesHz
 from autopilot_bridge.stacks import Stack
+from autopilot_bridge.texts import Texts
 from autopilot_bridge.transfer import Kind, TransferResult, TransferTiming
 from autopilot_bridge.watch import AUTOPILOT, Watch
 
@@ -52,6 +53,7 @@ class VehicleClient:
         self._own = (system_id, component_id)
         self._target_system = target_system
         self._watch = Watch(heartbeat_timeout_us)
+        self._texts = Texts()
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
         self._outgoing: list[Message] = [] if shared is None else shared
@@ -232,7 +234,8 @@ class VehicleClient:
     def receive_message(self, message: Message, now_us: int) -> None:
         """Take in a message from anybody on the link."""
         if self._from_vehicle(message):
-            self._receive(message, now_us)
+            for whole in self._texts.receive(message):
+                self._receive(whole, now_us)
 
     def data_to_send(self) -> list[bytes]:
         """Datagrams to send, in order; each is handed out once."""

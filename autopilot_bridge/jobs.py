@@ -81,6 +81,7 @@ class Job:
     under_way: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
     hidden: int = 0  # items the user does not know of: ArduPilot's home
+    shorter: bool = False  # than a mission being flown: a file leaves that one's tail
     old_tail: bool = False  # old items still stand behind the new ones of a file
     paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
@@ -152,8 +153,8 @@ class Jobs:
             return self._read_file(address) if by_file else MissionDownload(address, self._timing)
         flying = job.kind == "mission" and seen.in_mission
         held = seen.stack.most_items if seen.total is None else seen.total
-        longer = leaves_old_tail(flying, held, len(job.wire_items))
-        if by_file and job.items and (not longer or job.items[-1].command in LAST_FOR_GOOD):
+        job.shorter = leaves_old_tail(flying, held, len(job.wire_items))
+        if by_file and job.items and (not job.shorter or job.items[-1].command in LAST_FOR_GOOD):
             most, self._session = seen.stack.most_items, next_session(self._session)
             return FtpUpload(address, job.wire_items, most, self._session, self._timing)
         return self._by_items(job, seen)
@@ -241,6 +242,10 @@ class Jobs:
                 return SetMode(address, stack, stack.mission_mode, self._timing)
             if result.outcome == "accepted":
                 return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+            if job.old_tail:
+                words = "the vehicle holds the mission with the end of the old one behind it, and"
+                words = f"{words} did not begin it: {result.reason}"
+                return TransferResult("failed", words, holds="a mixture")
             words = f"the vehicle holds the mission but did not begin it: {result.reason}"
             return TransferResult("failed", words, items=job.items, holds="the new one")
         if isinstance(ended, Truncate):
@@ -284,7 +289,9 @@ class Jobs:
         if read.items is None:
             words = f"{job.uploaded.reason}; and reading it back: {read.reason}"
             outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
-            holds: Holds = "the old one" if untouched else "one of both"
+            # A shorter file may stand before the old tail, which is neither of both.
+            doubtful: Holds = "not known" if job.shorter else "one of both"
+            holds: Holds = "the old one" if untouched else doubtful
             return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
         mission_type = MISSION_TYPES[job.kind]
         if same_mission(job.wire_items, read.items, seen.stack, mission_type):

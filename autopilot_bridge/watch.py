@@ -84,6 +84,8 @@ class Watch:
                 self.total = message.total
                 if message.seq != self.current:
                     self.current = message.seq
+                    if message.seq < self.hidden_items:  # ArduPilot's home: nothing is flown yet
+                        return []
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":
                 # ArduPlane tells of item 0, its home, when it is where GUIDED sent it.
@@ -91,7 +93,7 @@ class Watch:
                     self._reached = message.seq
                     return [ItemReached(now_us, message.seq - self.hidden_items)]
             case "STATUSTEXT":
-                return [Text(now_us, message.severity, message.text)]
+                return [Text(now_us, message.severity, message.text.strip())]  # PX4 adds a tab
             case _:
                 pass
         return []
