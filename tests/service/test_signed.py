@@ -44,7 +44,9 @@ def state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
 def mock_on(port: int, folder: Path, *more: str) -> Iterator[None]:
     words = ["mock", "--stack", "ardupilot", "--link", f"udpout:127.0.0.1:{port}", *more]
     words += ["--speedup", "8"]  # and so eight heartbeats a second
-    with process(words, folder / "mock.log"):
+    log = folder / "mock.log"
+    with process(words, log):
+        wait_for(lambda: "ardupilot" in log.read_text(encoding="utf-8"), 20)
         yield
 
 
@@ -181,13 +183,13 @@ def test_missions_over_a_signed_link(tmp_path: Path) -> None:
         assert json.loads(back.stdout)["items"] == 5
 
         other = call(
-            "mission", "clear", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "1.3"
+            "mission", "clear", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8"
         )
         assert other.exit_code == 1
-        assert "no autopilot was believed within 1.3 s: refused" in other.stderr
+        assert "no autopilot was believed within 0.8 s: refused" in other.stderr
         assert "with a wrong signature" in other.stderr
 
-        none = call("mission", "clear", *link, "--timeout", "1.3")
+        none = call("mission", "clear", *link, "--timeout", "0.8")
         assert none.exit_code == 1
         assert "are signed, and no signing key is given" in none.stderr
     assert holds_no_key(tlog)
@@ -204,7 +206,7 @@ def test_a_vehicle_is_given_a_key_another_one_and_none(tmp_path: Path) -> None:
     link = ("--link", f"udpin:127.0.0.1:{port}", "--timeout", "12")
     one, other = ("--signing-key", "env:THE_KEY"), ("--signing-key", "env:OTHER_KEY")
     with mock_on(port, tmp_path):
-        unsigned = call("mission", "clear", *link, *one, "--timeout", "1.3")
+        unsigned = call("mission", "clear", *link, *one, "--timeout", "0.8")
         assert "without a signature" in unsigned.stderr
         on = call("signing", "set-up", *link, *one, "--tlog", str(tlog), "--json")
         assert on.exit_code == 0, on.output
@@ -222,7 +224,7 @@ def test_a_vehicle_is_given_a_key_another_one_and_none(tmp_path: Path) -> None:
 def test_a_vehicle_that_does_not_do_as_told_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission_service.signing_setup.TIMING", TransferTiming(200_000, 5))
+    monkeypatch.setattr("mission_service.signing_setup.TIMING", TransferTiming(200_000, 2))
     ours = f"udpin:127.0.0.1:{free_port()}"
     with autopilot_on(other_end(ours)):  # it learns no key
         result = call("signing", "set-up", "--link", ours, "--signing-key", "env:THE_KEY")
@@ -234,7 +236,7 @@ def test_a_vehicle_that_does_not_do_as_told_is_named(
     with mock_on(port, tmp_path, "--signing-key", "env:THE_KEY"):
         again = call("signing", "set-up", *link, "--signing-key", "env:OTHER_KEY")
         assert "signs with another key; give that one as --old-key" in again.stderr
-        off = call("signing", "off", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "1.3")
+        off = call("signing", "off", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8")
         assert "no autopilot was believed" in off.stderr
 
 
