@@ -71,6 +71,11 @@ class VehicleClient:
         return self._watch.stack
 
     @property
+    def target_system(self) -> int | None:
+        """The vehicle's system id, once it is known."""
+        return self._target_system
+
+    @property
     def armed(self) -> bool:
         """By its last HEARTBEAT."""
         return self._watch.armed

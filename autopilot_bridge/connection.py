@@ -8,7 +8,7 @@ from typing import Protocol, Self
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.fleet import FleetLink
 from autopilot_bridge.link import parse_link
-from autopilot_bridge.signing import Key, Signing, is_secret, setup_signing
+from autopilot_bridge.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.wires import Batch, wire_of
 
@@ -56,6 +56,8 @@ class Connection:
         self._tlog = tlog
         self._signing = signing
         self._link_id = link_id
+        self.counts = Counts()  # of this link; the signing has those of all
+        self.hears_signed = False  # while nothing is checked: the last frame had a signature
         self._news = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
@@ -119,7 +121,12 @@ class Connection:
         codec = Codec(*own)
         for _ in range(2):
             self._send([codec.encode(setup_signing(target, key, wall_us))])
+        self.go_on_with(signing)
+
+    def go_on_with(self, signing: Signing | None) -> None:
+        """Sign and check with another key from now on, or (None) no more."""
         self._signing = signing
+        self.hears_signed = False
 
     def _send(self, frames: list[bytes], remote: str = "") -> None:
         if not self._open:
@@ -160,8 +167,12 @@ class Connection:
     def frames_received(self, batch: Batch) -> None:
         """Hand the frames of each remote to the peer."""
         if self._signing is not None:
-            accepts = self._signing.accepts
-            batch = [(remote, [f for f in frames if accepts(f)]) for remote, frames in batch]
+            accepts, counts = self._signing.accepts, self.counts
+            batch = [
+                (remote, [f for f in frames if accepts(f, counts)]) for remote, frames in batch
+            ]
+        elif batch and batch[-1][1]:
+            self.hears_signed = is_signed(batch[-1][1][-1])
         if any(frames for _, frames in batch):
             self._guarded(lambda: self._take(batch))
 

@@ -43,6 +43,7 @@ from autopilot_bridge.mavsdk_library import (
     raw_message,
 )
 from autopilot_bridge.rates import rate_requests
+from autopilot_bridge.signing import Counts, Signing
 from autopilot_bridge.stacks import Stack, Step
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.transfer import TransferResult
@@ -74,9 +75,17 @@ class MavsdkVehicle:
     """One vehicle on one link while the context is open; both an ``Autopilot`` and its link."""
 
     def __init__(
-        self, link: str, system_id: int, clock: Callable[[], int], tlog: Tlog | None = None
+        self,
+        link: str,
+        system_id: int,
+        clock: Callable[[], int],
+        tlog: Tlog | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
     ) -> None:
-        self._connection = Connection(link, self, clock, tlog=tlog)
+        self._connection = Connection(
+            link, self, clock, tlog=tlog, signing=signing, link_id=link_id
+        )
         self._link = link
         self._clock = clock
         self._target = (system_id, AUTOPILOT)
@@ -106,6 +115,16 @@ class MavsdkVehicle:
     def in_mission(self) -> bool:
         """Whether it flies its mission, by its last HEARTBEAT."""
         return self._watch.in_mission
+
+    @property
+    def counts(self) -> Counts:
+        """What became of the frames of its link; see ``Connection``."""
+        return self._connection.counts
+
+    @property
+    def hears_signed(self) -> bool:
+        """Whether it signs though nothing is checked; see ``Connection``."""
+        return self._connection.hears_signed
 
     def upload(
         self, items: Items, now_us: int, *, begin: Begin = "restart", holds_first: bool = False

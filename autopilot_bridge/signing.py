@@ -99,7 +99,7 @@ def read_key(source: str) -> Key:
             raise BridgeError(f"signing key: the environment has no variable {name}")
     elif kind == "file":
         try:
-            held = Path(name).read_text(encoding="utf-8")
+            held = Path(name).expanduser().read_text(encoding="utf-8")
         except OSError as error:
             raise BridgeError(f"signing key: {name}: {error.strerror}") from None
         except UnicodeDecodeError:
@@ -114,7 +114,7 @@ def key_warning(source: str) -> str | None:
     kind, _, name = source.partition(":")
     if kind != "file" or os.name != "posix":
         return None
-    if stat.S_IMODE(Path(name).stat().st_mode) & 0o077:
+    if stat.S_IMODE(Path(name).expanduser().stat().st_mode) & 0o077:
         return f"signing key: {name} can be read by others on this machine; chmod 600 {name}"
     return None
 
@@ -171,7 +171,8 @@ class Timestamps:
 
     def _store(self, ticks: int) -> None:
         assert self._file is not None
-        new = self._file.with_name(self._file.name + ".new")
+        # Another process may store at the same moment.
+        new = self._file.with_name(f"{self._file.name}.{os.getpid()}.new")
         try:
             new.write_text(f"{ticks}\n", encoding="ascii")
             new.replace(self._file)
@@ -241,23 +242,33 @@ class Signing:
         )
         return stamped + self._hash(stamped)
 
-    def accepts(self, frame: bytes) -> bool:
-        """Whether a whole frame with a right checksum may be believed; counts it."""
+    def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
+        """Whether a whole frame with a right checksum may be believed.
+
+        Counts it, also among those of its link.
+        """
         verdict = self._verdict(frame)
-        setattr(self.counts, verdict, getattr(self.counts, verdict) + 1)
+        for counts in (self.counts, of_link):
+            if counts is not None:
+                setattr(counts, verdict, getattr(counts, verdict) + 1)
         return verdict in ("good", "unsigned_allowed")
 
-    def lead_s(self) -> float:
+    def lead_s(self, system_id: int | None = None) -> float:
         """How far the furthest stream is ahead of us; over 60, its sender may refuse what we send.
 
-        Seen on ArduPilot 4.6: with our clock two minutes slow its frames verify, and it answers
-        nothing.
+        Of all systems, or of one. Seen on ArduPilot 4.6: with our clock two minutes slow its frames
+        verify, and it answers nothing.
         """
         present = self._timestamps.present()
-        return max((at - present for at in self._streams.values()), default=0) / TICKS_PER_S
+        leads = (
+            at - present
+            for (system, _, _), at in self._streams.items()
+            if system_id in (None, system)
+        )
+        return max(leads, default=0) / TICKS_PER_S
 
     def _verdict(self, frame: bytes) -> str:
-        if frame[0] != V2 or not frame[2] & SIGNED:
+        if not is_signed(frame):
             allowed = message_id_of(frame) in self._allow_unsigned
             return "unsigned_allowed" if allowed else "unsigned"
         if not hmac.compare_digest(self._hash(frame[:-_HASH_BYTES]), frame[-_HASH_BYTES:]):
@@ -276,6 +287,11 @@ class Signing:
 
     def _hash(self, stamped: bytes) -> bytes:
         return hashlib.sha256(self._key.secret + stamped).digest()[:_HASH_BYTES]
+
+
+def is_signed(frame: bytes) -> bool:
+    """Whether a frame carries a signature, right or wrong."""
+    return frame[0] == V2 and bool(frame[2] & SIGNED)
 
 
 def is_secret(frame: bytes) -> bool:

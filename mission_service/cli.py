@@ -25,6 +25,11 @@ LINK = click.option(
     show_default=True,
     help="udpin, udpout, tcp or tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
 )
+SIGNING_KEY = click.option(
+    "--signing-key",
+    metavar="file:PATH|env:NAME",
+    help="Where the key is with which frames are signed and checked (MAVLink 2 signing).",
+)
 TLOG = click.option(
     "--tlog",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -109,18 +114,26 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
 @OVERRIDE
 @TLOG
+@SIGNING_KEY
 @JSON
 def run(
-    config: str, out: Path, overrides: tuple[str, ...], tlog: Path | None, as_json: bool
+    config: str,
+    out: Path,
+    overrides: tuple[str, ...],
+    tlog: Path | None,
+    signing_key: str | None,
+    as_json: bool,
 ) -> None:
     """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C."""
     import asyncio
 
-    from mission_service.config import flying, load_scenario
+    from mission_service.config import flying, load_scenario, with_signing_key
     from mission_service.daemon import serve
     from mission_service.outputs import write_outputs
 
     scenario = flying(load_scenario(config, overrides))
+    if signing_key is not None:
+        scenario = with_signing_key(scenario, signing_key)
     folder = _folder(out)
     record, world = asyncio.run(
         serve(scenario, folder / "journal.jsonl", _now(), _reporter(as_json), tlog_path=tlog)
@@ -170,6 +183,7 @@ def run(
     help="A parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of faults by chance.")
+@SIGNING_KEY
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
 def mock(
     scenario: str | None,
@@ -187,12 +201,14 @@ def mock(
     faults: tuple[str, ...],
     parameters: tuple[str, ...],
     seed: int,
+    signing_key: str | None,
     as_json: bool,
 ) -> None:
     """Mock autopilots as a process of their own, until Ctrl-C.
 
     With SCENARIO it is the vehicle of that name standing at its home. With --count there are
-    several without a scenario, with system ids in a row.
+    several without a scenario, with system ids in a row. They sign when they have a key, from here,
+    from SCENARIO or by SETUP_SIGNING.
     """
     from mission_service.mocks import (
         Surroundings,
@@ -216,12 +232,13 @@ def mock(
         seed,
         read_parameters(parameters),
     )
-    fleet = (
-        from_scenario(scenario, vehicle, around)
-        if scenario
-        else by_hand(stack, vehicle or "plane", system_id, home, count, around)
-    )
-    run(fleet, listening(listen) if listen else link, speedup, as_json, click.echo)
+    if scenario:
+        fleet, its_key = from_scenario(scenario, vehicle, around)
+        signing_key = signing_key or its_key
+    else:
+        fleet = by_hand(stack, vehicle or "plane", system_id, home, count, around)
+    link = listening(listen) if listen else link
+    run(fleet, link, speedup, as_json, click.echo, signing_key)
 
 
 @main.command()
@@ -338,10 +355,9 @@ def mission() -> None:
 @LINK
 @TIMEOUT
 @TLOG
+@SIGNING_KEY
 @JSON
-def mission_upload(
-    plan_file: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
-) -> None:
+def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
     """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight.
 
     Fence and rally points that the autopilot has stay where the plan has none.
@@ -349,7 +365,7 @@ def mission_upload(
     from autopilot_bridge.planfile import read_any
     from mission_service.transfers import upload
 
-    _echo(upload(read_any(plan_file), link, timeout_s, tlog), as_json)
+    _echo(upload(read_any(plan_file), _line(line)), as_json)
 
 
 @mission.command("download")
@@ -357,14 +373,13 @@ def mission_upload(
 @LINK
 @TIMEOUT
 @TLOG
+@SIGNING_KEY
 @JSON
-def mission_download(
-    output: Path, link: str, timeout_s: float, tlog: Path | None, as_json: bool
-) -> None:
+def mission_download(output: Path, as_json: bool, **line: Any) -> None:
     """Write mission, fence and rally points to a .plan file, or the mission to a .waypoints one."""
     from mission_service.transfers import download
 
-    _echo(download(output, link, timeout_s, tlog), as_json)
+    _echo(download(output, _line(line)), as_json)
 
 
 @mission.command("clear")
@@ -372,14 +387,68 @@ def mission_download(
 @LINK
 @TIMEOUT
 @TLOG
+@SIGNING_KEY
 @JSON
-def mission_clear(
-    everything: bool, link: str, timeout_s: float, tlog: Path | None, as_json: bool
-) -> None:
+def mission_clear(everything: bool, as_json: bool, **line: Any) -> None:
     """Remove the autopilot's mission."""
     from mission_service.transfers import clear
 
-    _echo(clear(link, timeout_s, tlog, everything), as_json)
+    _echo(clear(_line(line), everything), as_json)
+
+
+def _line(line: dict[str, Any]) -> Any:
+    from mission_service.transfers import Line
+
+    return Line(**line, warn=lambda text: click.echo(text, err=True))
+
+
+@main.group()
+def signing() -> None:
+    """MAVLink 2 signing: give a vehicle its key, or take it away."""
+
+
+KEY_NEEDED = click.option(
+    "--signing-key", required=True, metavar="file:PATH|env:NAME", help="Where the key is."
+)
+SYSTEM = click.option(
+    "--system-id", type=click.IntRange(1, 250), help="Of the vehicle (default: the first heard)."
+)
+
+
+@signing.command("set-up")
+@LINK
+@KEY_NEEDED
+@click.option(
+    "--old-key", metavar="file:PATH|env:NAME", help="Where the key is that the vehicle has now."
+)
+@SYSTEM
+@TIMEOUT
+@TLOG
+@JSON
+def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **line: Any) -> None:
+    """Tell the vehicle the key, and see that it signs.
+
+    The key travels in clear text: use a link nobody listens to, such as a USB cable. The vehicle
+    must be disarmed. Then it must answer a question that is signed, or the exit code is 1. The
+    key is not recorded.
+    """
+    from mission_service.signing_setup import set_up
+
+    _echo(set_up(_line(line), old_key, system_id), as_json)
+
+
+@signing.command("off")
+@LINK
+@KEY_NEEDED
+@SYSTEM
+@TIMEOUT
+@TLOG
+@JSON
+def signing_off(system_id: int | None, as_json: bool, **line: Any) -> None:
+    """Have the vehicle that has the key sign no more, and see that it answers without."""
+    from mission_service.signing_setup import turn_off
+
+    _echo(turn_off(_line(line), system_id), as_json)
 
 
 @main.command()

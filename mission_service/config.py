@@ -6,7 +6,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.link import parse_link
@@ -36,6 +44,10 @@ LAYER_KEYS = (
 
 
 RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
+
+
+# A name that is no name may be the key itself.
+KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
 class Section(BaseModel):
@@ -219,6 +231,8 @@ class VehicleSection(Section):
     link: str = "udpin:127.0.0.1:14550"
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
+    signing_key: str | None = None  # where the key is; the journal holds the scenario
+    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # its place, counted from 0
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
@@ -231,6 +245,16 @@ class VehicleSection(Section):
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
+
+    @field_validator("signing_key")
+    @classmethod
+    def _key_not_here(cls, source: str | None) -> str | None:
+        if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
+            raise ValueError(
+                'name where the key is, as "file:PATH" or "env:NAME"; '
+                "the key itself does not belong into a scenario, which is recorded"
+            )
+        return source
 
 
 class Scenario(Section):
@@ -349,6 +373,9 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
             what = "is a folder, not a file" if found.is_dir() else "no such file"
             raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {what}: {found}")
         return found
+    if keys[-1:] == ("signing_key",) and section and section.startswith("file:"):
+        path = Path(section.removeprefix("file:")).expanduser()
+        return f"file:{(scenario_path.parent / path).resolve()}"
     if isinstance(section, tuple):
         return tuple(
             _with_paths(part, scenario_path, (*keys, str(place)))
@@ -362,6 +389,16 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
         }
         return section.model_copy(update=values)
     return section
+
+
+def with_signing_key(scenario: Scenario, source: str) -> Scenario:
+    """The scenario with the same key for all its vehicles. Raises ScenarioError for no source."""
+    if re.fullmatch(KEY_SOURCE, source) is None:
+        raise ScenarioError("signing key: name where it is, as file:PATH or env:NAME")
+    vehicles = tuple(
+        vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles
+    )
+    return scenario.model_copy(update={"vehicles": vehicles})
 
 
 def flying(scenario: Scenario) -> Scenario:
@@ -381,7 +418,9 @@ def _in_words(error: ValidationError) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
-    shown = "" if isinstance(value, dict | BaseModel) else f" (got {value!r})"
+    # What stands where a key is named, perhaps misspelt, may be the key itself.
+    hidden = isinstance(value, dict | list | tuple | BaseModel) or re.search("key|sign", key)
+    shown = "" if hidden else f" (got {value!r})"
     others = len(error.errors()) - 1
     more = f"; and {others} more" if others else ""
     if first["type"] == "extra_forbidden":

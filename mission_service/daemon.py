@@ -12,6 +12,7 @@ from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
+from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
 from mission_service.config import Scenario, VehicleSection
@@ -21,6 +22,7 @@ from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
+from mission_service.signed import Refusals, refusal, signings
 from mission_service.world import FireWorld
 
 STATUS_EVERY_S = 0.2
@@ -64,18 +66,25 @@ async def serve(
             asyncio.get_running_loop().set_default_executor(threads)
         # Links first: a port in use must not cost an earlier run its journal.
         connections: list[Connection | MavsdkVehicle] = []
+        refusals: list[Refusals] = []
         tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
+        sources = [section.signing_key for section in scenario.vehicles]
+        signing_of = stack.enter_context(
+            signings(sources, wall_us, lambda text: tell(record, "service", text))
+        )
         for section in scenario.vehicles:
-            client, connection = _client_of(section, tlog)
+            signing = signing_of.get(section.signing_key)
+            client, connection = _client_of(section, tlog, signing, len(connections))
             gateways[section.name] = Gateway(section.name, client, clock)
             connections.append(await stack.enter_async_context(connection))
+            refusals.append(Refusals(section.link, section.system_id, signing))
         journal = Journal(
             journal_path, header_of(scenario, landscape.digest(), created), durable=True
         )
         stack.callback(journal.close)
         core = Core(scenario, landscape)
         service = Service(scenario, core, world, journal, record, gateways)
-        silence = Silence(scenario, gateways)
+        silence = Silence(scenario, gateways, connections)
         stop = asyncio.Event()
         _stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
@@ -86,6 +95,9 @@ async def serve(
             while not stop.is_set() and clock.now_us < scenario.duration_s * 1e6:
                 watch()
                 silence.tell(record)
+                for name, connection, told in zip(gateways, connections, refusals, strict=True):
+                    for line in told.news(connection.counts, connection.hears_signed):
+                        tell(record, name, line)
                 clock.wall_passed(clock_us())
                 world.advance(clock.now_us)
                 progress(record, world)
@@ -98,21 +110,35 @@ async def serve(
 
 
 def _client_of(
-    section: VehicleSection, tlog: Tlog | None
+    section: VehicleSection, tlog: Tlog | None, signing: Signing | None, place: int
 ) -> tuple[Autopilot, Connection | MavsdkVehicle]:
     """A vehicle's client, and its link to be opened."""
+    link_id = place % 256 if section.signing_link_id is None else section.signing_link_id
     if section.backend == "mavsdk":
-        vehicle = MavsdkVehicle(section.link, section.system_id, clock_us, tlog)
+        vehicle = MavsdkVehicle(section.link, section.system_id, clock_us, tlog, signing, link_id)
         return vehicle, vehicle
     client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
-    return client, Connection(section.link, client, clock_us, tlog=tlog)
+    return client, Connection(
+        section.link, client, clock_us, tlog=tlog, signing=signing, link_id=link_id
+    )
+
+
+def tell(record: Record, vehicle: str, text: str) -> None:
+    """Warn the user."""
+    record.news.append((record.at_us, Announce(vehicle, text, "warning")))
 
 
 class Silence:
     """Tells once of each vehicle that has not been heard since the service began."""
 
-    def __init__(self, scenario: Scenario, gateways: dict[str, Gateway]) -> None:
-        self._unheard = {section.name: section.link for section in scenario.vehicles}
+    def __init__(
+        self,
+        scenario: Scenario,
+        gateways: dict[str, Gateway],
+        connections: list[Connection | MavsdkVehicle],
+    ) -> None:
+        links = [section.link for section in scenario.vehicles]
+        self._unheard = dict(zip(gateways, zip(links, connections, strict=True), strict=True))
         self._gateways = gateways
         self._tell_at_us = clock_us() + TELL_SILENCE_AFTER_US
 
@@ -120,12 +146,15 @@ class Silence:
         """Add the news to the record when it is time."""
         if clock_us() < self._tell_at_us:
             return
-        for name, link in self._unheard.items():
-            if self._gateways[name].client.stack is None:
+        for name, (link, connection) in self._unheard.items():
+            refused = refusal(connection.counts, link)
+            if self._gateways[name].client.stack is None and refused is not None:
+                tell(record, name, f"nothing believed yet: {refused}")
+            elif self._gateways[name].client.stack is None:
                 text = (
                     f"nothing heard on {link} yet; is its autopilot running, and is this its port?"
                 )
-                record.news.append((record.at_us, Announce(name, text, "warning")))
+                tell(record, name, text)
         self._unheard.clear()
 
 

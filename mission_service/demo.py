@@ -53,6 +53,8 @@ def _mock_process(section: VehicleSection, speedup: float) -> Iterator["subproce
         *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path("demo"))),
         *("--vehicle", section.name, "--speedup", str(speedup), "--link", other_end(section.link)),
     ]
+    if section.signing_key is not None:
+        command += ["--signing-key", section.signing_key]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         yield process

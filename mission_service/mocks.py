@@ -15,9 +15,10 @@ from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.mock.process import serve
 from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.stacks import stack_named
 from mission_service.config import flying, load_scenario
-from mission_service.daemon import clock_us
+from mission_service.daemon import clock_us, wall_us
 from mission_service.demo import vehicle_of
 from mission_service.errors import MissionServiceError
 from mission_service.fire_setup import landscape_of
@@ -140,8 +141,8 @@ def by_hand(
     )
 
 
-def from_scenario(name: str, vehicle: str | None, around: Surroundings) -> Fleet:
-    """The mock of a scenario's vehicle, standing at its home."""
+def from_scenario(name: str, vehicle: str | None, around: Surroundings) -> tuple[Fleet, str | None]:
+    """The mock of a scenario's vehicle, standing at its home, and where its key is."""
     scenario = flying(load_scenario(name))
     section = vehicle_of(scenario, vehicle)
     plain = mock_of(section, landscape_of(scenario))
@@ -149,7 +150,7 @@ def from_scenario(name: str, vehicle: str | None, around: Surroundings) -> Fleet
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
     mock = around.mock(section.stack, section.kind, section.system_id, home)
     mock.flight.change_cruise(section.airspeed_m_s)
-    return around.fleet([mock])
+    return around.fleet([mock]), section.signing_key
 
 
 def listening(listen: str) -> str:
@@ -184,9 +185,22 @@ def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
 
 
 def run(
-    fleet: Fleet, link: str, speedup: float, as_json: bool, echo: Callable[[str], None]
+    fleet: Fleet,
+    link: str,
+    speedup: float,
+    as_json: bool,
+    echo: Callable[[str], None],
+    signing_key: str | None = None,
 ) -> None:
-    """Fly until SIGINT or SIGTERM; says one line a vehicle once the link is open."""
+    """Fly until SIGINT or SIGTERM; says one line a vehicle once the link is open.
+
+    Signs with the key named, or once SETUP_SIGNING has told one.
+    """
+    timestamps = Timestamps(wall_us)
+    signing = None if signing_key is None else Signing(read_key(signing_key), timestamps)
+
+    def learns(key: Key) -> Signing:
+        return Signing(key, timestamps)
 
     def opened() -> None:
         for told in describe(fleet, link, speedup):
@@ -198,7 +212,7 @@ def run(
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, task.cancel)
         with contextlib.suppress(asyncio.CancelledError):
-            await serve(fleet, link, speedup, clock_us, opened)
+            await serve(fleet, link, speedup, clock_us, opened, signing, learns)
 
     asyncio.run(until_ended())
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autopilot_bridge.link import parse_link
+from autopilot_bridge.signing import read_key
 from firemodel.fire import Fire
 from firemodel.landscape import Landscape
 from mission_service.config import Scenario, VehicleSection
@@ -81,6 +82,8 @@ def check(scenario: Scenario) -> dict[str, object]:
     fire_of(scenario, landscape)
     for vehicle in scenario.vehicles:
         parse_link(vehicle.link)
+        if vehicle.signing_key is not None:
+            read_key(vehicle.signing_key)
         x_m, y_m = landscape.xy_of_lat_lon(vehicle.home_lat_deg, vehicle.home_lon_deg)
         if not landscape.contains(x_m, y_m):
             raise ScenarioError(

@@ -3,6 +3,9 @@
 from collections.abc import Callable
 
 from autopilot_bridge.connection import Connection, Peer
+from autopilot_bridge.mock.fleet import Fleet
+from autopilot_bridge.mock.key_taker import KeyTaker
+from autopilot_bridge.signing import Key, Signing
 
 
 async def serve(
@@ -11,17 +14,26 @@ async def serve(
     speedup: float,
     clock: Callable[[], int],
     opened: Callable[[], None] = lambda: None,
+    signing: Signing | None = None,
+    learns: Callable[[Key], Signing] | None = None,
 ) -> None:
     """Fly a mock or a fleet on a link until cancelled. ``clock`` gives real microseconds.
 
-    ``opened`` is called when the link is open.
+    ``opened`` is called when the link is open. With ``learns``, a fleet signs with the keys it is
+    told; it makes the signing for one.
     """
     began_us = clock()
 
     def simulation_us() -> int:
         return int((clock() - began_us) * speedup)
 
-    async with Connection(link, mock, simulation_us, rate=speedup) as connection:
+    peer = mock
+    if learns is not None and isinstance(mock, Fleet):
+        peer = KeyTaker(
+            mock, lambda key: connection.go_on_with(None if key is None else learns(key))
+        )
+    connection = Connection(link, peer, simulation_us, rate=speedup, signing=signing)
+    async with connection:
         opened()
         while True:
             await connection.wait()

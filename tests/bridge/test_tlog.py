@@ -21,7 +21,7 @@ from autopilot_bridge.link import other_end
 from autopilot_bridge.mock.process import serve
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.tlog import Tlog
-from mission_service.transfers import download, upload
+from mission_service.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 
@@ -129,9 +129,10 @@ def test_a_mission_goes_up_and_down_over_every_kind_of_link(kind: str, tmp_path:
     path = tmp_path / "transfer.tlog"
     ours = f"{kind}:127.0.0.1:{free_port(socket.SOCK_STREAM)}"
     with autopilot_on(other_end(ours)) as mock:
-        assert upload(Plan(line_of(20)), ours, 8.0, path)["result"] == "accepted"
+        line = Line(ours, 8.0, path)
+        assert upload(Plan(line_of(20)), line)["result"] == "accepted"
         assert tuple(mock.missions.items[1:]) == line_of(20)
-        assert download(tmp_path / "back.plan", ours, 8.0, path)["items"] == 20
+        assert download(tmp_path / "back.plan", line)["items"] == 20
     recorded = [(system, words) for _, system, words in read(path)]
     for system in (255, 1):  # 20 items in 4 pieces, up, read back and down
         assert recorded.count((system, "FILE_TRANSFER_PROTOCOL")) >= 3 * 4

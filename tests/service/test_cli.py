@@ -30,7 +30,7 @@ def test_the_version_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["demo", "sim", "run", "mock", "plan", "mission", "replay", "config"]
+    "command", ["demo", "sim", "run", "mock", "plan", "mission", "replay", "config", "signing"]
 )
 def test_every_command_explains_itself(command: str) -> None:
     result = call(command, "--help")
