@@ -134,9 +134,12 @@ class SetCurrent(Asking):
     does of one that it acknowledged and then found not to be feasible.
     """
 
-    def __init__(self, address: Address, seq: int, count: int, timing: TransferTiming) -> None:
-        """``seq`` of ``count`` items on the wire."""
+    def __init__(
+        self, address: Address, seq: int, count: int, timing: TransferTiming, judged: bool = True
+    ) -> None:
+        """``seq`` of ``count`` items on the wire; ``judged``: whether its fitness is looked at."""
         super().__init__(address, timing)
+        self._judged = judged
         self._seq = seq
         self._count = count
         self._unfit_since_us: int | None = None
@@ -157,7 +160,7 @@ class SetCurrent(Asking):
         if message.get_type() != "MISSION_CURRENT":
             return []
         none_to_fly = message.mission_state == mavlink.MISSION_STATE_NO_MISSION
-        if none_to_fly and message.total == self._count:
+        if none_to_fly and self._judged and message.total == self._count:
             self._unfit(now_us)
         elif message.seq == self._seq:
             self.result = TransferResult("accepted", f"item {self._seq} is current")

@@ -261,7 +261,7 @@ class Jobs:
             job.uploaded = result
             holds = held_after(ended, result, stack)
             if result.outcome == "accepted" and not job.check:
-                return self._set_current(job, address)
+                return self._set_current(job, address, seen)
             if result.outcome == "accepted" or holds in ("one of both", "not known"):
                 return MissionDownload(address, self._timing)  # never guess: read it back
             return replace(result, holds=holds)
@@ -274,7 +274,7 @@ class Jobs:
         if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
-            return self._set_current(job, address)
+            return self._set_current(job, address, seen)
         read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
@@ -297,13 +297,13 @@ class Jobs:
         if same_mission(job.wire_items, read.items, seen.stack, mission_type):
             if job.old_tail:  # cut off by now, and the new mission has begun
                 return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
-            return self._set_current(job, self._address(job, seen))
+            return self._set_current(job, self._address(job, seen), seen)
         to_go_on = not untouched and not job.cancelled
         begun = read.items[: len(job.wire_items)]
         longer = job.kind == "mission" and same_mission(job.wire_items, begun, seen.stack)
         if to_go_on and longer and not job.old_tail:
             job.old_tail = True
-            return self._set_current(job, self._address(job, seen))
+            return self._set_current(job, self._address(job, seen), seen)
         if to_go_on:  # not applied, or in part: a command it does not know
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, seen)
@@ -325,10 +325,14 @@ class Jobs:
         words = f"the vehicle holds the mission but did not fly on: {result.reason}"
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
-    def _set_current(self, job: Job, address: Address) -> Transfer | TransferResult:
+    def _set_current(self, job: Job, address: Address, seen: Seen) -> Transfer | TransferResult:
         # ArduPilot flies its old target on until told; PX4 may begin elsewhere.
         if job.kind == "mission" and job.items:
-            return SetCurrent(address, self._seq(job), len(job.wire_items), self._timing)
+            # In the air and out of its mission PX4 says "none to fly" of a good one too, once it
+            # had an unfit one (seen); the change of mode tells.
+            judged = not seen.armed or seen.in_mission
+            count = len(job.wire_items)
+            return SetCurrent(address, self._seq(job), count, self._timing, judged)
         return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
 
 

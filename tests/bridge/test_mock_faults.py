@@ -36,12 +36,12 @@ def test_silence_from_a_message_on_is_a_failure_the_client_tells_of(stack: Stack
     pair = Pair(mock_of(stack))
     pair.run_for(1.0)
     pair.mock.missions.faults.silent_after = 3
-    result = pair.result_of(pair.client.upload(line_of(6), pair.now_us, by_file=False))
+    result = pair.result_of(pair.client.upload(line_of(30), pair.now_us, by_file=False))
     assert result.outcome in ("failed", "unknown")
     pair.mock.missions.faults.silent_after = None
     pair.run_for(10.0)
     assert (
-        pair.result_of(pair.client.upload(line_of(6), pair.now_us, by_file=False)).outcome
+        pair.result_of(pair.client.upload(line_of(30), pair.now_us, by_file=False)).outcome
         == "accepted"
     )
 
