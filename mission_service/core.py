@@ -35,7 +35,9 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.landing import landing_of, needs_landing
-from mission_service.planners.perimeter import Decision, PerimeterPlanner, PerimeterSettings
+from mission_service.planners.following import PathSettings
+from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings
+from mission_service.planners.protocol import Decision, Planner
 from mission_service.translate import mission_along
 
 Floats = NDArray[np.float64]
@@ -64,7 +66,7 @@ class Vehicle:
     """What the core knows of one vehicle."""
 
     section: VehicleSection
-    planner: PerimeterPlanner
+    planner: Planner
     landing: tuple[MissionItem, ...] = ()
     online: bool = False
     atomic_upload: bool = False
@@ -304,8 +306,10 @@ def planner_of(
         least_gain_cells=planner.least_gain_cells,
         dwell_s=planner.dwell_s,
         speed_cells_s=section.airspeed_m_s / cell_m,
-        horizon_cells=scenario.mission.horizon_m / cell_m,
-        lead_cells=scenario.mission.lead_m / cell_m,
+        path=PathSettings(
+            horizon_cells=scenario.mission.horizon_m / cell_m,
+            lead_cells=scenario.mission.lead_m / cell_m,
+        ),
     )
     row, col = landscape.row_col_of(*_fire_position(scenario, landscape))
     # An ignition is known as a cell; so is the centre the angles are counted from.

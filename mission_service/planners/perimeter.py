@@ -25,15 +25,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
-from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, circular_mean, window_codes
-from mission_service.planners.front_shape import close_gap, ring_of_cells, steps_between
+from mission_service.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.planners.following import (
+    PathSettings,
+    bearing_deg,
+    centre_of_area,
+    continued,
+    path_along,
+    reconstructed,
+    turned_deg,
+)
+from mission_service.planners.front_shape import ring_of_cells, steps_between
 from mission_service.planners.importance import windows
+from mission_service.planners.protocol import Decision, Phase
 
 Floats = NDArray[np.float64]
 Rule = Literal["damped", "literal", "circling"]
-Phase = Literal["approach", "initial circle", "monitor"]
 
-PATH_SMOOTHING_DEG = 2
 ROUND_AGAIN_DEG = 360.0
 
 
@@ -51,19 +59,7 @@ class PerimeterSettings:
     least_gain_cells: float
     dwell_s: float
     speed_cells_s: float
-    horizon_cells: float
-    lead_cells: float
-
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """The outcome of listing 3 at one cell."""
-
-    clockwise: bool
-    reversed: bool
-    importance_back: float
-    importance_front: float
-    front_cells: int
+    path: PathSettings
 
 
 class PerimeterPlanner:
@@ -116,18 +112,18 @@ class PerimeterPlanner:
         self._cell = cell
         return self._decide(row, col, at_s)
 
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """The paper's rule does not ask for the wind."""
+
+    def left(self, at_s: float) -> None:
+        """There is nobody else to take over."""
+
     def _follow_bearing(self, row: float, col: float) -> None:
         """Count the degrees flown around the centre in the flying direction (initial circle)."""
-        bearing = self._bearing_of(row, col)
+        bearing = bearing_deg(self.map, row, col)
         if self.phase == "initial circle" and self._bearing_deg is not None:
-            turned = (bearing - self._bearing_deg + 180.0) % 360.0 - 180.0
-            self._swept_deg += turned if self.clockwise else -turned
+            self._swept_deg += turned_deg(self._bearing_deg, bearing, self.clockwise)
         self._bearing_deg = bearing
-
-    def _bearing_of(self, row: float, col: float) -> float:
-        return float(
-            np.rad2deg(np.arctan2(col - self.map.centre_col, self.map.centre_row - row)) % 360.0
-        )
 
     def _finish_initial_circle(self, row: float, col: float) -> None:
         """Listing 2 is done; where the ignition is unknown, the fire's centre takes its place."""
@@ -135,34 +131,22 @@ class PerimeterPlanner:
         if self.settings.ignition_known:
             return
         outer, _ = self.map.filled_outer()
-        centre = _centroid(outer, self.map.centre_row, self.map.centre_col)
+        centre = centre_of_area(outer, self.map.centre_row, self.map.centre_col)
         self.map = self._new_map(centre)
         for window in self._observations:
             self._in_view = self.map.observe(*window)
         self._observations.clear()
-        self._bearing_deg = self._bearing_of(row, col)
+        self._bearing_deg = bearing_deg(self.map, row, col)
 
     def shape(self, row: float, col: float) -> Floats:
         """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
-        outer, _ = self.map.filled_outer()
-        return close_gap(outer, self._foremost(round(self._bearing_of(row, col))), self.clockwise)
-
-    def _foremost(self, bearing: int) -> int:
-        """The last bearing in view ahead of the vehicle, without a break from its own."""
-        step = 1 if self.clockwise else -1
-        ahead = self._in_view[(bearing + step * np.arange(BEARINGS // 2)) % BEARINGS]
-        seen = np.flatnonzero(ahead)
-        if not seen.size:
-            return bearing % BEARINGS
-        gaps = np.flatnonzero(np.diff(seen) > 3)
-        last = int(seen[gaps[0]] if gaps.size else seen[-1])
-        return (bearing + step * last) % BEARINGS
+        return reconstructed(self.map, self._in_view, row, col, self.clockwise)
 
     def _decide(self, row: float, col: float, at_s: float) -> Decision:
         settings = self.settings
         _, visited_at_s = self.map.filled_outer()
         north, east, bearing = ring_of_cells(
-            self.shape(row, col), round(self._bearing_of(row, col)) % BEARINGS, self.clockwise
+            self.shape(row, col), round(bearing_deg(self.map, row, col)) % BEARINGS, self.clockwise
         )
         smoothing = 0 if settings.rule == "literal" else settings.smoothing_deg
         back, front = windows(
@@ -197,56 +181,8 @@ class PerimeterPlanner:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
 
         In view it is the front itself, beyond it the reconstructed one, during the initial circle
-        the line on which the visible front ends. Never inside what was seen burned: a vehicle
-        that finds itself over burned ground is led outwards until it sees the front again.
+        the line on which the visible front ends.
         """
-        start = self._bearing_of(row, col)
-        step = 1 if self.clockwise else -1
-        if self.phase == "monitor":
-            front = self.shape(row, col)
-        else:
-            front = self._continued_front(round(start), step)
-        front = np.maximum(front, self.map.burned + 0.5)
-        front = circular_mean(front, PATH_SMOOTHING_DEG)
-        order = (round(start) + step * np.arange(BEARINGS * 5 // 6)) % BEARINGS
-        north, east = front[order] * NORTH[order], front[order] * EAST[order]
-        own_north, own_east = self.map.centre_row - row, col - self.map.centre_col
-        far = np.hypot(north - own_north, east - own_east) >= self.settings.lead_cells
-        first = int(np.argmax(far)) if far.any() else 0
-        north, east = north[first:], east[first:]
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
-        keep = along <= self.settings.horizon_cells
-        return np.column_stack(
-            [self.map.centre_row - north[keep], self.map.centre_col + east[keep]]
-        )
-
-    def _continued_front(self, bearing: int, step: int) -> Floats:
-        """Known front where seen; ahead of it a straight line in the direction it ends in."""
-        outer, _ = self.map.filled_outer()
-        foremost = self._foremost(bearing)
-        behind = (foremost - step * np.arange(BEARINGS // 3)) % BEARINGS
-        points = np.column_stack([outer[behind] * NORTH[behind], outer[behind] * EAST[behind]])
-        back = int(np.argmax(np.hypot(*(points - points[0]).T) >= 4.0))
-        if back == 0:
-            return np.where(np.isnan(self.map.outer), outer[foremost], outer)
-        heading = (points[0] - points[back]) / np.hypot(*(points[0] - points[back]))
-        front = outer.copy()
-        unseen = (foremost + step * np.arange(1, 120)) % BEARINGS
-        across = NORTH[unseen] * heading[1] - EAST[unseen] * heading[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            line = (points[0, 0] * heading[1] - points[0, 1] * heading[0]) / across
-        ends = np.flatnonzero(~np.isfinite(line) | (line <= 0) | (line > 3 * outer[foremost] + 20))
-        reach = int(ends[0]) if ends.size else line.size
-        front[unseen] = line[reach - 1] if reach else outer[foremost]
-        front[unseen[:reach]] = line[:reach]
-        return front
-
-
-def _centroid(outer: Floats, centre_row: float, centre_col: float) -> tuple[float, float]:
-    """Centre of area of the star-shaped polygon with these distances, as (row, col)."""
-    north, east = outer * NORTH, outer * EAST
-    cross = north * np.roll(east, -1) - np.roll(north, -1) * east
-    area = cross.sum() / 2.0
-    mean_north = ((north + np.roll(north, -1)) * cross).sum() / (6.0 * area)
-    mean_east = ((east + np.roll(east, -1)) * cross).sum() / (6.0 * area)
-    return centre_row - float(mean_north), centre_col + float(mean_east)
+        known = reconstructed if self.phase == "monitor" else continued
+        front = known(self.map, self._in_view, row, col, self.clockwise)
+        return path_along(front, self.map, row, col, self.clockwise, self.settings.path)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mission_service.events import Observed
+from mission_service.planners.following import PathSettings
 from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings
 
 SIZE = 161
@@ -21,8 +22,7 @@ SETTINGS = PerimeterSettings(
     least_gain_cells=0.3,
     dwell_s=120.0,
     speed_cells_s=0.4,
-    horizon_cells=80.0,
-    lead_cells=3.0,
+    path=PathSettings(horizon_cells=80.0, lead_cells=3.0),
 )
 ROWS, COLS = np.indices((SIZE, SIZE)).astype(float)
 
