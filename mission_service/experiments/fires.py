@@ -1,0 +1,79 @@
+"""The fires of the papers' experiments, burned once and looked at as often as one likes."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.anyangle import AnyAngleFire
+from firemodel.devs8 import Devs8Fire
+from firemodel.landscape import Landscape
+from firemodel.weather import Weather, WeatherStream
+
+Floats = NDArray[np.float64]
+Scheme = Literal["devs8", "anyangle"]
+
+CELLS = 200
+CELL_M = 30.0
+HOUR_S = 3600.0
+SHORT_GRASS, BRUSH, TIMBER_LITTER = 1, 5, 8
+
+
+@dataclass(frozen=True)
+class Burn:
+    """A fire from beginning to end: ``arrival_s`` (y, x) is when each cell caught fire."""
+
+    name: str
+    scheme: Scheme
+    landscape: Landscape
+    weather: WeatherStream
+    ignition: tuple[int, int]  # row, column
+    deploy_s: float  # when the vehicles come to the front
+    end_s: float
+    speed_m_s: float  # of the vehicles
+    arrival_s: Floats
+
+    def burned(self, at_s: float) -> NDArray[np.bool_]:
+        """Which cells (y, x) have caught fire by a time."""
+        return self.arrival_s <= at_s
+
+
+def flat(fuel: NDArray[np.int16]) -> Landscape:
+    """A level landscape of these fuels (y, x)."""
+    return Landscape("EPSG:32611", 5e5, 4e6, CELL_M, fuel, np.zeros(fuel.shape, np.float32))
+
+
+def of_one_fuel(code: int) -> NDArray[np.int16]:
+    """The same fuel everywhere."""
+    return np.full((CELLS, CELLS), code, np.int16)
+
+
+def of_two_fuels(north: int, south: int) -> NDArray[np.int16]:
+    """One fuel in the northern half, another in the southern one."""
+    fuel = of_one_fuel(north)
+    fuel[CELLS // 2 :] = south
+    return fuel
+
+
+def wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
+    """Dry weather with this wind."""
+    return Weather(at_s, speed_m_s, from_deg, 5.0, 6.0, 7.0, 60.0, 90.0)
+
+
+def burn(
+    name: str,
+    scheme: Scheme,
+    landscape: Landscape,
+    weather: WeatherStream,
+    ignition: tuple[int, int],
+    end_s: float,
+    speed_m_s: float,
+    deploy_s: float = HOUR_S,
+) -> Burn:
+    """Let a fire burn to its end."""
+    kind = AnyAngleFire if scheme == "anyangle" else Devs8Fire
+    fire = kind(landscape, weather, [(*ignition, 0.0)])
+    fire.advance(end_s)
+    arrival_s = fire.arrival_time_s.copy()
+    return Burn(name, scheme, landscape, weather, ignition, deploy_s, end_s, speed_m_s, arrival_s)

@@ -1,0 +1,85 @@
+"""The true front of a fire as a growing ring: how Bent's experiments see it.
+
+A ring of cells, clockwise, at steps in time; what each cell inherits from the ring before. A cell
+that has only just become front was last seen when the front behind it was: growing ahead unseen
+is what importance measures, so it must not make a cell look fresh.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from firemodel.front import perimeter
+from firemodel.front_rates import FrontRates
+from mission_service.experiments.fires import Burn
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+EVERY_S = 20.0
+TANGENT_CELLS = 3
+
+
+@dataclass(frozen=True)
+class RingStep:
+    """The front from one moment until the next step; arrays over its n cells, clockwise."""
+
+    at_s: float
+    cells: Integers  # (n, 2) row, column; no cell twice
+    step_m: Floats  # (n) from each cell to the next one
+    spread_rate_m_s: Floats  # (n) outwards
+    came_from: Integers  # (n) place on the ring before whose last visit each cell inherits
+    place_of: Integers  # (m) place now of each cell of the ring before, in order around the ring
+
+
+def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
+    """The front from deployment to the end of a fire."""
+    return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s))
+
+
+def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
+    before: Integers | None = None
+    for at_s in np.arange(burn.deploy_s, burn.end_s + every_s / 2, every_s):
+        cells = outer_cells(burn.burned(at_s))
+        if before is None:
+            before = cells
+        ahead = np.roll(cells, -1, axis=0) - cells
+        north, east = facing(cells)
+        yield RingStep(
+            float(at_s),
+            cells,
+            burn.landscape.cell_size_m * np.hypot(*ahead.T),
+            rates.at(cells[:, 0], cells[:, 1], north, east, float(at_s)),
+            np.asarray(cKDTree(before).query(cells)[1], dtype=np.int64),
+            in_order(np.asarray(cKDTree(cells).query(before)[1], dtype=np.int64), len(cells)),
+        )
+        before = cells
+
+
+def outer_cells(burned: NDArray[np.bool_]) -> Integers:
+    """The front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
+
+    Tails one cell wide, which a walk along the edge passes both ways, are counted on the way out.
+    """
+    loop = perimeter(burned)[::-1].astype(np.int64)
+    _, first = np.unique(loop, axis=0, return_index=True)
+    return loop[np.sort(first)]
+
+
+def facing(cells: Integers) -> tuple[Floats, Floats]:
+    """Outwards (north, east) at each cell of a clockwise ring (n, 2), unit vectors (n)."""
+    along = np.roll(cells, -TANGENT_CELLS, axis=0) - np.roll(cells, TANGENT_CELLS, axis=0)
+    length = np.maximum(np.hypot(*along.T), 1e-9)
+    # Clockwise on a north-up map has the outside on its left.
+    return along[:, 1] / length, along[:, 0] / length
+
+
+def in_order(places: Integers, count: int) -> Integers:
+    """Places on a ring of ``count`` made to go round once, never backwards."""
+    onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
+    lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
+    rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)
+    return np.maximum(rising, places[0]) % count

@@ -1,0 +1,66 @@
+"""What every planner does, so that the core, the experiments and the replay can fly any of them.
+
+A planner steers one vehicle. Several vehicles that share a plan each have a seat in the team's
+planner; a seat is a planner too. Planners are pure: no clock, no network, no randomness of their
+own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.events import Observed
+
+Floats = NDArray[np.float64]
+Phase = Literal["approach", "initial circle", "monitor"]
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Which way to fly, taken at one cell of the front.
+
+    ``importance_back`` and ``importance_front`` are what speaks for turning back and for going on,
+    in the planner's own unit (Islam & Hu: eqs. 5 and 6).
+    """
+
+    clockwise: bool
+    reversed: bool
+    importance_back: float
+    importance_front: float
+    front_cells: int
+
+
+class Planner(Protocol):
+    """Decides for one vehicle which way along the front it flies."""
+
+    @property
+    def phase(self) -> Phase:
+        """Where it stands: still on its way to the fire, on its first lap, or monitoring."""
+
+    @property
+    def clockwise(self) -> bool:
+        """The flying direction around the fire."""
+
+    @property
+    def reversals(self) -> int:
+        """How often it has turned back."""
+
+    def observe(self, observed: Observed) -> None:
+        """Take in what this vehicle's camera saw."""
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Take in the wind that this vehicle's autopilot measured; from true north."""
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """The vehicle is here now; a decision whenever one is taken."""
+
+    def path(self, row: float, col: float) -> Floats:
+        """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
+
+    def shape(self, row: float, col: float) -> Floats:
+        """The fire as the planner believes it to be: its front in cells on 360 bearings."""
+
+    def left(self, at_s: float) -> None:
+        """The vehicle is lost, recalled or on the ground: others take over what it watched."""
