@@ -82,4 +82,5 @@ def in_order(places: Integers, count: int) -> Integers:
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)
-    return np.maximum(rising, places[0]) % count
+    found: Integers = np.maximum(rising, places[0]) % count
+    return found
