@@ -30,3 +30,15 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
 
     found = run(folder(out) if out else None)
     click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command()
+@OUT
+@JSON
+def bent(out: Path | None, as_json: bool) -> None:
+    """Teams of 2 to 6 on one fire, chapter 5 of Bent's thesis: tables 5.1 to 5.4."""
+    from mission_service.experiments.bent import run
+    from mission_service.experiments.bent_tables import in_text
+
+    found = run(folder(out) if out else None)
+    click.echo(json.dumps(found) if as_json else in_text(found))
