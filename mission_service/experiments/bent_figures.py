@@ -45,15 +45,18 @@ def draw_combinations(path: Path, number: str, runs: "Sequence[Run]", importance
     at = np.arange(len(names))
     mean, std = np.array([costs[name] for name in names]).T
     axes.barh(at, mean, xerr=std, color=[colour_of[name] for name in names], capsize=3)
-    for place, name in enumerate(names):
+    for place in range(len(names)):
         text = f"{mean[place]:.3g} ± {std[place]:.3g}"
         axes.text(0.01 * mean.max(), place, text, va="center", color="white", fontsize=9)
     axes.set_yticks(at, names)
     axes.set_xlim(0.0)
     axes.set_xlabel(f"cost, {importance} importance ({UNIT[importance]}): mean ± std over time")
     axes.set_title(f"Bent, figure {number}: combinations, averaged over 2 to 6 vehicles")
-    kinds = ((BENCHMARK_COLOUR, "benchmark"), (IMPORTANCE_COLOUR, "negotiation on importance"))
-    kinds = (*kinds, (CENTRE_COLOUR, "on centre of importance"))
+    kinds = (
+        (BENCHMARK_COLOUR, "benchmark"),
+        (IMPORTANCE_COLOUR, "negotiation on importance"),
+        (CENTRE_COLOUR, "on centre of importance"),
+    )
     axes.legend(handles=[Patch(color=colour, label=label) for colour, label in kinds])
     figure.savefig(path)
 

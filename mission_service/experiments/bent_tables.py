@@ -72,8 +72,9 @@ def in_text(found: dict[str, Any]) -> str:
     """The result as tables for people."""
     from_km, to_km = found["perimeter_km"]
     lines = [
-        f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, vehicles "
-        f"at {found['speed_m_s']:g} m/s. Cost: mean importance of the cells, every 20 s.",
+        f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, "
+        f"vehicles at {found['speed_m_s']:g} m/s.",
+        "Cost: mean importance of the cells, every 20 s; spread rates in m/s.",
     ]
     runs, later = found["runs"], found["later"]
     for table, importance in (("5.1", "linear"), ("5.2", "exponential")):
