@@ -45,8 +45,9 @@ def draw_combinations(path: Path, number: str, runs: "Sequence[Run]", importance
     at = np.arange(len(names))
     mean, std = np.array([costs[name] for name in names]).T
     axes.barh(at, mean, xerr=std, color=[colour_of[name] for name in names], capsize=3)
+    digits = 1 if importance == "linear" else 0
     for place in range(len(names)):
-        text = f"{mean[place]:.3g} ± {std[place]:.3g}"
+        text = f"{mean[place]:,.{digits}f} ± {std[place]:,.{digits}f}"
         axes.text(0.01 * mean.max(), place, text, va="center", color="white", fontsize=9)
     axes.set_yticks(at, names)
     axes.set_xlim(0.0)
@@ -57,7 +58,8 @@ def draw_combinations(path: Path, number: str, runs: "Sequence[Run]", importance
         (IMPORTANCE_COLOUR, "negotiation on importance"),
         (CENTRE_COLOUR, "on centre of importance"),
     )
-    axes.legend(handles=[Patch(color=colour, label=label) for colour, label in kinds])
+    handles = [Patch(color=colour, label=label) for colour, label in kinds]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.savefig(path)
 
 
