@@ -1,7 +1,5 @@
 """Bent's two benchmark rules (4.3): they look neither at importance nor at who serves what."""
 
-import numpy as np
-
 from mission_service.planners.ring import Fleet, Integers, Ring
 
 
@@ -17,24 +15,40 @@ class Circling:
 
 
 class Bumper:
-    """Each starts in the direction opposite to its neighbour's; two that meet both turn back."""
+    """Each starts in the direction opposite to its neighbour's; two that meet both turn back.
+
+    Seats follow each other clockwise and never pass: growth may put two into one cell, or one
+    just behind the other, so the cells between neighbours are counted on through that.
+    """
 
     def __init__(self) -> None:
         # By seat, and not as they fly now: of two that meet the other turns at its next cell.
         self._clockwise: dict[int, bool] = {}
+        self._cells_between: dict[tuple[int, int], int] = {}  # by seat and the next one clockwise
 
     def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
-        """As before, unless a vehicle comes the other way between here and the next cell."""
-        seat = int(fleet.seat[which])
+        """As before, unless the neighbour ahead comes the other way and is one cell on."""
+        seat, count = int(fleet.seat[which]), len(fleet.seat)
         clockwise = self._clockwise.setdefault(seat, which % 2 == 0)
-        ahead = (int(fleet.cell[which]) + (1 if clockwise else -1)) % ring.step_m.size
-        for other in np.flatnonzero(fleet.cell == ahead):
-            met = int(fleet.seat[other])
-            if self._clockwise.get(met) is (not clockwise):
-                self._clockwise[met] = clockwise
-                self._clockwise[seat] = not clockwise
-                break
+        if count == 1:
+            return clockwise
+        behind = self._gap(ring, fleet, (which - 1) % count)
+        before = self._gap(ring, fleet, which)
+        met = int(fleet.seat[(which + 1 if clockwise else which - 1) % count])
+        near = (before if clockwise else behind) <= 1
+        if near and self._clockwise.get(met) is (not clockwise):
+            self._clockwise[met] = clockwise
+            self._clockwise[seat] = not clockwise
         return self._clockwise[seat]
 
+    def _gap(self, ring: Ring, fleet: Fleet, rear: int) -> int:
+        """Cells from one vehicle on to the next; the count nearest to the last one."""
+        front, around = (rear + 1) % len(fleet.seat), ring.step_m.size
+        pair = int(fleet.seat[rear]), int(fleet.seat[front])
+        gap = int(fleet.cell[front] - fleet.cell[rear]) % around
+        gap += around * round((self._cells_between.get(pair, gap) - gap) / around)
+        self._cells_between[pair] = gap
+        return gap
+
     def regrown(self, place_of: Integers) -> None:
-        """Nothing is kept."""
+        """Cells between neighbours are counted anew at the next decision."""
