@@ -4,8 +4,6 @@ import numpy as np
 
 from mission_service.planners.ring import Fleet, Integers, Ring
 
-PASSED_CELLS = 3
-
 
 class Circling:
     """All fly clockwise, one behind the other."""
@@ -19,32 +17,45 @@ class Circling:
 
 
 class Bumper:
-    """Each starts in the direction opposite to its neighbour's; two that meet both turn back."""
+    """Each starts in the direction opposite to its neighbour's; two that meet both turn back.
+
+    They never pass each other: growth may put two into one cell, or one just behind the other, so
+    the cells between neighbours are counted on through that.
+    """
 
     def __init__(self) -> None:
         # Not as they fly now: of two that meet the other one turns at its next cell.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # seats in their order around the ring, which stays
+        self._cells_on: dict[int, int] = {}  # from each seat to the next one clockwise
 
     def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
-        """As before, unless the neighbour ahead comes the other way from here or the next cell."""
+        """As before, unless the neighbour ahead comes the other way and is one cell on."""
         seats = fleet.seat.tolist()
-        if len(seats) != len(self._around) or not set(seats) <= set(self._around):
+        if sorted(self._around) != sorted(seats):
             self._around = [seats[place] for place in np.argsort(fleet.cell, kind="stable")]
-        for place, seat in enumerate(self._around):
-            self._clockwise.setdefault(seat, place % 2 == 0)
+            self._cells_on.clear()
+            for place, seat in enumerate(self._around):
+                self._clockwise.setdefault(seat, place % 2 == 0)
+        cell_of = dict(zip(seats, fleet.cell.tolist(), strict=True))
         seat = seats[which]
-        clockwise, step = self._clockwise[seat], 1 if self._clockwise[seat] else -1
-        neighbour = self._around[(self._around.index(seat) + step) % len(seats)]
-        cells = ring.step_m.size
-        gap = step * int(fleet.cell[seats.index(neighbour)] - fleet.cell[which]) % cells
-        # Growth may carry two into one cell, or past each other; of only two, that are neighbours
-        # on either side, those in one cell have just turned.
-        met = gap == 1 or (len(seats) > 2 and (gap == 0 or gap >= cells - PASSED_CELLS))
-        if met and self._clockwise[neighbour] is not clockwise:
-            self._clockwise[neighbour] = clockwise
+        clockwise, place = self._clockwise[seat], self._around.index(seat)
+        behind, after = self._around[place - 1], self._around[(place + 1) % len(seats)]
+        # Both are counted, whichever way it flies, so that neither count loses a lap.
+        since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, seat))
+        met, gap = (after, until) if clockwise else (behind, since)
+        if gap <= 1 and self._clockwise[met] is not clockwise:
+            self._clockwise[met] = clockwise
             self._clockwise[seat] = not clockwise
         return self._clockwise[seat]
 
+    def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
+        """Cells from one vehicle on to the next; the count nearest to the last one."""
+        front = self._around[(self._around.index(rear) + 1) % len(self._around)]
+        gap = (cell_of[front] - cell_of[rear]) % around
+        gap += around * round((self._cells_on.get(rear, gap) - gap) / around)
+        self._cells_on[rear] = gap
+        return gap
+
     def regrown(self, place_of: Integers) -> None:
-        """Nothing is kept."""
+        """Cells between neighbours are counted anew at the next decision."""
