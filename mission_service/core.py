@@ -20,7 +20,8 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.config import Scenario, VehicleSection
+from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.events import (
     AnyEvent,
     CommandFinished,

@@ -9,7 +9,8 @@ from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.config import LinkSection, Scenario, VehicleSection
+from mission_service.config import Scenario
+from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock

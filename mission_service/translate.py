@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from firemodel.landscape import Landscape
-from mission_service.config import VehicleSection
+from mission_service.config_sections import VehicleSection
 
 Floats = NDArray[np.float64]
 
