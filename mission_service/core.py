@@ -254,10 +254,12 @@ class Core:
                 warning=True,
             )
         ]
-        if vehicle.airborne and vehicle.started and not vehicle.atomic_upload:
-            # What is on board may be half the old mission and half the new one.
+        if vehicle.airborne and vehicle.started:
+            # PX4 loiters by itself if what came is nothing it would fly. On ArduPilot what is on
+            # board may be half the old mission and half the new one.
             vehicle.holding = True
-            commands.append(Hold(vehicle.section.name))
+            if not vehicle.atomic_upload:
+                commands.append(Hold(vehicle.section.name))
         return commands
 
     def _accepted(self, vehicle: Vehicle, pending: Pending) -> list[AnyCommand]:
