@@ -298,12 +298,22 @@ def _progress_bar(name: str, duration_s: float, quiet: bool) -> Any:
 def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(summary))
+    closest_m, separation_m = summary["closest_pair_m"], summary["separation_m"]
+    if closest_m is not None and closest_m < separation_m:
+        click.echo(
+            f"Warning: two vehicles were {closest_m:.0f} m apart; mission.separation_m is "
+            f"{separation_m:g}",
+            err=True,
+        )
+    if as_json:
         return
     for vehicle in summary["vehicles"]:
         click.echo(
             f"{vehicle['name']}: {vehicle['decisions']} decisions, "
             f"{vehicle['reversals']} reversals, uploads {vehicle['uploads']}"
         )
+    if closest_m is not None:
+        click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(
         f"{summary['burned_area_ha']:.0f} ha burned at {summary['mission_time_s'] / 3600:.2f} h; "
         f"journal, GeoJSON, map and summary in {out}/"

@@ -133,8 +133,21 @@ def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(f"{path}: {_in_words(error)}") from None
-    found: Scenario = _with_paths(scenario, path, ())
+    found: Scenario = _with_paths(_in_layers(scenario), path, ())
     return found
+
+
+def _in_layers(scenario: Scenario) -> Scenario:
+    """The scenario with an altitude layer for each vehicle whose altitude it does not give."""
+    vehicles = tuple(
+        vehicle
+        if "altitude_agl_m" in vehicle.model_fields_set
+        else vehicle.model_copy(
+            update={"altitude_agl_m": vehicle.altitude_agl_m + place * scenario.mission.layer_m}
+        )
+        for place, vehicle in enumerate(scenario.vehicles)
+    )
+    return scenario.model_copy(update={"vehicles": vehicles})
 
 
 def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:

@@ -159,9 +159,12 @@ class FireSection(Section):
 
 
 class PlannerSection(Section):
-    """The Islam & Hu planner; see mission_service/planners/perimeter.py for the rules."""
+    """What decides; the rules there are stand in mission_service/planning.py.
 
-    rule: Literal["damped", "literal", "circling"] = "damped"
+    Rules that begin with ``team.`` direct all vehicles together, on one map.
+    """
+
+    rule: str = "damped"
     alpha: NotNegative = 1.0
     first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     ignition_known: bool = True
@@ -172,6 +175,15 @@ class PlannerSection(Section):
     reversal_margin: NotNegative = 0.1
     least_gain_cells: NotNegative = 0.5
     dwell_s: NotNegative = 200.0
+
+    @field_validator("rule")
+    @classmethod
+    def _rule_known(cls, rule: str) -> str:
+        from mission_service.planning import RULES  # which knows scenarios
+
+        if rule not in RULES:
+            raise ValueError(f"no such rule; there are {', '.join(RULES)}")
+        return rule
 
     @model_validator(mode="after")
     def _fire_reported(self) -> "PlannerSection":
@@ -185,12 +197,18 @@ class PlannerSection(Section):
 
 
 class MissionSection(Section):
-    """How decisions become missions."""
+    """How decisions become missions.
+
+    A vehicle whose ``altitude_agl_m`` is not given flies ``layer_m`` higher than the one before it.
+    Vehicles keep ``separation_m`` apart, one above the other.
+    """
 
     horizon_m: Positive = 2500.0
     lead_m: Positive = 150.0
     path_tolerance_m: Positive = 45.0
     least_upload_interval_s: NotNegative = 4.0
+    layer_m: NotNegative = 40.0
+    separation_m: Positive = 30.0
 
 
 class LinkSection(Section):
@@ -222,6 +240,8 @@ class VehicleSection(Section):
     loiter_radius_m: Positive = 90.0
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
+    endurance_s: Positive | None = None  # time in the air; it is sent home before that is over
+    endurance_reserve_s: NotNegative = 120.0  # left when it is home
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
