@@ -256,9 +256,9 @@ class Core:
             if waiting is not None:
                 vehicle.due = "the way is free"
             return None
-        if other == waiting:
+        if other == waiting and not self.spacing.comes_too_low(vehicle.name):
             return []
-        place = self.spacing.place_aside(vehicle.name)
+        place = self.spacing.waits_at(vehicle.name)
         return [self._upload(vehicle, place, here, f"give way to {other}")]
 
     def _follow(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:

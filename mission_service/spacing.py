@@ -1,7 +1,7 @@
 """Who of a scenario's vehicles must keep clear of whom, now: ``separation.py`` has the rules."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 500.0
 TAKES_OFF_WITHIN_S = 60.0
+WAITS_AT_MOST_S = 120.0  # whatever the others do
 UNHEARD_S = 5.0  # where a vehicle was so long ago says little
 
 
@@ -44,6 +45,8 @@ class Flown:
     sent: int = 0  # missions so far
     compared: tuple[int, ...] = ()  # those of the vehicles below when they were last looked at
     gave_way_to: str | None = None
+    waits_since_s: float = 0.0
+    waits_at: Floats | None = None  # (1, 2)
     started_at_s: float = -1e9
 
 
@@ -112,17 +115,26 @@ class Spacing:
     def give_way_to(self, name: str) -> str | None:
         """Whom the vehicle has to let pass, now or still."""
         own = self._all[name]
+        here = own.presence.here
+        assert here is not None
         if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
             return own.gave_way_to
         own.gave_way_to = next(
             (other for other in self._all if other != name and self._has_right_of_way(name, other)),
             None,
         )
+        if own.gave_way_to is not None:
+            aside_m = self._separation_m
+            aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
+            own.waits_at = place_aside(here, self._fire_m, aside_m)
+            own.waits_since_s = here.at_s
         return own.gave_way_to
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
         here, there = own.presence.here, other.presence.here
         if here is None or there is None or not _is_told_of(other.presence, here.at_s):
+            return False
+        if here.at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         return not has_passed(here, there, self._separation_m, turn_m)
@@ -132,18 +144,23 @@ class Spacing:
         here, there = own.presence.here, other.presence.here
         if here is None or there is None or not _is_told_of(other.presence, here.at_s):
             return False
+        if other.gave_way_to == name:
+            return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
+        if other.gave_way_to is not None and other.waits_at is not None:
+            x_m, y_m = other.waits_at[0]
+            there = replace(there, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
+            turn_m += other.section.loiter_radius_m / 2.0
         if not is_near(here, there, self._separation_m, turn_m):
             return False
         cannot = not other.presence.flies or other.gave_way_to is not None
         return cannot or gives_way(here, there, other_name in self._earlier[name])
 
-    def place_aside(self, name: str) -> Floats:
+    def waits_at(self, name: str) -> Floats:
         """Where the vehicle waits, (1, 2)."""
-        own = self._all[name]
-        assert own.presence.here is not None
-        aside_m = self._separation_m + 3.0 * own.section.loiter_radius_m
-        return place_aside(own.presence.here, self._fire_m, aside_m)
+        place = self._all[name].waits_at
+        assert place is not None
+        return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
         """Whether nobody is near its home, or about to take off there; if so, it is to start."""
