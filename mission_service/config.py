@@ -42,6 +42,7 @@ class Scenario(Section):
     duration_s: Positive
     deploy_at_s: NotNegative = 0.0
     clock: Literal["autopilot", "wall"] = "autopilot"
+    fly_in_wind: bool = True  # simulated vehicles, in the fire's own
     landscape: LandscapeSection = LandscapeSection()
     fire: FireSection = FireSection()
     weather: tuple[WeatherEntry, ...] = ()

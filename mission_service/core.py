@@ -174,6 +174,8 @@ class Core:
         aside = self._out_of_the_way(vehicle, here)
         if aside is not None:
             return [*commands, *aside]
+        if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
+            vehicle.due = "another flies close below"
         if vehicle.due or at_s >= vehicle.not_before_s:
             vehicle.not_before_s = at_s + CHECK_EVERY_S
             commands += self._follow(vehicle, here)
@@ -263,8 +265,6 @@ class Core:
 
     def _follow(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Renew the rolling mission when it is no longer what the vehicle should fly."""
-        if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
-            vehicle.due = "another flies close below"
         if vehicle.planner.phase == "approach":
             if vehicle.flown_line is not None and not vehicle.due:
                 return []

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 SPACING_M = 30.0
 AROUND = 16  # samples of a loiter
 NEAR_M = 200.0  # corners cut, loiters, fronts seen at different times
-MARGIN_M = 5.0  # above the separation, for altitudes are not held to the metre
+MARGIN_M = 10.0  # above the separation, for altitudes are not held to the metre
 AHEAD_S = 25.0  # an upload, half a turn, and out of the way
 PASSED_M = 1000.0
 NAV_LOITER_UNLIM = 17
@@ -61,6 +61,12 @@ def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
     """The part of a track that is still to be flown from a place."""
     first = int(np.argmin(np.hypot(track.points_m[:, 0] - x_m, track.points_m[:, 1] - y_m)))
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
+
+
+def place_of(here: Here) -> Track:
+    """Where a vehicle is now."""
+    altitude = np.array([here.altitude_m])
+    return Track(np.array([[here.x_m, here.y_m]]), altitude, altitude)
 
 
 def along(start: Floats, end: Floats) -> Floats:

@@ -21,6 +21,7 @@ from mission_service.separation import (
     heights_below,
     is_near,
     place_aside,
+    place_of,
     track_of,
 )
 from mission_service.steering import Presence
@@ -34,7 +35,7 @@ WAITS_AT_MOST_S = 120.0  # whatever the others do
 UNHEARD_S = 5.0  # where a vehicle was so long ago says little
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Flown:
     """What a vehicle flies, and whom it has given way to."""
 
@@ -89,7 +90,7 @@ class Spacing:
 
     def least_altitudes(self, name: str) -> LeastAltitude:
         """The least altitude of a new mission at points (n, 2)."""
-        tracks = [other.track for other in self._below[name] if other.track is not None]
+        tracks = self._tracks_below(name)
         return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
 
     def comes_too_low(self, name: str) -> bool:
@@ -100,8 +101,14 @@ class Spacing:
             return False
         own.compared = missions
         left = ahead_on(own.track, own.presence.here.x_m, own.presence.here.y_m)
-        tracks = [other.track for other in self._below[name] if other.track is not None]
-        return comes_too_low(left, tracks, self._separation_m)
+        return comes_too_low(left, self._tracks_below(name), self._separation_m)
+
+    def _tracks_below(self, name: str) -> list[Track]:
+        """What the vehicles in lower layers are to fly, and where they are."""
+        below = self._below[name]
+        tracks = [other.track for other in below if other.track is not None]
+        places = [other.presence.here for other in below if other.presence.airborne]
+        return tracks + [place_of(here) for here in places if here is not None]
 
     def _missions_below(self, name: str) -> tuple[int, ...]:
         return tuple(other.sent for other in self._below[name])
@@ -144,7 +151,7 @@ class Spacing:
         here, there = own.presence.here, other.presence.here
         if here is None or there is None or not _is_told_of(other.presence, here.at_s):
             return False
-        if other.gave_way_to == name:
+        if other.gave_way_to == name or self._are_in_layers(own, other):
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         if other.gave_way_to is not None and other.waits_at is not None:
@@ -155,6 +162,17 @@ class Spacing:
             return False
         cannot = not other.presence.flies or other.gave_way_to is not None
         return cannot or gives_way(here, there, other_name in self._earlier[name])
+
+    def _are_in_layers(self, own: Flown, other: Flown) -> bool:
+        """Whether the higher one's missions keep it above the other, and it is there."""
+        here, there = own.presence.here, other.presence.here
+        both = own.presence.flies and other.presence.flies
+        if here is None or there is None or not both:
+            return False
+        above_m = here.altitude_m - there.altitude_m
+        if own in self._below[other.section.name]:
+            return -above_m >= self._separation_m / 2.0
+        return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def waits_at(self, name: str) -> Floats:
         """Where the vehicle waits, (1, 2)."""
