@@ -130,12 +130,19 @@ def has_passed(own: Here, other: Here, separation_m: float, turn_radius_m: float
     return apart or distance_m > PASSED_M or (leaves and distance_m > far_m)
 
 
-def place_aside(own: Here, away_from_m: tuple[float, float], aside_m: float) -> Floats:
-    """Where to wait, (1, 2): a little ahead, and to the side that leads away from the fire."""
+def place_aside(own: Here, other: Here, away_from_m: tuple[float, float], aside_m: float) -> Floats:
+    """Where to wait, (1, 2): a little ahead, and to a side.
+
+    The side that leads away from the fire, unless the other one comes by there.
+    """
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
-    east, north = own.east_m_s / speed, own.north_m_s / speed
-    right = np.array([north, -east])
-    outwards = np.array([own.x_m - away_from_m[0], own.y_m - away_from_m[1]])
-    side = right if float(right @ outwards) >= 0.0 else -right
-    ahead = np.array([east, north]) * aside_m / 3.0
-    return np.array([[own.x_m, own.y_m] + ahead + side * aside_m])
+    ahead = np.array([own.east_m_s, own.north_m_s]) / speed
+    right = np.array([ahead[1], -ahead[0]])
+    here = np.array([own.x_m, own.y_m])
+    outwards = right if float(right @ (here - away_from_m)) >= 0.0 else -right
+    start = np.array([other.x_m, other.y_m])
+    comes_by = along(start, start + AHEAD_S * np.array([other.east_m_s, other.north_m_s]))
+    places = [here + aside_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
+    clear_m = [float(np.hypot(*(comes_by - place).T).min()) for place in places]
+    chosen = places[0 if clear_m[0] >= min(aside_m / 2.0, clear_m[1]) else 1]
+    return np.array([chosen])

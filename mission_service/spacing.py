@@ -133,7 +133,9 @@ class Spacing:
         if own.gave_way_to is not None:
             aside_m = self._separation_m
             aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
-            own.waits_at = place_aside(here, self._fire_m, aside_m)
+            there = self._all[own.gave_way_to].presence.here
+            assert there is not None
+            own.waits_at = place_aside(here, there, self._fire_m, aside_m)
             own.waits_since_s = here.at_s
         return own.gave_way_to
 
