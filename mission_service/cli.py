@@ -260,6 +260,23 @@ def replay(journal: Path, verify: bool, as_json: bool) -> None:
         raise click.ClickException(f"{journal}: first difference in {result.difference}")
 
 
+@main.command("decide")
+@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--planner", "rule", metavar="RULE", help="Instead of the rule of the journal.")
+@JSON
+def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
+    """Run the planners alone on a journal's positions and observations.
+
+    With the journal's own rule the decisions must be those recorded, or the exit code is 1.
+    """
+    from mission_service.decide import decide, in_text, summary_of
+
+    summary = summary_of(decide(journal, rule))
+    click.echo(json.dumps(summary) if as_json else in_text(summary))
+    if summary["difference"] is not None:
+        raise click.ClickException(f"{journal}: first difference: {summary['difference']}")
+
+
 @main.group()
 def config() -> None:
     """Scenario files."""

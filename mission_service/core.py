@@ -16,8 +16,6 @@ from mission_service.approach import approach_path, landing_of_vehicle
 from mission_service.commands import (
     Announce,
     AnyCommand,
-    Decided,
-    Direction,
     Hold,
     Return,
     StartMission,
@@ -39,7 +37,7 @@ from mission_service.events import (
 from mission_service.planners.protocol import Decision, Planner
 from mission_service.planning import planners_of
 from mission_service.spacing import Spacing
-from mission_service.steering import Here, Presence, Steering
+from mission_service.steering import Here, Presence, Steering, decided
 from mission_service.translate import mission_along
 
 Floats = NDArray[np.float64]
@@ -160,7 +158,7 @@ class Core:
             vehicle.phase = vehicle.planner.phase
             commands.append(_say(vehicle, f"phase: {vehicle.phase}"))
         if decision is not None:
-            commands.append(_decided(vehicle, decision))
+            commands.append(decided(vehicle.name, vehicle.planner, decision))
             if decision.reversed:
                 vehicle.due = "turn back"
         if not vehicle.deployed:
@@ -373,19 +371,6 @@ class Core:
         vehicle.start_again_at_s = vehicle.return_again_at_s = None
         self.spacing.forget(vehicle.name)
         return [_say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]
-
-
-def _decided(vehicle: Vehicle, decision: Decision) -> Decided:
-    direction: Direction = "clockwise" if decision.clockwise else "anticlockwise"
-    return Decided(
-        vehicle.name,
-        direction,
-        decision.reversed,
-        vehicle.planner.reversals,
-        decision.importance_back,
-        decision.importance_front,
-        decision.front_cells,
-    )
 
 
 def _say(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from firemodel.landscape import Landscape
+from mission_service.commands import Decided
 from mission_service.config import Scenario
 from mission_service.events import (
     AnyEvent,
@@ -121,3 +122,16 @@ class Steering:
         if not presence.flies or at_s < self._deploy_at_s:
             return None
         return self.planners[told.vehicle].at(row, col, at_s)
+
+
+def decided(name: str, planner: Planner, decision: Decision) -> Decided:
+    """A decision as it is told and recorded."""
+    return Decided(
+        name,
+        "clockwise" if decision.clockwise else "anticlockwise",
+        decision.reversed,
+        planner.reversals,
+        decision.importance_back,
+        decision.importance_front,
+        decision.front_cells,
+    )
