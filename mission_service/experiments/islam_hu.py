@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from mission_service.config import PlannerSection
+from mission_service.config_sections import PlannerSection
 from mission_service.experiments.fires import Burn
 from mission_service.planners.following import PathSettings
 from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings, Rule
