@@ -175,6 +175,9 @@ class PlannerSection(Section):
     reversal_margin: NotNegative = 0.1
     least_gain_cells: NotNegative = 0.5
     dwell_s: NotNegative = 200.0
+    # Of teams: how borders are negotiated (Bent 4.2), and what an unseen part of the front costs.
+    negotiation: Literal["importance", "centre", "arrival"] = "importance"
+    importance: Literal["linear", "exponential"] = "linear"
 
     @field_validator("rule")
     @classmethod

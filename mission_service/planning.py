@@ -8,6 +8,7 @@ from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.planners.benchmarks import Bumper, Circling
+from mission_service.planners.bent import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.planners.following import PathSettings
 from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings
 from mission_service.planners.protocol import Planner
@@ -51,6 +52,13 @@ def perimeter(rule: Literal["damped", "literal", "circling"]) -> "AloneMaker":
     return planner
 
 
+def bent(steer: str) -> "RuleMaker":
+    """One of Bent's planners in regions that are negotiated."""
+    return lambda scenario: bent_rule(
+        steer, scenario.planner.negotiation, scenario.planner.importance
+    )
+
+
 AloneMaker = Callable[[Scenario, VehicleSection, Ground], Planner]
 RuleMaker = Callable[[Scenario], TeamRule]
 
@@ -64,6 +72,7 @@ ALONE: dict[str, AloneMaker] = {
 TEAM: dict[str, RuleMaker] = {
     "team.circling": lambda scenario: Circling(),
     "team.bumper": lambda scenario: Bumper(),
+    **{f"team.{steer}": bent(steer) for steer in (*PLANNERS, *LATER_PLANNERS)},
 }
 RULES = (*ALONE, *TEAM)
 
