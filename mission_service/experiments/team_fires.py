@@ -1,8 +1,8 @@
 """The three fires on which the rules of a team are judged: uneven, even, wind turning.
 
-Chosen by what is in them, not by how a planner fares: what the papers' fires have (two fuels and changing
-weather; no unevenness; wind that turns by 180° half-way), on 200 x 200 cells of 30 m, none of
-them reaching an edge, four hours flown at 20 m/s, a lap taking one to ten minutes.
+Chosen by what is in them, not by how a planner fares: what the papers' fires have (two fuels and
+changing weather; no unevenness; wind that turns by 180° half-way), on 200 x 200 cells of 30 m,
+none of them reaching an edge, four hours flown at 20 m/s, a lap taking one to ten minutes.
 """
 
 from firemodel.weather import WeatherStream
