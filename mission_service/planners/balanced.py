@@ -27,7 +27,7 @@ from mission_service.planners.patterns import LAPS, PARTS, Pattern, candidates, 
 from mission_service.planners.ring import Fleet, Ring
 
 NODES = 256  # at most, of the ring as plans are flown ahead on it
-BACKS = (1, 2, 3, 4, 6, 8, 12, 16)  # cells to go back and come again
+BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to go back and come again
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is put off
 HEAD_LAPS = 0.5  # before them
 LATE_TIMES = 3.0  # how often the last lap of a roll-out counts beside itself
@@ -93,6 +93,15 @@ class Balanced:
                 after = int(onward[place % old]) + size * (place // old)
                 self._legs[who, leg] = abs(after - before)
                 before, heading = after, -heading
+
+    @property
+    def nodes(self) -> int:
+        """How many the ring has on which plans are flown ahead."""
+        return int(self._step_m.size)
+
+    def expected(self, seat: int) -> int:
+        """The cell to which a vehicle is thought to come next."""
+        return int(self._goal[self._seats.index(seat)])
 
     def _look(self, ring: Ring, fleet: Fleet) -> None:
         """Everything about a ring that does not change from decision to decision."""
@@ -182,12 +191,15 @@ class Balanced:
     def _improve(self, fleet: Fleet, which: int, at_s: float) -> None:
         """Try other plans for one vehicle."""
         assert self._ring is not None
+        silent = self._due_s < at_s - SEARCH_S
+        if silent.any():  # they are where the fleet reckons them
+            self._goal[silent] = fleet.cell[silent]
+            self._due_s[silent] = at_s
+            self._heading[silent] = np.where(fleet.clockwise[silent], 1, -1)
         visited_s = self._ring.visited_at_s - at_s
         if self._stride > 1:
             visited_s = np.add.reduceat(visited_s, self._edges) / self._counts
-        nodes = Nodes(
-            self._step_m, self._scale, self._power, self._linear, visited_s, self._stride
-        )
+        nodes = Nodes(self._step_m, self._scale, self._power, self._linear, visited_s, self._stride)
         start = Start(
             self._goal // self._stride,
             np.maximum(self._due_s - at_s, 0.0),
