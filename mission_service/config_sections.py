@@ -165,6 +165,8 @@ class PlannerSection(Section):
     """
 
     rule: str = "damped"
+    importance: Literal["linear", "exponential"] = "linear"  # of teams
+    negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
     alpha: NotNegative = 1.0
     first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     ignition_known: bool = True

@@ -19,8 +19,8 @@ from mission_service.record import Record
 from mission_service.replay import verify
 from mission_service.world import FireWorld
 
-DIES_S = 4650.0
-ENDS_S = 5250.0
+DIES_S = 4350.0
+ENDS_S = 4800.0
 SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
 
 
