@@ -29,7 +29,7 @@ from mission_service.translate import LeastAltitude
 
 Floats = NDArray[np.float64]
 
-TAKEOFF_CLEAR_M = 500.0
+TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
 LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # to the place where it waits
 WAITS_AT_MOST_S = 120.0  # whatever the others do
