@@ -7,6 +7,7 @@ from typing import Literal
 from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
+from mission_service.planners.balanced import Balanced
 from mission_service.planners.benchmarks import Bumper, Circling
 from mission_service.planners.bent import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.planners.following import PathSettings
@@ -52,10 +53,10 @@ def perimeter(rule: Literal["damped", "literal", "circling"]) -> "AloneMaker":
     return planner
 
 
-def bent(steer: str) -> "RuleMaker":
-    """One of Bent's planners in regions that are negotiated."""
+def bent(name: str) -> "RuleMaker":
+    """One of Bent's rules."""
     return lambda scenario: bent_rule(
-        steer, scenario.planner.negotiation, scenario.planner.importance
+        name, scenario.planner.negotiation, scenario.planner.importance
     )
 
 
@@ -70,9 +71,10 @@ ALONE: dict[str, AloneMaker] = {
 }
 # All vehicles in one team. A new rule is a line here.
 TEAM: dict[str, RuleMaker] = {
+    "team.balanced": lambda scenario: Balanced(scenario.planner.importance),
     "team.circling": lambda scenario: Circling(),
     "team.bumper": lambda scenario: Bumper(),
-    **{f"team.{steer}": bent(steer) for steer in (*PLANNERS, *LATER_PLANNERS)},
+    **{f"team.{name}": bent(name) for name in (*PLANNERS, *LATER_PLANNERS)},
 }
 RULES = (*ALONE, *TEAM)
 
