@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mission_service.config import PlannerSection
+from mission_service.config_sections import PlannerSection
 from mission_service.experiments.fires import (
     HOUR_S,
     ISLAM_HU,
