@@ -172,9 +172,9 @@ class PlannerSection(Section):
     ignition_known: bool = True
     reported_lat_deg: Latitude | None = None
     reported_lon_deg: Longitude | None = None
-    baseline_s: Positive = 300.0
+    baseline_s: Positive = 600.0
     smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
-    reversal_margin: NotNegative = 0.1
+    reversal_margin: NotNegative = 0.5
     least_gain_cells: NotNegative = 0.5
     dwell_s: NotNegative = 200.0
 
