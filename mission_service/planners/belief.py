@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from firemodel.front_rates import FrontRates
 from firemodel.landscape import Landscape
-from mission_service.fire_map import BEARINGS, EAST, NORTH
-from mission_service.planners.belief_kernels import facing, learn, watch
+from mission_service.fire_map import BEARINGS, EAST, NORTH, UNBURNED
+from mission_service.planners.belief_kernels import facing, learn, outwards, watch
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -46,6 +46,7 @@ BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
 STEADINESS = 0.25  # share by which the spread before the first look may have been another
 WIND_MEMORY_S = 90.0
+BEYOND_CELLS = 2.0  # a front not in view behind burned ground is at least so far beyond it
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +83,9 @@ class Belief:
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
         self._trusted = 1.0
         self._forget()
-        self._rows, self._cols = np.zeros(BEARINGS, np.int64), np.zeros(BEARINGS, np.int64)
-        self._north, self._east, self._stretch = (np.zeros(BEARINGS) for _ in range(3))
+        self._rows, self._cols = (np.zeros((3, BEARINGS), np.int64) for _ in range(2))
+        self._north, self._east, self._stretch = (np.zeros((3, BEARINGS)) for _ in range(3))
+        self._speed = np.zeros(BEARINGS)
         self._least, self._most = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
     @property
@@ -154,19 +156,20 @@ class Belief:
             self._shape,
         )
         if self.model is None or self.wind_m_s is None:
-            return EVEN_CELLS_S * self._stretch
+            return EVEN_CELLS_S * self._stretch[1]
         speed = math.hypot(*self.wind_m_s)
         from_deg = math.degrees(math.atan2(-self.wind_m_s[1], -self.wind_m_s[0])) % 360.0
         convergence = self.model.landscape.grid_convergence_deg
         rate = self.model.rates.under_wind(
-            self._rows,
-            self._cols,
-            self._north,
-            self._east,
+            self._rows.ravel(),
+            self._cols.ravel(),
+            self._north.ravel(),
+            self._east.ravel(),
             self.at_s,
             (speed, from_deg + convergence),
-        )
-        return rate * self._stretch / self.model.landscape.cell_size_m
+        ).reshape(3, BEARINGS)
+        outwards(self.front, rate, self._stretch, self._speed)
+        return self._speed / self.model.landscape.cell_size_m
 
     def see(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
         """Take in one camera window; returns on which bearings the front is in view."""
@@ -179,6 +182,9 @@ class Belief:
         known = np.isfinite(self.seen_at_s[in_view])
         self._correct(in_view, least, at_s)
         self.front = np.maximum(self.front, self.burned - 0.5)
+        if not (window == UNBURNED).any():
+            beyond = (least >= self.burned) & (least >= 0.0)
+            self.front[beyond] = np.maximum(self.front[beyond], self.burned[beyond] + BEYOND_CELLS)
         short = np.isfinite(most) & (most > self.burned)
         self.front[short] = np.minimum(self.front[short], most[short])
         if in_view.any() and not known.all():
@@ -216,7 +222,7 @@ class Belief:
             here = bearings[bearings // PER_SECTOR == sector]
             advance = float(np.mean(self.front[here] - self._anchor[here]))
             predicted = float(np.mean(self._modelled[here]))
-            slant = float(np.mean(self._stretch[here]))
+            slant = float(np.mean(self._stretch[1, here]))
             variance = 2.0 * CELL_VARIANCE * slant**2
             if (self._anchor[here] <= 1.0).all():
                 variance += (STEADINESS * predicted) ** 2

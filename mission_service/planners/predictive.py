@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
-from mission_service.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
 from mission_service.planners.belief import Belief, FrontModel
 from mission_service.planners.following import (
     PathSettings,
@@ -89,7 +89,20 @@ class PredictivePlanner:
 
     def path(self, row: float, col: float) -> Floats:
         if self.phase == "monitor":
-            front = self.belief.front
-        else:
-            front = continued(self.map, self._in_view, row, col, self.clockwise)
+            return self._path_on(self.belief.front, row, col)
+        front = continued(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
+
+    def _path_on(self, front: Floats, row: float, col: float) -> Floats:
+        belief, settings = self.belief, self.settings.path
+        step = 1 if self.clockwise else -1
+        start = round(bearing_deg(self.map, row, col))
+        order = (start + step * np.arange(BEARINGS * 5 // 6)) % BEARINGS
+        front = np.maximum(front, belief.burned + 0.5)
+        north, east = front[order] * NORTH[order], front[order] * EAST[order]
+        far = np.hypot(north - (belief.centre_row - row), east - (col - belief.centre_col))
+        first = int(np.argmax(far >= settings.lead_cells)) if (far >= settings.lead_cells).any() else 0
+        north, east = north[first:], east[first:]
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
+        keep = along <= settings.horizon_cells
+        return np.column_stack([belief.centre_row - north[keep], belief.centre_col + east[keep]])
