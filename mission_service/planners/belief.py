@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from firemodel.front_rates import FrontRates
 from firemodel.landscape import Landscape
-from mission_service.fire_map import BEARINGS, EAST, NORTH, UNBURNED
+from mission_service.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
 from mission_service.planners.belief_kernels import facing, learn, outwards, watch
 
 Floats = NDArray[np.float64]
@@ -81,7 +81,7 @@ class Belief:
         self._anchor = front.copy()
         self._anchor_at_s = np.full(BEARINGS, at_s)
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
-        self._trusted = 1.0
+        self._since = np.zeros(BEARINGS)  # the same since it was last seen
         self._forget()
         self._rows, self._cols = (np.zeros((3, BEARINGS), np.int64) for _ in range(2))
         self._north, self._east, self._stretch = (np.zeros((3, BEARINGS)) for _ in range(3))
@@ -125,6 +125,7 @@ class Belief:
             self.speed_cells_s = unit * factor
             self.front += self.speed_cells_s * step_s
             self._modelled += unit * step_s
+            self._since += unit * step_s
             self.at_s += step_s
             drift = DRIFT_PER_SQRT_H**2 * step_s / 3600.0
             self._covariance += drift * (0.5 + 0.5 * self._local)
@@ -182,15 +183,23 @@ class Belief:
         known = np.isfinite(self.seen_at_s[in_view])
         self._correct(in_view, least, at_s)
         self.front = np.maximum(self.front, self.burned - 0.5)
+        short = np.isfinite(most) & (most > self.burned)
+        self.front[short] = np.minimum(self.front[short], most[short])
+        if not (window == BURNED).any():
+            inside = short & (most >= self.burned + BEYOND_CELLS)
+            self.front[inside] = np.minimum(self.front[inside], most[inside] - BEYOND_CELLS)
         if not (window == UNBURNED).any():
             beyond = (least >= self.burned) & (least >= 0.0)
             self.front[beyond] = np.maximum(self.front[beyond], self.burned[beyond] + BEYOND_CELLS)
-        short = np.isfinite(most) & (most > self.burned)
-        self.front[short] = np.minimum(self.front[short], most[short])
         if in_view.any() and not known.all():
             self._scale_unseen(np.flatnonzero(in_view)[~known], before[~known])
         self.seen_at_s[in_view] = at_s
+        self._since[in_view] = 0.0
+        before_all = self.factors()
         self._learn(in_view, at_s)
+        # What was learned here holds for what has gone on unseen nearby as well.
+        self.front += (self.factors() - before_all) * self._since
+        self.front = np.maximum(self.front, self.burned - 0.5)
         return in_view
 
     def _correct(self, in_view: Booleans, seen: Floats, at_s: float) -> None:
