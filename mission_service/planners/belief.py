@@ -137,6 +137,14 @@ class Belief:
         found = np.interp(np.arange(BEARINGS), middles, self.factor, period=BEARINGS)
         return np.clip(found, *FACTORS)
 
+    def slant(self) -> Floats:
+        """How many cells a cell across the front is along each bearing."""
+        return self._stretch[1]
+
+    def unseen_advance(self) -> Floats:
+        """Advance since each bearing was last seen, with a factor of 1."""
+        return self._since
+
     def doubt(self) -> Floats:
         """Standard deviation of the factor on all bearings."""
         middles = (np.arange(SECTORS) + 0.5) * PER_SECTOR - 0.5

@@ -17,10 +17,16 @@ from mission_service.planners.following import (
     turned_deg,
 )
 from mission_service.planners.protocol import Decision, Phase
+from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of
 
 Floats = NDArray[np.float64]
 
 ROUND_AGAIN_DEG = 360.0
+HORIZON_LAPS = 2.0
+DWELL_LAPS = 0.03
+MARGIN = 0.03
+FLOOR_CELLS = 0.5
+LEAST_GROWTH_CELLS_S = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +65,7 @@ class PredictivePlanner:
         self._cell: tuple[int, int] | None = None
         self._bearing_deg: float | None = None
         self._swept_deg = 0.0
+        self._turned_at_s = -np.inf
 
     def observe(self, observed: Observed) -> None:
         window = window_codes(observed.cells)
@@ -82,7 +89,50 @@ class PredictivePlanner:
             if self._swept_deg >= ROUND_AGAIN_DEG:
                 self.phase = "monitor"
         self._bearing_deg = bearing
-        return None
+        cell = (round(row), round(col))
+        if cell == self._cell or self.phase != "monitor":
+            self._cell = cell
+            return None
+        self._cell = cell
+        return self._decide(bearing, at_s)
+
+    def _decide(self, bearing: float, at_s: float) -> Decision:
+        settings = self.settings
+        ring, node_of = self._ring()
+        node = int(node_of[round(bearing) % BEARINGS])
+        lap_s = float(ring.ahead_s.sum() + ring.back_s.sum()) / 2.0
+        turn_s = np.pi * settings.turn_radius_cells / settings.speed_cells_s
+        horizon_s = HORIZON_LAPS * lap_s
+        back, front = np.empty(len(PLANS)), np.empty(len(PLANS))
+        costs_of(PLANS, ring, node, self.clockwise, 0.0, turn_s, horizon_s, front)
+        costs_of(PLANS, ring, node, not self.clockwise, turn_s, turn_s, horizon_s, back)
+        stay, turn = float(front.min()), float(back.min())
+        rested = at_s - self._turned_at_s >= max(DWELL_LAPS * lap_s, 2.0 * turn_s)
+        turns = settings.routing and rested and turn < stay * (1.0 - MARGIN)
+        if turns:
+            self.clockwise = not self.clockwise
+            self.reversals += 1
+            self._turned_at_s = at_s
+        return Decision(self.clockwise, turns, stay, turn, len(ring.error))
+
+    def _ring(self) -> tuple[Ring, NDArray[np.int64]]:
+        belief, settings = self.belief, self.settings
+        front = belief.front
+        north, east = front * NORTH, front * EAST
+        to_north, to_east = np.roll(north, -1) - north, np.roll(east, -1) - east
+        step = np.hypot(to_north, to_east)
+        along = np.concatenate([[0.0], np.cumsum(step)])
+        node_of = np.minimum((along[:-1] / along[-1] * NODES).astype(np.int64), NODES - 1)
+        doubt = belief.doubt()
+        left = FLOOR_CELLS * belief.slant()
+        error = left + doubt * belief.unseen_advance()
+        growth = doubt * belief.speed_cells_s + LEAST_GROWTH_CELLS_S
+        most = [np.full(NODES, 1e-6) for _ in range(3)]
+        for array, values in zip(most, (error, growth, left), strict=True):
+            np.maximum.at(array, node_of, values)
+        length = along[-1] / NODES
+        time_s = np.full(NODES, length / settings.speed_cells_s)
+        return Ring(time_s, time_s, *most), node_of
 
     def shape(self, row: float, col: float) -> Floats:
         return self.belief.front.copy()
