@@ -10,6 +10,9 @@ from typing import Any
 import click
 
 from mission_service import __version__
+from mission_service.cli_parts import JSON
+from mission_service.cli_parts import folder as _folder
+from mission_service.experiment_cli import experiment
 
 OVERRIDE = click.option(
     "--set",
@@ -18,7 +21,6 @@ OVERRIDE = click.option(
     metavar="KEY=VALUE",
     help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
 )
-JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 LINK = click.option(
     "--link",
     default="udpin:127.0.0.1:14550",
@@ -75,6 +77,9 @@ def _first(error: BaseException) -> BaseException:
 @click.version_option(__version__, prog_name="mission-service")
 def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
+
+
+main.add_command(experiment)
 
 
 @main.command()
@@ -498,23 +503,6 @@ def _now() -> str:
     from datetime import UTC, datetime
 
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _folder(out: Path) -> Path:
-    from tempfile import TemporaryFile
-
-    from mission_service.errors import MissionServiceError
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be made: {error.strerror}") from None
-    try:
-        with TemporaryFile(dir=out):  # told now, not after an hour of burning
-            pass
-    except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
-    return out
 
 
 def _reporter(as_json: bool) -> Callable[[Any, Any], None]:

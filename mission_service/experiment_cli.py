@@ -1,0 +1,32 @@
+"""``mission-service experiment``: the papers' experiments. Heavy imports wait for a command."""
+
+import json
+from pathlib import Path
+
+import click
+
+from mission_service.cli_parts import JSON, folder
+
+OUT = click.option(
+    "-o",
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write the figures there, as PNG.",
+)
+
+
+@click.group()
+def experiment() -> None:
+    """The papers' experiments, their results beside ours."""
+
+
+@experiment.command("islam-hu")
+@OUT
+@JSON
+def islam_hu(out: Path | None, as_json: bool) -> None:
+    """One vehicle on six fires, section VI of Islam & Hu: reversals over alpha, distance error."""
+    from mission_service.experiments.islam_hu import in_text, run
+
+    found = run(folder(out) if out else None)
+    click.echo(json.dumps(found) if as_json else in_text(found))

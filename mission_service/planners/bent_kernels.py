@@ -1,0 +1,137 @@
+"""Inner loops of Bent's planners and negotiations over the cells of a region.
+
+A region is ``range(begin, end)`` of lifted cells (see ``regions``) of a ring of n cells; ``rate``
+(m/s), ``visited`` (s) and ``step`` (m to the next cell clockwise) are arrays (n) over the ring.
+All in one file, because Numba keeps compiled code until the file of the function changes.
+"""
+
+from firemodel.compiled import compiled
+
+
+@compiled
+def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
+    """Bent 3.2, the linear or the exponential one."""
+    return age ** (1.0 + rate) if exponential else rate * age
+
+
+@compiled
+def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore[no-untyped-def]
+    """The cell of highest importance, lifted, other than ``here``; ``here`` if there is none.
+
+    The one on which a vehicle is has none (4.1.3). Of equals the nearest in cells, clockwise first.
+    """
+    n = rate.size
+    best, most = here, -1.0
+    for cell in range(begin, end):
+        if cell == here:
+            continue
+        place = cell % n
+        importance = _importance(rate[place], at_s - visited[place], exponential)
+        nearer = abs(cell - here) < abs(best - here) or (
+            abs(cell - here) == abs(best - here) and cell > best
+        )
+        if importance > most or (importance == most and nearer):
+            best, most = cell, importance
+    return best
+
+
+@compiled
+def best_path(  # type: ignore[no-untyped-def]
+    rate, visited, step, begin, end, here, target, at_s, speed_m_s, exponential
+):
+    """Where the straight path of highest mean importance when visited ends (4.1.4), lifted.
+
+    ``target`` wins over equals, then the nearer end, clockwise first.
+    """
+    n = rate.size
+    best, most, before = here, -1.0, -1.0
+    for way in (1, -1):
+        total, reached_s, cells = 0.0, at_s, 0
+        cell = here
+        while begin <= cell + way < end:
+            reached_s += step[(cell if way == 1 else cell - 1) % n] / speed_m_s
+            cell += way
+            cells += 1
+            place = cell % n
+            total += _importance(rate[place], reached_s - visited[place], exponential)
+            mean = total / cells
+            if mean > most or (mean == most and abs(cell - here) < abs(best - here)):
+                best, most = cell, mean
+            if cell == target:
+                before = mean
+    return target if before == most else best
+
+
+@compiled
+def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-untyped-def]
+    """Importance of a region, summed."""
+    n = rate.size
+    found = 0.0
+    for cell in range(begin, end):
+        place = cell % n
+        found += _importance(rate[place], at_s - visited[place], exponential)
+    return found
+
+
+@compiled
+def chunk(  # type: ignore[no-untyped-def]
+    rate, visited, first, way, most_cells, offer, at_s, exponential
+):
+    """How many cells from ``first`` inwards (way 1 or -1) are worth no more than an offer."""
+    n = rate.size
+    worth = 0.0
+    for count in range(most_cells):
+        place = (first + way * count) % n
+        worth += _importance(rate[place], at_s - visited[place], exponential)
+        if worth > offer:
+            return count
+    return most_cells
+
+
+@compiled
+def most_centred(  # type: ignore[no-untyped-def]
+    rate, visited, begin, end, most_first, most_last, at_s, exponential
+):
+    """How many cells to give at either end so that the centre of importance is most central.
+
+    Returns (at the beginning, at the end), at most ``most_first`` and ``most_last``; tried from all
+    to none, and (0, 0) unless another pair is better (4.2.2).
+    """
+    n = rate.size
+    worth, moment = 0.0, 0.0
+    for cell in range(begin, end):
+        place = cell % n
+        importance = _importance(rate[place], at_s - visited[place], exponential)
+        worth += importance
+        moment += importance * cell
+    if worth <= 0.0:
+        return 0, 0
+    best_first, best_last = 0, 0
+    least = abs(moment / worth - (begin + end - 1) / 2.0)
+    # Sums without the cells given so far: all of the first chunk, put back one by one.
+    worth_first, moment_first = worth, moment
+    for cell in range(begin, begin + most_first):
+        place = cell % n
+        importance = _importance(rate[place], at_s - visited[place], exponential)
+        worth_first -= importance
+        moment_first -= importance * cell
+    for first in range(most_first, -1, -1):
+        if first < most_first:
+            place = (begin + first) % n
+            importance = _importance(rate[place], at_s - visited[place], exponential)
+            worth_first += importance
+            moment_first += importance * (begin + first)
+        worth_both, moment_both = worth_first, moment_first
+        for last in range(most_last + 1):
+            if last:
+                place = (end - last) % n
+                importance = _importance(rate[place], at_s - visited[place], exponential)
+                worth_both -= importance
+                moment_both -= importance * (end - last)
+            if worth_both <= 1e-12 * worth:
+                continue
+            middle = (begin + first + end - last - 1) / 2.0
+            off = abs(moment_both / worth_both - middle)
+            if off < least - 1e-9:
+                best_first, best_last, least = first, last, off
+    return best_first, best_last
