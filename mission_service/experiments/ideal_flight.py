@@ -1,9 +1,10 @@
 """One vehicle flown ideally over a fire that is already burned: no autopilot, no wind, no MAVLink.
 
-As in Islam & Hu it goes from cell to cell of the front at a steady speed, turns on the spot, and
-sees the cells around it.
+As in Islam & Hu it goes from cell to cell of the true front at a steady speed, whichever way round
+the planner says, turns on the spot, and sees the cells around it.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from mission_service.events import Observed
 from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import Burn
+from mission_service.experiments.front_walk import FrontWalk
 from mission_service.planners.protocol import Planner
 
 Floats = NDArray[np.float64]
@@ -55,38 +57,24 @@ def fly(burn: Burn, planner: Planner, *, hull: bool = True) -> Flight:
     believes; otherwise it is what the planner believes.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
-    step_s = burn.landscape.cell_size_m / burn.speed_m_s
-    row, col = _entry(burn)
+    cell_s = burn.landscape.cell_size_m / burn.speed_m_s
+    at_s = burn.deploy_s
+    walk = FrontWalk(burn.arrival_s, at_s)
+    row, col = walk.cell
     track, reversals, errors = [], [], []
-    for at_s in np.arange(burn.deploy_s, burn.end_s, step_s):
-        planner.observe(look(burn, row, col, float(at_s)))
-        decision = planner.at(row, col, float(at_s))
+    while at_s < burn.end_s:
+        planner.observe(look(burn, row, col, at_s))
+        decision = planner.at(row, col, at_s)
         track.append((at_s, row, col))
         if decision is not None and decision.reversed:
             reversals.append((at_s, row, col))
         if planner.phase == "monitor":
             believed = planner.shape(row, col)
-            error = np.abs((hull_of(believed) if hull else believed) - truth.at(float(at_s)))
+            error = np.abs((hull_of(believed) if hull else believed) - truth.at(at_s))
             errors.append((at_s, error.max(), error.mean()))
-        row, col = _one_cell_on(planner.path(row, col), row, col)
+        walk.onwards(planner.clockwise, at_s)
+        new_row, new_col = walk.cell
+        at_s += cell_s * max(math.hypot(new_row - row, new_col - col), 1.0)
+        row, col = new_row, new_col
     at, most, mean = np.array(errors).reshape(-1, 3).T
     return Flight(np.array(track), np.array(reversals).reshape(-1, 3), at, most, mean)
-
-
-def _entry(burn: Burn) -> tuple[float, float]:
-    """The northernmost burned cell when the vehicle is deployed."""
-    rows, cols = np.nonzero(burn.burned(burn.deploy_s))
-    return float(rows[0]), float(cols[0])
-
-
-def _one_cell_on(path: Floats, row: float, col: float) -> tuple[float, float]:
-    """One cell further towards the first point of a path that is at least that far."""
-    if not len(path):
-        return row, col
-    away = np.hypot(path[:, 0] - row, path[:, 1] - col)
-    goal = int(np.argmax(away >= 1.0)) if away.max() >= 1.0 else len(path) - 1
-    share = min(1.0 / max(float(away[goal]), 1e-9), 1.0)
-    return (
-        row + share * float(path[goal, 0] - row),
-        col + share * float(path[goal, 1] - col),
-    )
