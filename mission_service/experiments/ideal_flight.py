@@ -14,6 +14,7 @@ from mission_service.events import Observed
 from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.front_walk import FrontWalk
+from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.planners.protocol import Planner
 
 Floats = NDArray[np.float64]
@@ -50,11 +51,14 @@ def look(burn: Burn, row: float, col: float, at_s: float) -> Observed:
     return Observed(round(at_s * 1e6), VEHICLE, top, left, lines)
 
 
-def fly(burn: Burn, planner: Planner, *, hull: bool = True) -> Flight:
+def fly(
+    burn: Burn, planner: Planner, *, hull: bool = True, measured: MeasuredWind | None = None
+) -> Flight:
     """Fly a planner from deployment to the end; the error is taken at each new cell.
 
     ``hull``: the fire is reconstructed as in the paper, by the convex hull of what the planner
-    believes; otherwise it is what the planner believes.
+    believes; otherwise it is what the planner believes. ``measured`` is the wind the planner is
+    told at every cell; without it, none.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s
@@ -63,6 +67,8 @@ def fly(burn: Burn, planner: Planner, *, hull: bool = True) -> Flight:
     row, col = walk.cell
     track, reversals, errors = [], [], []
     while at_s < burn.end_s:
+        if measured is not None:
+            planner.wind(*measured.at(at_s), at_s)
         planner.observe(look(burn, row, col, at_s))
         decision = planner.at(row, col, at_s)
         track.append((at_s, row, col))

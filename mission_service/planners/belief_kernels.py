@@ -1,6 +1,6 @@
 """Compiled inner loops of the believed front (``belief``). Lengths in cells, times in seconds.
 
-Self-contained: nothing here calls a compiled function of another file (see ``firemodel.compiled``).
+Arrays are (360) by whole-degree bearing unless said otherwise, (72) by sector of five degrees.
 """
 
 import math
@@ -9,59 +9,76 @@ import numpy as np
 
 from firemodel.compiled import compiled
 
-UNKNOWN, UNBURNED, BURNED = 0, 1, 2
+UNBURNED, BURNED = 1, 2  # as in fire_map
 SAMPLES_PER_CELL = 2  # along a bearing, as the distance error does
 TANGENT_CELLS = 3.5  # the front's slant is taken over this much of it to either side
 HOLLOW = 0.5  # difference of the slants on both sides from which on a front is hollow
-BEHIND_CELLS = 0.7
-STEEPEST = 4.0  # slant beyond which the radial speed is no longer believed
+BEHIND_CELLS = 0.7  # fire comes from the cell so far behind the front
+STEEPEST = 4.0  # slant beyond which the speed along a bearing is no longer believed
+
+PER_SECTOR = 5
+FACTORS = (0.05, 6.0)
+# A look is compared with the one from which on the front has come at least this far, or this long.
+BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
+CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
+STEADINESS = 0.25  # share by which the spread before the first look may have been another
+AT_IGNITION_CELLS = 1.0
 
 
 @compiled
-def facing(front, rows, cols, north, east, stretch, centre_row, centre_col, shape):  # type: ignore[no-untyped-def]
-    """Where the front faces, arrays (3, 360): by its slant ahead, on both sides, and behind.
+def facing(front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch):  # type: ignore[no-untyped-def]
+    """Where the front faces, arrays (3 * 360), and the cells from which fire comes.
 
-    Fills in its normal, how much faster than across itself it moves along the bearing, and the cell
-    just behind it, from which the fire comes.
+    Returns how many: first one place for each bearing, then two more where the front is hollow: with its slant to
+    either side. ``stretch`` is the speed along the bearing over the one across the front.
     """
-    n = front.size
+    n, count = front.size, front.size
     for i in range(n):
         r = max(front[i], 0.5)
-        w = int(round(TANGENT_CELLS / (r * math.pi / 180.0)))
+        w = round(TANGENT_CELLS / (r * math.pi / 180.0))
         w = min(max(w, 2), 15)
         arm = w * math.pi / 180.0 * r
         forward = (front[(i + w) % n] - front[i]) / arm
         backward = (front[i] - front[(i - w) % n]) / arm
         cos, sin = math.cos(math.radians(i)), math.sin(math.radians(i))
-        for side in range(3):
-            slant = (forward, 0.5 * (forward + backward), backward)[side]
+        for side in range(3 if forward - backward > HOLLOW else 1):
+            place = i if side == 0 else count
+            count += 1 if side > 0 else 0
+            slant = (0.5 * (forward + backward), forward, backward)[side]
             slant = min(max(slant, -STEEPEST), STEEPEST)
             along = math.sqrt(1.0 + slant * slant)
-            north[side, i] = (cos + slant * sin) / along
-            east[side, i] = (sin - slant * cos) / along
-            stretch[side, i] = along
-            row = round(centre_row - r * cos + BEHIND_CELLS * north[side, i])
-            col = round(centre_col + r * sin - BEHIND_CELLS * east[side, i])
-            rows[side, i] = min(max(row, 0), shape[0] - 1)
-            cols[side, i] = min(max(col, 0), shape[1] - 1)
+            bearing[place] = i
+            north[place] = (cos + slant * sin) / along
+            east[place] = (sin - slant * cos) / along
+            stretch[place] = along
+            row = round(centre_row - r * cos + BEHIND_CELLS * north[place])
+            col = round(centre_col + r * sin - BEHIND_CELLS * east[place])
+            rows[place] = min(max(row, 0), shape[0] - 1)
+            cols[place] = min(max(col, 0), shape[1] - 1)
+    return count
 
 
 @compiled
-def outwards(front, rate, stretch, speed):  # type: ignore[no-untyped-def]
-    """Speed along each bearing from the speeds (3, 360) across the front.
+def outwards(bearing, rate, stretch, unit):  # type: ignore[no-untyped-def]
+    """Speed along each bearing; where the front is hollow, of the fire from the faster side.
 
-    Where the front is hollow, fire comes in from the faster side (Godunov); elsewhere it is the
-    speed with its slant over both sides.
+    (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
     """
-    n = front.size
-    for i in range(n):
-        speed[i] = rate[1, i] * stretch[1, i]
-        r = max(front[i], 0.5)
-        w = int(round(TANGENT_CELLS / (r * math.pi / 180.0)))
-        w = min(max(w, 2), 15)
-        bend = front[(i + w) % n] - 2.0 * front[i] + front[(i - w) % n]
-        if bend > HOLLOW * w * math.pi / 180.0 * r:
-            speed[i] = max(speed[i], rate[0, i] * stretch[0, i], rate[2, i] * stretch[2, i])
+    for place in range(rate.size):
+        speed = rate[place] * stretch[place]
+        if place < unit.size or speed > unit[bearing[place]]:
+            unit[bearing[place]] = speed
+
+
+@compiled
+def spread_out(factor, found):  # type: ignore[no-untyped-def]
+    """Values of sectors on all bearings, linear between the sectors' middles."""
+    sectors = factor.size
+    for i in range(found.size):
+        at = (i + 0.5) / PER_SECTOR - 0.5
+        low = math.floor(at)
+        share = at - low
+        found[i] = factor[low % sectors] * (1.0 - share) + factor[(low + 1) % sectors] * share
 
 
 @compiled
@@ -95,15 +112,36 @@ def watch(window, top, left, centre_row, centre_col, north, east, least, most): 
 
 
 @compiled
-def learn(factor, covariance, sector, advance, predicted, variance):  # type: ignore[no-untyped-def]
-    """Kalman update of the sectors' factors: observed advance = factor x predicted, plus noise."""
+def learn(due, front, anchor, modelled, stretch, factor, covariance):  # type: ignore[no-untyped-def]
+    """Kalman updates of the sectors' factors from the bearings that are due.
+
+    Observed advance since the anchor = factor x modelled advance + noise.
+    """
     n = factor.size
-    scale = variance + predicted * predicted * covariance[sector, sector]
-    column = covariance[:, sector].copy()
-    off = advance - predicted * factor[sector]
-    for i in range(n):
-        factor[i] += column[i] * predicted / scale * off
-    shrink = predicted * predicted / scale
-    for i in range(n):
-        for k in range(n):
-            covariance[i, k] -= shrink * column[i] * column[k]
+    column = np.empty(n)
+    for sector in range(n):
+        count, advance, predicted, slant, first = 0, 0.0, 0.0, 0.0, True
+        for i in range(sector * PER_SECTOR, (sector + 1) * PER_SECTOR):
+            if due[i]:
+                count += 1
+                advance += front[i] - anchor[i]
+                predicted += modelled[i]
+                slant += stretch[i]
+                first = first and anchor[i] <= AT_IGNITION_CELLS
+        if count == 0:
+            continue
+        advance, predicted, slant = advance / count, predicted / count, slant / count
+        variance = 2.0 * CELL_VARIANCE * slant * slant
+        if first:
+            variance += (STEADINESS * predicted) ** 2
+        scale = variance + predicted * predicted * covariance[sector, sector]
+        off = advance - predicted * factor[sector]
+        for i in range(n):
+            column[i] = covariance[i, sector]
+        for i in range(n):
+            changed = factor[i] + column[i] * predicted / scale * off
+            factor[i] = min(max(changed, FACTORS[0]), FACTORS[1])
+        shrink = predicted * predicted / scale
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] -= shrink * column[i] * column[k]

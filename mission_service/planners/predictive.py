@@ -1,10 +1,24 @@
-"""Watch one fire with one vehicle by prediction."""
+"""One vehicle on one fire, by prediction: believe where the front is, fly where that is least sure.
 
+The front is believed to be where it was last seen plus what it has advanced since (``belief``).
+How much a part of it may be wrong grows with its speed times the doubt about that speed, which the
+belief learns from how far its predictions were off. At every new cell of the grid plans of sweeps
+and circles are flown ahead on that front (``sweeps``), those that go on and those that turn back
+now; the vehicle turns if the best of the latter leaves the smaller error.
+
+The vehicle needs room to turn and flies in the wind it measures. A landscape and wind make the
+prediction better but are not needed.
+"""
+
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.front_rates import FrontRates
+from firemodel.landscape import Landscape
+from firemodel.weather import Weather, WeatherStream
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
 from mission_service.planners.belief import Belief, FrontModel
@@ -17,142 +31,206 @@ from mission_service.planners.following import (
     turned_deg,
 )
 from mission_service.planners.protocol import Decision, Phase
-from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of
+from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 
 Floats = NDArray[np.float64]
 
 ROUND_AGAIN_DEG = 360.0
 HORIZON_LAPS = 2.0
-DWELL_LAPS = 0.03
-MARGIN = 0.03
-FLOOR_CELLS = 0.5
-LEAST_GROWTH_CELLS_S = 1e-5
+REST_LAPS = 0.03  # after a turn, until the next one may be
+LEAST_GAIN = 0.03  # share of the cost for which to turn
+TURN_BACK = 7.0 / 3.0 * math.pi  # radii: the shortest way to fly the other way at the same place
+LEFT_CELLS = 0.5  # error across a front in view
+RECENTRED_BASELINE_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
 class PredictiveSettings:
-    """Lengths in cells, speeds in cells per second."""
+    """Lengths in cells, speeds in cells per second.
+
+    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the one measured in the air.
+    ``flies_in_wind``: the wind carries the vehicle; otherwise it flies as if there were none.
+    """
 
     clockwise_first: bool
     ignition_known: bool
     speed_cells_s: float
     turn_radius_cells: float
     flies_in_wind: bool
-    wind_20ft_share: float  # wind at 20 ft over the wind measured in the air
+    wind_20ft_share: float
     path: PathSettings
-    routing: bool = True
+
+
+def model_of(landscape: Landscape, known: Weather) -> FrontModel:
+    """The fire model on board: the landscape and the moistures of one time, no wind."""
+    return FrontModel(FrontRates(landscape, WeatherStream([_from_the_start(known)])), landscape)
+
+
+def _from_the_start(known: Weather) -> Weather:
+    return Weather(
+        0.0,
+        0.0,
+        0.0,
+        known.dead_1h_pct,
+        known.dead_10h_pct,
+        known.dead_100h_pct,
+        known.live_herb_pct,
+        known.live_woody_pct,
+    )
 
 
 class PredictivePlanner:
+    """A ``Planner``; positions are float (row, col) of the landscape's grid."""
+
     def __init__(
         self,
         settings: PredictiveSettings,
         shape: tuple[int, int],
         centre: tuple[float, float],
         ignited_at_s: float,
+        cell_m: float,
         model: FrontModel | None,
     ) -> None:
         self.settings = settings
         self._shape = shape
         self._ignited_at_s = ignited_at_s
+        self._cell_m = cell_m
         self.phase: Phase = "approach"
         self.clockwise = settings.clockwise_first
         self.reversals = 0
-        self.map = FireMap(shape, *centre, ignited_at_s, 300.0)
-        start = np.full(BEARINGS, 0.5)
-        self.belief = Belief(shape, centre, model, start, ignited_at_s)
+        self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
+        self.belief = Belief(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
+        self._observations: list[tuple[int, int, NDArray[np.uint8], float]] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
         self._bearing_deg: float | None = None
         self._swept_deg = 0.0
         self._turned_at_s = -np.inf
+        self._ring = Ring(*(np.zeros(NODES) for _ in range(5)))
+        self._node_of = np.zeros(BEARINGS, dtype=np.int64)
+        self._costs = np.zeros(len(PLANS))
 
     def observe(self, observed: Observed) -> None:
-        window = window_codes(observed.cells)
-        at_s = observed.at_us / 1e6
-        self._in_view = self.map.observe(observed.row, observed.col, window, at_s)
-        self.belief.see(observed.row, observed.col, window, at_s)
-        if self.phase == "approach" and self._in_view.any():
-            self.phase = "initial circle"
+        """Take in what the camera saw."""
+        seen = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
+        if self.phase != "monitor":
+            self._in_view = self.map.observe(*seen)
+            if self.phase == "approach" and self._in_view.any():
+                self.phase = "initial circle"
+            if not self.settings.ignition_known:
+                if self.phase == "initial circle":
+                    self._observations.append(seen)
+                return
+        self.belief.see(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Take in a wind measured in the air; from true north."""
         self.belief.wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
         """There is nobody else to take over."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        self.belief.advance(at_s)
+        """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
         bearing = bearing_deg(self.map, row, col)
         if self.phase == "initial circle" and self._bearing_deg is not None:
             self._swept_deg += turned_deg(self._bearing_deg, bearing, self.clockwise)
             if self._swept_deg >= ROUND_AGAIN_DEG:
-                self.phase = "monitor"
+                bearing = self._finish_initial_circle(row, col)
         self._bearing_deg = bearing
         cell = (round(row), round(col))
-        if cell == self._cell or self.phase != "monitor":
-            self._cell = cell
-            return None
+        new = cell != self._cell
         self._cell = cell
-        return self._decide(bearing, at_s)
+        if self.phase != "monitor":
+            return None
+        self.belief.advance(at_s)
+        return self._decide(round(bearing) % BEARINGS, at_s) if new else None
 
-    def _decide(self, bearing: float, at_s: float) -> Decision:
+    def _finish_initial_circle(self, row: float, col: float) -> float:
+        """Where the ignition is unknown, the fire's centre takes its place, and all is seen anew.
+
+        Returns the vehicle's bearing.
+        """
+        self.phase = "monitor"
+        if not self.settings.ignition_known:
+            outer, _ = self.map.filled_outer()
+            centre = centre_of_area(outer, self.map.centre_row, self.map.centre_col)
+            self.map = FireMap(self._shape, *centre, self._ignited_at_s, RECENTRED_BASELINE_S)
+            for seen in self._observations:
+                self._in_view = self.map.observe(*seen)
+            outer, _ = self.map.filled_outer()
+            self.belief = self.belief.begun_anew(centre, outer, self._observations[0][3])
+            for seen in self._observations:
+                self.belief.see(*seen)
+            self._observations.clear()
+        return bearing_deg(self.map, row, col)
+
+    def _decide(self, bearing: int, at_s: float) -> Decision:
         settings = self.settings
-        ring, node_of = self._ring()
-        node = int(node_of[round(bearing) % BEARINGS])
+        length = self._look_round()
+        node, ring = int(self._node_of[bearing]), self._ring
         lap_s = float(ring.ahead_s.sum() + ring.back_s.sum()) / 2.0
-        turn_s = np.pi * settings.turn_radius_cells / settings.speed_cells_s
-        horizon_s = HORIZON_LAPS * lap_s
-        back, front = np.empty(len(PLANS)), np.empty(len(PLANS))
-        costs_of(PLANS, ring, node, self.clockwise, 0.0, turn_s, horizon_s, front)
-        costs_of(PLANS, ring, node, not self.clockwise, turn_s, turn_s, horizon_s, back)
-        stay, turn = float(front.min()), float(back.min())
-        rested = at_s - self._turned_at_s >= max(DWELL_LAPS * lap_s, 2.0 * turn_s)
-        turns = settings.routing and rested and turn < stay * (1.0 - MARGIN)
+        turn_s = TURN_BACK * settings.turn_radius_cells / settings.speed_cells_s
+        costs = []
+        for clockwise, delay_s in ((self.clockwise, 0.0), (not self.clockwise, turn_s)):
+            ahead_s = HORIZON_LAPS * lap_s
+            costs_of(PLANS, ring, node, clockwise, delay_s, turn_s, ahead_s, self._costs)
+            costs.append(float(self._costs.min()) / ahead_s)
+        on, back = costs
+        rested = at_s - self._turned_at_s >= max(REST_LAPS * lap_s, 2.0 * turn_s)
+        turns = rested and back < on * (1.0 - LEAST_GAIN)
         if turns:
             self.clockwise = not self.clockwise
             self.reversals += 1
             self._turned_at_s = at_s
-        return Decision(self.clockwise, turns, stay, turn, len(ring.error))
+        # What speaks for turning back is what going on would cost.
+        return Decision(self.clockwise, turns, on, back, round(length))
 
-    def _ring(self) -> tuple[Ring, NDArray[np.int64]]:
+    def _look_round(self) -> float:
+        """Fill in the ring from the belief; returns its length."""
         belief, settings = self.belief, self.settings
-        front = belief.front
-        north, east = front * NORTH, front * EAST
-        to_north, to_east = np.roll(north, -1) - north, np.roll(east, -1) - east
-        step = np.hypot(to_north, to_east)
-        along = np.concatenate([[0.0], np.cumsum(step)])
-        node_of = np.minimum((along[:-1] / along[-1] * NODES).astype(np.int64), NODES - 1)
         doubt = belief.doubt()
-        left = FLOOR_CELLS * belief.slant()
-        error = left + doubt * belief.unseen_advance()
-        growth = doubt * belief.speed_cells_s + LEAST_GROWTH_CELLS_S
-        most = [np.full(NODES, 1e-6) for _ in range(3)]
-        for array, values in zip(most, (error, growth, left), strict=True):
-            np.maximum.at(array, node_of, values)
-        length = along[-1] / NODES
-        time_s = np.full(NODES, length / settings.speed_cells_s)
-        return Ring(time_s, time_s, *most), node_of
+        left = LEFT_CELLS * belief.slant()
+        wind = np.zeros(2)
+        if settings.flies_in_wind and belief.wind_m_s is not None:
+            wind = belief.wind_m_s / settings.wind_20ft_share / self._cell_m
+        length: float = ring_on(
+            belief.front,
+            left + doubt * belief.unseen_advance(),
+            doubt * belief.speed_cells_s,
+            left,
+            settings.speed_cells_s,
+            wind,
+            self._node_of,
+            self._ring,
+        )
+        return length
 
     def shape(self, row: float, col: float) -> Floats:
+        """The believed front: its distance in cells on 360 bearings."""
         return self.belief.front.copy()
 
     def path(self, row: float, col: float) -> Floats:
+        """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+
+        The believed front; during the initial circle the line on which the visible one ends.
+        """
         if self.phase == "monitor":
-            return self._path_on(self.belief.front, row, col)
+            return self._path_on_belief(row, col)
         front = continued(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
 
-    def _path_on(self, front: Floats, row: float, col: float) -> Floats:
+    def _path_on_belief(self, row: float, col: float) -> Floats:
+        """Not smoothed, as ``following.path_along`` is: the tip of a narrow fire must be seen."""
         belief, settings = self.belief, self.settings.path
-        step = 1 if self.clockwise else -1
         start = round(bearing_deg(self.map, row, col))
-        order = (start + step * np.arange(BEARINGS * 5 // 6)) % BEARINGS
-        front = np.maximum(front, belief.burned + 0.5)
-        north, east = front[order] * NORTH[order], front[order] * EAST[order]
-        far = np.hypot(north - (belief.centre_row - row), east - (col - belief.centre_col))
-        first = int(np.argmax(far >= settings.lead_cells)) if (far >= settings.lead_cells).any() else 0
-        north, east = north[first:], east[first:]
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
+        order = (start + (1 if self.clockwise else -1) * np.arange(BEARINGS * 5 // 6)) % BEARINGS
+        front = np.maximum(belief.front[order], belief.burned[order] + 0.5)
+        rows = belief.centre_row - front * NORTH[order]
+        cols = belief.centre_col + front * EAST[order]
+        far = np.hypot(rows - row, cols - col) >= settings.lead_cells
+        first = int(np.argmax(far))
+        rows, cols = rows[first:], cols[first:]
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(rows), np.diff(cols)))])
         keep = along <= settings.horizon_cells
-        return np.column_stack([belief.centre_row - north[keep], belief.centre_col + east[keep]])
+        return np.column_stack([rows[keep], cols[keep]])

@@ -1,0 +1,38 @@
+"""Predictive against circling on 50 fires drawn by chance: mean largest distance error, ratio.
+
+    python -m benchmarks.random_fires [first] [count]
+"""
+
+import multiprocessing
+import sys
+
+import numpy as np
+
+from mission_service.experiments.random_fires import mean_max_errors, random_fire
+
+
+def _errors(seed: int) -> tuple[int, float, float, float]:
+    fire = random_fire(seed)
+    return seed, fire.speed_m_s, *mean_max_errors(fire, seed)
+
+
+def main() -> None:
+    first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 50
+    ratios = []
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        for seed, speed_m_s, circling, predictive in pool.imap(_errors, range(first, first + count)):
+            ratios.append(predictive / circling)
+            sys.stdout.write(
+                f"{seed:4d}  {speed_m_s:5.1f} m/s  circling {circling:6.2f}  "
+                f"predictive {predictive:6.2f}  {ratios[-1]:.2f}\n"
+            )
+            sys.stdout.flush()
+    sys.stdout.write(
+        f"{count} fires: mean ratio {np.mean(ratios):.2f}, worst {max(ratios):.2f} "
+        f"(fire {first + int(np.argmax(ratios))})\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
