@@ -1,6 +1,6 @@
 """Predictive against circling on 50 fires drawn by chance: mean largest distance error, ratio.
 
-    python -m benchmarks.random_fires [first] [count]
+python -m benchmarks.random_fires [first] [count]
 """
 
 import multiprocessing
@@ -21,7 +21,9 @@ def main() -> None:
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 50
     ratios = []
     with multiprocessing.get_context("spawn").Pool() as pool:
-        for seed, speed_m_s, circling, predictive in pool.imap(_errors, range(first, first + count)):
+        for seed, speed_m_s, circling, predictive in pool.imap(
+            _errors, range(first, first + count)
+        ):
             ratios.append(predictive / circling)
             sys.stdout.write(
                 f"{seed:4d}  {speed_m_s:5.1f} m/s  circling {circling:6.2f}  "

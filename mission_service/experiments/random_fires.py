@@ -50,7 +50,9 @@ def _with_speed(fire: Burn) -> Burn:
     before, after = truth.at(fire.deploy_s), truth.at(fire.end_s)
     rate_cells_s = float((after - before).max()) / (fire.end_s - fire.deploy_s)
     shape = hull_of(truth.at(middle_s))
-    lap_cells = float(np.hypot(np.diff(shape, append=shape[:1]), shape * 2 * np.pi / BEARINGS).sum())
+    lap_cells = float(
+        np.hypot(np.diff(shape, append=shape[:1]), shape * 2 * np.pi / BEARINGS).sum()
+    )
     speed_m_s = lap_cells * rate_cells_s / REACH_CELLS * CELL_M
     speed_m_s = min(max(speed_m_s, SLOWEST_M_S), FASTEST_M_S)
     return Burn(**{**vars(fire), "speed_m_s": speed_m_s})

@@ -27,6 +27,7 @@ from mission_service.planners.belief_kernels import (
     BASELINE_CELLS,
     BASELINE_S,
     PER_SECTOR,
+    PLACES,
     facing,
     learn,
     outwards,
@@ -65,6 +66,14 @@ class FrontModel:
     landscape: Landscape
 
 
+def to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
+    """Distance in cells from a place to the edge of the grid on all bearings."""
+    with np.errstate(divide="ignore"):
+        rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
+        cols = np.where(EAST > 0, shape[1] - 1 - centre[1], centre[1]) / np.abs(EAST)
+    return np.maximum(np.minimum(rows, cols), 0.5)
+
+
 class Belief:
     """State of the believed front; arrays (360) by whole-degree bearing, (72) by sector."""
 
@@ -88,9 +97,11 @@ class Belief:
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
         self._begin_to_learn()
-        self._bearing, self._rows, self._cols = (np.zeros(3 * BEARINGS, np.int64) for _ in range(3))
-        self._north, self._east, self._stretch = (np.ones(3 * BEARINGS) for _ in range(3))
+        room = PLACES * BEARINGS
+        self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
+        self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
+        self._edge = to_edge(shape, centre)
         self._least, self._most = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
     @property
@@ -151,6 +162,7 @@ class Belief:
             unit = self._model_speed()
             np.multiply(unit, self.factors(), out=self.speed_cells_s)
             self.front += self.speed_cells_s * step_s
+            np.minimum(self.front, self._edge, out=self.front)
             self._modelled += unit * step_s
             self._since += unit * step_s
             self.at_s = to_s if step_s < LONGEST_STEP_S else self.at_s + step_s
@@ -178,7 +190,15 @@ class Belief:
 
     def _model_speed(self) -> Floats:
         """Speed outwards in cells/s on all bearings with a factor of 1."""
-        places = self._bearing, self._rows, self._cols, self._north, self._east, self._stretch
+        places = (
+            self._bearing,
+            self._rows,
+            self._cols,
+            self._north,
+            self._east,
+            self._stretch,
+            self._limit,
+        )
         count = facing(self.front, self.centre_row, self.centre_col, self._shape, *places)
         if self.model is None or self.wind_m_s is None:
             return EVEN_CELLS_S * self._stretch[:BEARINGS]
@@ -193,7 +213,14 @@ class Belief:
             blows_from,
         )
         rate /= self.model.landscape.cell_size_m
-        outwards(self._bearing[:count], rate, self._stretch[:count], self._unit)
+        outwards(
+            self._bearing[:count],
+            rate,
+            self._stretch[:count],
+            self._limit[:count],
+            LONGEST_STEP_S,
+            self._unit,
+        )
         return self._unit
 
     def see(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:

@@ -13,6 +13,8 @@ UNBURNED, BURNED = 1, 2  # as in fire_map
 SAMPLES_PER_CELL = 2  # along a bearing, as the distance error does
 TANGENT_CELLS = 3.5  # the front's slant is taken over this much of it to either side
 HOLLOW = 0.5  # difference of the slants on both sides from which on a front is hollow
+LEAP_CELLS = 2.0  # farther outwards on the next bearing: another part of the front
+PLACES = 9  # at most, where a bearing's front is looked at
 BEHIND_CELLS = 0.7  # fire comes from the cell so far behind the front
 STEEPEST = 4.0  # slant beyond which the speed along a bearing is no longer believed
 
@@ -26,46 +28,60 @@ AT_IGNITION_CELLS = 1.0
 
 
 @compiled
-def facing(front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch):  # type: ignore[no-untyped-def]
-    """Where the front faces, arrays (3 * 360), and the cells from which fire comes.
+def facing(front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, most):  # type: ignore[no-untyped-def]
+    """Where the front faces, and the cells from which fire comes; arrays of ``PLACES`` * 360.
 
-    Returns how many: first one place for each bearing, then two more where the front is hollow: with its slant to
-    either side. ``stretch`` is the speed along the bearing over the one across the front.
+    Returns how many: first one place for each bearing; two more where the front is hollow, with its
+    slant to either side; three more where it leaps outwards from one bearing to the next, along the
+    flank there. ``stretch`` is the speed along the bearing over the one across the front, and
+    ``most`` (cells) the advance along it that a place can bring.
     """
     n, count = front.size, front.size
+    degree = math.pi / 180.0
     for i in range(n):
         r = max(front[i], 0.5)
-        w = round(TANGENT_CELLS / (r * math.pi / 180.0))
-        w = min(max(w, 2), 15)
-        arm = w * math.pi / 180.0 * r
-        forward = (front[(i + w) % n] - front[i]) / arm
-        backward = (front[i] - front[(i - w) % n]) / arm
-        cos, sin = math.cos(math.radians(i)), math.sin(math.radians(i))
-        for side in range(3 if forward - backward > HOLLOW else 1):
-            place = i if side == 0 else count
-            count += 1 if side > 0 else 0
-            slant = (0.5 * (forward + backward), forward, backward)[side]
-            slant = min(max(slant, -STEEPEST), STEEPEST)
+        w = min(max(round(TANGENT_CELLS / (r * degree)), 2), 15)
+        forward = (front[(i + w) % n] - front[i]) / (w * degree * r)
+        backward = (front[i] - front[(i - w) % n]) / (w * degree * r)
+        cos, sin = math.cos(i * degree), math.sin(i * degree)
+        for kind in range(9):
+            far, beyond, limit, cap = r, i, np.inf, STEEPEST
+            if kind == 0:
+                slant = 0.5 * (forward + backward)
+            elif kind <= 2:
+                if forward - backward <= HOLLOW:
+                    continue
+                slant = forward if kind == 1 else backward
+            else:
+                side = 1 if kind <= 5 else -1
+                limit = front[(i + side) % n] - front[i]
+                if limit - max(front[i] - front[(i - side) % n], 0.0) <= LEAP_CELLS:
+                    continue
+                slant, cap = side * limit / (degree * r), np.inf
+                far, beyond = r + limit * (0.1 + 0.35 * (kind % 3)), i + side
+            slant = min(max(slant, -cap), cap)
             along = math.sqrt(1.0 + slant * slant)
-            bearing[place] = i
+            place = i if kind == 0 else count
+            count += 0 if kind == 0 else 1
+            bearing[place], stretch[place], most[place] = i, along, limit
             north[place] = (cos + slant * sin) / along
             east[place] = (sin - slant * cos) / along
-            stretch[place] = along
-            row = round(centre_row - r * cos + BEHIND_CELLS * north[place])
-            col = round(centre_col + r * sin - BEHIND_CELLS * east[place])
-            rows[place] = min(max(row, 0), shape[0] - 1)
-            cols[place] = min(max(col, 0), shape[1] - 1)
+            behind = 0.0 if kind > 2 else BEHIND_CELLS
+            row = centre_row - far * math.cos(beyond * degree) + behind * north[place]
+            col = centre_col + far * math.sin(beyond * degree) - behind * east[place]
+            rows[place] = min(max(round(row), 0), shape[0] - 1)
+            cols[place] = min(max(round(col), 0), shape[1] - 1)
     return count
 
 
 @compiled
-def outwards(bearing, rate, stretch, unit):  # type: ignore[no-untyped-def]
+def outwards(bearing, rate, stretch, most, step_s, unit):  # type: ignore[no-untyped-def]
     """Speed along each bearing; where the front is hollow, of the fire from the faster side.
 
     (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
     """
     for place in range(rate.size):
-        speed = rate[place] * stretch[place]
+        speed = min(rate[place] * stretch[place], most[place] / step_s)
         if place < unit.size or speed > unit[bearing[place]]:
             unit[bearing[place]] = speed
 
