@@ -25,6 +25,7 @@ BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
 STEADINESS = 0.25  # share by which the spread before the first look may have been another
 AT_IGNITION_CELLS = 1.0
+SURPRISE = 3.0  # standard deviations
 
 
 @compiled
@@ -152,6 +153,8 @@ def learn(due, front, anchor, modelled, stretch, factor, covariance):  # type: i
             variance += (STEADINESS * predicted) ** 2
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
+        # A surprise beyond what doubt and noise explain is another part of the front, not a rate.
+        scale *= max(1.0, off * off / (scale * SURPRISE * SURPRISE))
         for i in range(n):
             column[i] = covariance[i, sector]
         for i in range(n):

@@ -30,6 +30,7 @@ from mission_service.planners.following import (
     path_along,
     turned_deg,
 )
+from mission_service.planners.hedge import hedged
 from mission_service.planners.protocol import Decision, Phase
 from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 
@@ -207,8 +208,8 @@ class PredictivePlanner:
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """The believed front: its distance in cells on 360 bearings."""
-        return self.belief.front.copy()
+        """The believed front: its distance in cells on 360 bearings (see ``hedge``)."""
+        return hedged(self.belief.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
