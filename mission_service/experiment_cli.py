@@ -30,3 +30,23 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
 
     found = run(folder(out) if out else None)
     click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command()
+@OUT
+@click.option(
+    "--speed",
+    "speed_m_s",
+    type=click.FloatRange(0.5, 100),
+    default=1.5,
+    show_default=True,
+    help="Of the vehicles, in m/s; at 1.5 costs are as high as the thesis's.",
+)
+@JSON
+def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
+    """Teams of 2 to 6 on one fire, chapter 5 of Bent's thesis: tables 5.1 to 5.4."""
+    from mission_service.experiments.bent import run
+    from mission_service.experiments.bent_tables import in_text
+
+    found = run(folder(out) if out else None, speed_m_s)
+    click.echo(json.dumps(found) if as_json else in_text(found))

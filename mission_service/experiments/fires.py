@@ -13,6 +13,7 @@ from firemodel.weather import Weather, WeatherStream
 
 Floats = NDArray[np.float64]
 Scheme = Literal["devs8", "anyangle"]
+SCHEMES: tuple[Scheme, ...] = ("devs8", "anyangle")
 
 CELLS = 200
 CELL_M = 30.0

@@ -20,6 +20,8 @@ from mission_service.planners.protocol import Planner
 Floats = NDArray[np.float64]
 
 VIEW_CELLS = 3.0
+REACH = int(VIEW_CELLS) + 1
+IN_VIEW = np.hypot(*np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]) <= VIEW_CELLS
 VEHICLE = "uas"
 
 
@@ -38,16 +40,19 @@ class Flight:
     mean_error: Floats
 
 
-def look(burn: Burn, row: float, col: float, at_s: float) -> Observed:
+def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
     """What the vehicle's camera sees: the cells within ``VIEW_CELLS``."""
     rows, cols = burn.arrival_s.shape
-    reach = int(VIEW_CELLS) + 1
-    top, left = max(round(row) - reach, 0), max(round(col) - reach, 0)
-    window = np.s_[top : min(top + 2 * reach + 1, rows), left : min(left + 2 * reach + 1, cols)]
-    codes = np.where(burn.arrival_s[window] <= at_s, ord("b"), ord("u")).astype(np.uint8)
-    here_row, here_col = np.ogrid[window]
-    codes[np.hypot(here_row - row, here_col - col) > VIEW_CELLS] = ord(".")
-    lines = tuple(line.tobytes().decode("ascii") for line in codes)
+    top, left = max(row - REACH, 0), max(col - REACH, 0)
+    bottom, right = min(row + REACH + 1, rows), min(col + REACH + 1, cols)
+    codes = np.where(burn.arrival_s[top:bottom, left:right] <= at_s, b"b", b"u")
+    disc = IN_VIEW[
+        top - row + REACH : bottom - row + REACH, left - col + REACH : right - col + REACH
+    ]
+    codes[~disc] = b"."
+    width = right - left
+    text = codes.tobytes().decode("ascii")
+    lines = tuple(text[start : start + width] for start in range(0, len(text), width))
     return Observed(round(at_s * 1e6), VEHICLE, top, left, lines)
 
 

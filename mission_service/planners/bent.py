@@ -16,13 +16,13 @@ from mission_service.planners.negotiation_centre import on_centre
 from mission_service.planners.ring import TeamRule
 
 PLANNERS: Mapping[str, Steer] = {
-    "back and forth": back_and_forth,
-    "highest dynamic": highest_dynamic,
-    "highest static": highest_static,
+    "back-and-forth": back_and_forth,
+    "highest-dynamic": highest_dynamic,
+    "highest-static": highest_static,
     "predictive": predictive,
 }
 NEGOTIATIONS: Mapping[str, Negotiation] = {"importance": on_importance, "centre": on_centre}
-LATER_PLANNERS: Mapping[str, Steer] = {"predictive kept": predictive_kept}
+LATER_PLANNERS: Mapping[str, Steer] = {"predictive-kept": predictive_kept}
 LATER_NEGOTIATIONS: Mapping[str, Negotiation] = {"arrival": on_arrival}
 IMPORTANCES = ("linear", "exponential")
 BENCHMARKS = ("circling", "bumper")

@@ -11,6 +11,7 @@ from firemodel.compiled import compiled
 @compiled
 def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
     """Bent 3.2, the linear or the exponential one."""
+    age = max(age, 0.0)  # a camera sees ahead of the time of a decision
     return age ** (1.0 + rate) if exponential else rate * age
 
 

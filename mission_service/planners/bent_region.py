@@ -45,6 +45,17 @@ def towards(region: Region, target: int) -> Course:
     return Course(target > region.here, target)
 
 
+def ended(region: Region, course: Course) -> bool:
+    """Whether a course is over: no target, at or past it, or it is the region's no longer.
+
+    Past it, because growth, and in flight the cells that a vehicle skips, carry it on.
+    """
+    target = course.target
+    if target is None or not region.begin <= target < region.end:
+        return True
+    return region.here >= target if course.clockwise else region.here <= target
+
+
 def back_into(region: Region) -> Course:
     """The shorter way, in cells, into a region in which the vehicle is not."""
     cells = region.ring.step_m.size

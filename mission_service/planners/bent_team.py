@@ -4,10 +4,10 @@ from mission_service.planners.bent_region import Course, Region, Steer, back_int
 from mission_service.planners.negotiation import Negotiation, Part, held_cells
 from mission_service.planners.regions import (
     Regions,
-    given,
     grown,
     joined_by,
     kept,
+    moved,
     parted,
     served,
     without,
@@ -113,11 +113,11 @@ class RegionTeam:
             left, right = parts[(index - 1) % count], parts[(index + 1) % count]
             first, last = self._negotiate(ring, left, own, right, at_s, self._exponential)
             if first:
-                regions = given(regions, index, own.begin + first, left=False)
+                regions = moved(regions, index, own.begin + first, left=False)
             if last:
                 after = (index + 1) % count
                 place = own.end - last - (0 if after else regions.cells)
-                regions = given(regions, after, place, left=True)
+                regions = moved(regions, after, place, left=True)
         return regions
 
     def _part(self, regions: Regions, index: int, fleet: Fleet, which: int) -> Part:

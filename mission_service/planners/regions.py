@@ -149,15 +149,15 @@ def with_border(regions: Regions, index: int, border: Border) -> Regions:
     return replace(regions, borders=borders)
 
 
-def given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
+def moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
     """One side moves a border and nothing is lost: turn asked for, offer, taken, acknowledged."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
-        regions = _moved(regions, index, other.place, left=not left)
-    return _moved(regions, index, place, left=left)
+        regions = _given(regions, index, other.place, left=not left)
+    return _given(regions, index, place, left=left)
 
 
-def _moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
+def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
     border = offering(regions.borders[index], place, left=left)
     regions = with_border(regions, index, border)
     regions = heard(regions, index, said(regions, index, left=left), left=not left)

@@ -1,0 +1,216 @@
+"""Regions of a team: whatever messages, losses and growth, each cell has exactly one owner."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission_service.planners.regions import (
+    Message,
+    Regions,
+    grown,
+    has_turn,
+    heard,
+    joined_by,
+    kept,
+    ledger,
+    moved,
+    offering,
+    owners,
+    parted,
+    said,
+    served,
+    with_border,
+    without,
+)
+from mission_service.planners.ring import Integers
+
+Draw = Callable[[int], int]  # a whole number from 0 to below this one
+
+
+def spans(regions: Regions) -> list[tuple[int, int]]:
+    begins = ledger(regions)
+    return list(zip(begins, [*begins[1:], begins[0] + regions.cells], strict=True))
+
+
+def check(regions: Regions) -> None:
+    """The perimeter is conserved; vehicles together serve all of it."""
+    count_of = np.zeros(regions.cells, int)
+    for index, (begin, end) in enumerate(spans(regions)):
+        assert 0 <= end - begin <= regions.cells
+        count_of[np.arange(begin, end) % regions.cells] += 1
+        own_begin, own_end = served(regions, index)
+        # Nobody owns what it does not serve, nor owns less than what it never offered.
+        assert own_begin <= begin <= end <= own_end
+        kept_begin, kept_end = kept(regions, index)
+        assert kept_begin <= kept_end
+        assert begin <= kept_begin
+        assert kept_end <= end
+    assert (count_of == 1).all()
+    owner = owners(regions)
+    changes = np.count_nonzero(owner != np.roll(owner, 1))
+    assert changes <= len(regions.seats)  # each region is in one piece
+    assert changes == (np.unique(owner).size if np.unique(owner).size > 1 else 0)
+
+
+def random_growth(cells: int, draw: Draw) -> tuple[Integers, int]:
+    """Each cell moves on by some cells, or onto the one before; the ring is as long as that."""
+    first = draw(cells)
+    steps = np.array([draw(4) for _ in range(cells - 1)])
+    places = np.concatenate([[0], np.cumsum(steps)])
+    now = int(places[-1]) + 1 + draw(3)
+    return (first + places) % now, now
+
+
+class Air:
+    """A link that keeps all that was ever said, and brings any of it at any time."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[tuple[int, int], bool, Message]] = []
+
+    def speak(self, regions: Regions, index: int, *, left: bool) -> None:
+        self.said.append((ends(regions, index), left, said(regions, index, left=left)))
+
+    def bring(self, regions: Regions, which: int) -> Regions:
+        between, left, message = self.said[which]
+        for index in range(len(regions.seats)):
+            if ends(regions, index) == between:
+                return heard(regions, index, message, left=not left)
+        return regions
+
+
+def ends(regions: Regions, index: int) -> tuple[int, int]:
+    """The seats left and right of a border."""
+    return regions.seats[index - 1], regions.seats[index]
+
+
+def offer_some(regions: Regions, index: int, left: bool, draw: Draw) -> Regions:
+    if len(regions.seats) == 1 or not has_turn(regions.borders[index], left=left):
+        return regions
+    giver = (index - 1) % len(regions.seats) if left else index
+    begin, end = kept(regions, giver)
+    amount = draw(end - begin + 1)
+    border = regions.borders[index]
+    place = border.left.place - amount if left else border.right.place + amount
+    return with_border(regions, index, offering(border, place, left=left))
+
+
+def act(regions: Regions, air: Air, seat: int, draw: Draw) -> Regions:
+    """Something happens; ``seat`` is a vehicle that was never in the team."""
+    index, left, count = draw(len(regions.seats)), bool(draw(2)), len(regions.seats)
+    what = draw(12)
+    if what < 3:
+        regions = offer_some(regions, index, left, draw)
+        air.speak(regions, index, left=left)
+    elif what < 5:
+        air.speak(regions, index, left=left)
+    elif what < 9 and air.said:
+        # Mostly news.
+        regions = air.bring(regions, len(air.said) - 1 - min(draw(4) * draw(8), len(air.said) - 1))
+    elif what == 9:
+        regions = grown(regions, *random_growth(regions.cells, draw))
+    elif what == 10 and count > 1:
+        regions = without(regions, regions.seats[index])
+    elif what == 11 and count < 6:
+        cells_of = [draw(regions.cells) for _ in regions.seats]
+        # A name used before may come again.
+        regions = joined_by(
+            regions, seat if left else max(regions.seats) + 1, cells_of, draw(regions.cells)
+        )
+    return regions
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.randoms(use_true_random=False), st.integers(1, 6), st.integers(6, 60))
+def test_every_cell_has_one_owner_whatever_happens(random, uavs: int, cells: int) -> None:  # type: ignore[no-untyped-def]
+    def draw(below: int) -> int:
+        return int(random.randrange(below))
+
+    regions = parted(range(uavs), [draw(cells) for _ in range(uavs)], cells)
+    air = Air()
+    for number in range(60):
+        regions = act(regions, air, 100 + number, draw)
+        if regions.cells > 400:
+            regions = grown(regions, np.arange(regions.cells) * 50 // regions.cells, 50)
+        check(regions)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ignore[no-untyped-def]
+    def draw(below: int) -> int:
+        return int(random.randrange(below))
+
+    regions, air = parted([0, 1, 2], [0, 10, 20], 30), Air()
+    for _ in range(40):
+        index, left = draw(3), bool(draw(2))
+        regions = offer_some(regions, index, left, draw)
+        if draw(3) == 0:
+            air.speak(regions, index, left=left)
+            regions = air.bring(regions, len(air.said) - 1)
+    for _ in range(2):
+        for index in range(3):
+            for left in (True, False):
+                air.speak(regions, index, left=left)
+                regions = air.bring(regions, len(air.said) - 1)
+    for border in regions.borders:
+        assert border.left.place == border.right.place
+        assert border.left.version == border.right.version
+        assert border.left.offered is None
+        assert border.right.offered is None
+        # Somebody may go on.
+        assert has_turn(border, left=True) != has_turn(border, left=False)
+
+
+def test_giver_serves_until_it_hears() -> None:
+    regions = parted([0, 1], [0, 10], 20)
+    regions = with_border(regions, 1, offering(regions.borders[1], 6, left=True))
+    offer = said(regions, 1, left=True)
+    assert (served(regions, 0), ledger(regions)) == ((0, 10), (0, 10))
+    taken = heard(regions, 1, offer, left=False)
+    # Its answer is lost: both serve cells 6 to 9, which are the taker's.
+    assert served(taken, 0) == (0, 10)
+    assert served(taken, 1) == (6, 20)
+    assert ledger(taken) == (0, 6)
+    again = heard(taken, 1, said(taken, 1, left=True), left=False)
+    assert again == taken
+    done = heard(again, 1, said(again, 1, left=False), left=True)
+    assert served(done, 0) == (0, 6)
+
+
+def test_moving_needs_no_turn_of_ones_own() -> None:
+    regions = parted([3, 7], [0, 10], 20)
+    for place, left in ((8, True), (5, True), (9, False), (9, True), (12, False)):
+        regions = moved(regions, 1, place, left=left)
+        assert ledger(regions) == (0, place)
+        assert served(regions, 0) == (0, place)
+        assert served(regions, 1) == (place, 20)
+    with pytest.raises(ValueError, match="cannot be offered"):
+        moved(regions, 1, 13, left=True)
+
+
+def test_leaving_and_joining() -> None:
+    regions = parted([0, 1, 2], [0, 10, 20], 30)
+    assert ledger(without(regions, 1)) == (0, 15)
+    lost_first = without(regions, 0)
+    assert lost_first.seats == (1, 2)
+    assert spans(lost_first) == [(5, 20), (20, 35)]
+    # Vehicle 1, in the second half of its region, keeps that.
+    both = joined_by(regions, 9, [3, 16, 25], 11)
+    assert both.seats == (0, 9, 1, 2)
+    assert ledger(both) == (0, 10, 15, 20)
+    assert joined_by(regions, 9, [3, 14, 25], 11).seats == (0, 1, 9, 2)
+    alone = without(lost_first, 2)
+    assert spans(alone) == [(-3, 27)]
+    assert spans(joined_by(alone, 4, [6], 6)) == [(-3, 12), (12, 27)]
+    with pytest.raises(ValueError, match="last"):
+        without(alone, 1)
+
+
+def test_growth_moves_borders_with_their_cells() -> None:
+    regions = parted([0, 1], [1, 4], 6)
+    after = grown(regions, np.array([8, 0, 2, 3, 4, 7]), 9)
+    assert [begin % 9 for begin in ledger(after)] == [0, 4]
+    assert spans(after)[1][1] - spans(after)[0][0] == 9
