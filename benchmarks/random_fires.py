@@ -8,12 +8,7 @@ import sys
 
 import numpy as np
 
-from mission_service.experiments.random_fires import mean_max_errors, random_fire
-
-
-def _errors(seed: int) -> tuple[int, float, float, float]:
-    fire = random_fire(seed)
-    return seed, fire.speed_m_s, *mean_max_errors(fire, seed)
+from mission_service.experiments.random_fires import mean_max_errors
 
 
 def main() -> None:
@@ -21,13 +16,13 @@ def main() -> None:
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 50
     ratios = []
     with multiprocessing.get_context("spawn").Pool() as pool:
-        for seed, speed_m_s, circling, predictive in pool.imap(
-            _errors, range(first, first + count)
-        ):
+        seeds = range(first, first + count)
+        for seed, errors in zip(seeds, pool.imap(mean_max_errors, seeds), strict=True):
+            circling, predictive = errors
             ratios.append(predictive / circling)
             sys.stdout.write(
-                f"{seed:4d}  {speed_m_s:5.1f} m/s  circling {circling:6.2f}  "
-                f"predictive {predictive:6.2f}  {ratios[-1]:.2f}\n"
+                f"{seed:4d}  circling {circling:6.2f}  predictive {predictive:6.2f}  "
+                f"{ratios[-1]:.2f}\n"
             )
             sys.stdout.flush()
     sys.stdout.write(

@@ -1,26 +1,24 @@
 """Fires drawn by chance: wind series, fuels in patches, hills. For what must hold on any fire."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
-from mission_service.experiments.distance_error import hull_of
+from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, Scheme, burn, wind
 from mission_service.experiments.ideal_flight import fly
-from mission_service.experiments.measured_wind import WIND_20FT_SHARE, MeasuredWind
+from mission_service.experiments.islam_hu import perimeter_planner
+from mission_service.experiments.predictive_flight import fly_predictive
 from mission_service.fire_map import BEARINGS
-from mission_service.planners.following import PathSettings
-from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings
-from mission_service.planners.perimeter import Rule as PerimeterRule
-from mission_service.planners.predictive import PredictivePlanner, PredictiveSettings, model_of
 
 END_S = 4 * HOUR_S
 FUELS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
 LEAST_CELLS, MOST_CELLS = 60, 12_000  # burned at deployment and at the end
 REACH_CELLS = 12.0  # how far the front comes in one lap at the end: the size of circling's error
 SLOWEST_M_S, FASTEST_M_S = 2.0, 25.0
-PATH = PathSettings(80.0, 1.0)
 
 
 def random_fire(seed: int) -> Burn:
@@ -43,8 +41,6 @@ def random_fire(seed: int) -> Burn:
 
 def _with_speed(fire: Burn) -> Burn:
     """The fire with a vehicle for which the fastest part advances ``REACH_CELLS`` in a lap."""
-    from mission_service.experiments.distance_error import TrueShape
-
     truth = TrueShape(fire.arrival_s, fire.ignition)
     middle_s = (fire.deploy_s + fire.end_s) / 2.0
     before, after = truth.at(fire.deploy_s), truth.at(fire.end_s)
@@ -55,7 +51,7 @@ def _with_speed(fire: Burn) -> Burn:
     )
     speed_m_s = lap_cells * rate_cells_s / REACH_CELLS * CELL_M
     speed_m_s = min(max(speed_m_s, SLOWEST_M_S), FASTEST_M_S)
-    return Burn(**{**vars(fire), "speed_m_s": speed_m_s})
+    return replace(fire, speed_m_s=speed_m_s)
 
 
 def _landscape(rng: np.random.Generator) -> Landscape:
@@ -83,28 +79,9 @@ def _weather(rng: np.random.Generator) -> WeatherStream:
     return WeatherStream(entries)
 
 
-def perimeter_planner(fire: Burn, rule: PerimeterRule) -> PerimeterPlanner:
-    """Islam & Hu's planner with its usual settings."""
-    settings = PerimeterSettings(
-        rule, 1.0, True, True, 300.0, 10, 0.1, 0.5, 200.0, fire.speed_m_s / CELL_M, PATH
-    )
-    centre = (float(fire.ignition[0]), float(fire.ignition[1]))
-    return PerimeterPlanner(settings, fire.landscape.shape, centre, 0.0)
-
-
-def predictive_planner(fire: Burn, *, modelled: bool = True) -> PredictivePlanner:
-    """The predictive one, which is told the landscape and the moistures at the beginning."""
-    settings = PredictiveSettings(
-        True, True, fire.speed_m_s / CELL_M, 0.0, False, WIND_20FT_SHARE, PATH
-    )
-    centre = (float(fire.ignition[0]), float(fire.ignition[1]))
-    model = model_of(fire.landscape, fire.weather.entries[0]) if modelled else None
-    return PredictivePlanner(settings, fire.landscape.shape, centre, 0.0, CELL_M, model)
-
-
-def mean_max_errors(fire: Burn, seed: int) -> tuple[float, float]:
-    """Mean of the largest distance error in cells: circling, as in the paper, and predictive."""
+def mean_max_errors(seed: int) -> tuple[float, float]:
+    """Of fire ``seed`` the mean of the largest error in cells: circling's and predictive's."""
+    fire = random_fire(seed)
     circling = fly(fire, perimeter_planner(fire, "circling"))
-    measured = MeasuredWind(fire.weather, seed)
-    predictive = fly(fire, predictive_planner(fire), hull=False, measured=measured)
+    predictive = fly_predictive(fire, seed)
     return float(circling.max_error.mean()), float(predictive.max_error.mean())
