@@ -1,6 +1,7 @@
 """The fires of the papers' experiments, burned once and looked at as often as one likes."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from firemodel.anyangle import AnyAngleFire
 from firemodel.devs8 import Devs8Fire
 from firemodel.landscape import Landscape
 from firemodel.weather import Weather, WeatherStream
+from mission_service.experiments.front_walk import enclosed_s
 
 Floats = NDArray[np.float64]
 Scheme = Literal["devs8", "anyangle"]
@@ -38,6 +40,11 @@ class Burn:
     def burned(self, at_s: float) -> NDArray[np.bool_]:
         """Which cells (y, x) have caught fire by a time."""
         return self.arrival_s <= at_s
+
+    @cached_property
+    def enclosed_s(self) -> Floats:
+        """When each cell (y, x) burned or was cut off from the outside."""
+        return enclosed_s(self.arrival_s)
 
 
 def flat(fuel: NDArray[np.int16]) -> Landscape:
@@ -105,10 +112,7 @@ ISLAM_HU: dict[str, Scenario] = {
     "fast": Scenario(of_one_fuel(BRUSH), (wind(0.0, 8.0, 45.0),), (35, 165), 3.4),
     "slow-even": Scenario(of_one_fuel(TALL_GRASS), (dry_wind(0.0, 0.9, 45.0),), (90, 110), 2.8),
     "wind-turns": Scenario(
-        of_one_fuel(BRUSH),
-        (dry_wind(0.0, 5.5, 180.0), dry_wind(3 * HOUR_S, 5.5, 0.0)),
-        (100, 100),
-        4.0,
+        of_one_fuel(BRUSH), (wind(0.0, 6.0, 180.0), wind(3 * HOUR_S, 9.2, 0.0)), (79, 100), 4.5
     ),
     "brush-grass": Scenario(
         of_two_fuels(BRUSH, SHORT_GRASS), (dry_wind(0.0, 3.3, 0.0),), (60, 100), 3.2

@@ -43,9 +43,9 @@ def enclosed_s(arrival_s: Floats) -> Floats:
 class FrontWalk:
     """A vehicle on the front of a growing fire: the cell it is on and the side that is outside."""
 
-    def __init__(self, arrival_s: Floats, at_s: float) -> None:
-        """It begins at the northernmost cell of the filled fire; there must be a fire by then."""
-        self._enclosed_s = np.pad(enclosed_s(arrival_s), 1, constant_values=np.inf)
+    def __init__(self, fire_s: Floats, at_s: float) -> None:
+        """It begins at the northernmost cell of the filled fire (``enclosed_s``)."""
+        self._enclosed_s = np.pad(fire_s, 1, constant_values=np.inf)
         row, col = np.argwhere(self._enclosed_s <= at_s)[0]
         self._row, self._col = int(row), int(col)
         self._outside = 0

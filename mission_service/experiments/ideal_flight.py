@@ -5,6 +5,7 @@ the planner says, turns on the spot, and sees the cells around it.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from mission_service.events import Observed
 from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.front_walk import FrontWalk
+from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.planners.protocol import Planner
 
 Floats = NDArray[np.float64]
@@ -29,11 +31,13 @@ class Flight:
     """What a flight leaves.
 
     ``track`` (n, 3) holds time in s, row and column of all steps, ``reversals`` (k, 3) those of
-    turns. The errors, in cells, are taken at each step (m) from the end of the first lap on.
+    turns, ``windows`` (d, 3) the time of each decision and what spoke for turning back and for
+    going on. The errors, in cells, are taken at each step (m) from the end of the first lap on.
     """
 
     track: Floats
     reversals: Floats
+    windows: Floats
     at_s: Floats
     max_error: Floats
     mean_error: Floats
@@ -55,24 +59,39 @@ def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
     return Observed(round(at_s * 1e6), VEHICLE, top, left, lines)
 
 
-def fly(burn: Burn, planner: Planner, *, hull: bool = True) -> Flight:
+def fly(
+    burn: Burn,
+    planner: Planner,
+    *,
+    hull: bool = True,
+    measured: MeasuredWind | None = None,
+    before: Callable[[float, int, int], None] | None = None,
+) -> Flight:
     """Fly a planner from deployment to the end; the error is taken at each new cell.
 
     ``hull``: the fire is reconstructed as in the paper, by the convex hull of what the planner
-    believes; otherwise it is what the planner believes.
+    believes; otherwise it is what the planner believes. ``measured`` is the wind the planner is
+    told at each step; without it, none. ``before`` is told time, row and column of each step before
+    the planner decides.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s
     at_s = burn.deploy_s
-    walk = FrontWalk(burn.arrival_s, at_s)
+    walk = FrontWalk(burn.enclosed_s, at_s)
     row, col = walk.cell
-    track, reversals, errors = [], [], []
+    track, reversals, windows, errors = [], [], [], []
     while at_s < burn.end_s:
+        if measured is not None:
+            planner.wind(*measured.at(at_s), at_s)
         planner.observe(look(burn, row, col, at_s))
+        if before is not None:
+            before(at_s, row, col)
         decision = planner.at(row, col, at_s)
         track.append((at_s, row, col))
-        if decision is not None and decision.reversed:
-            reversals.append((at_s, row, col))
+        if decision is not None:
+            windows.append((at_s, decision.importance_back, decision.importance_front))
+            if decision.reversed:
+                reversals.append((at_s, row, col))
         if planner.phase == "monitor":
             believed = planner.shape(row, col)
             error = np.abs((hull_of(believed) if hull else believed) - truth.at(at_s))
@@ -82,4 +101,11 @@ def fly(burn: Burn, planner: Planner, *, hull: bool = True) -> Flight:
         at_s += cell_s * max(math.hypot(new_row - row, new_col - col), 1.0)
         row, col = new_row, new_col
     at, most, mean = np.array(errors).reshape(-1, 3).T
-    return Flight(np.array(track), np.array(reversals).reshape(-1, 3), at, most, mean)
+    return Flight(
+        np.array(track),
+        np.array(reversals).reshape(-1, 3),
+        np.array(windows).reshape(-1, 3),
+        at,
+        most,
+        mean,
+    )
