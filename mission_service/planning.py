@@ -7,10 +7,13 @@ from typing import Literal
 from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
+from mission_service.fire_setup import weather_of
+from mission_service.planners.balanced import Balanced
 from mission_service.planners.benchmarks import Bumper, Circling
 from mission_service.planners.bent import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.planners.following import PathSettings
 from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings
+from mission_service.planners.predictive import PredictivePlanner, PredictiveSettings, model_of
 from mission_service.planners.protocol import Planner
 from mission_service.planners.ring import TeamRule
 from mission_service.planners.team import Flyer, Team, TeamSettings
@@ -52,10 +55,32 @@ def perimeter(rule: Literal["damped", "literal", "circling"]) -> "AloneMaker":
     return planner
 
 
-def bent(steer: str) -> "RuleMaker":
+def predictive(scenario: Scenario, section: VehicleSection, ground: Ground) -> Planner:
+    """The predictive planner; it knows the landscape and the moistures at the beginning."""
+    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    settings = PredictiveSettings(
+        clockwise_first=told.first_direction == "clockwise",
+        ignition_known=told.ignition_known,
+        speed_cells_s=section.airspeed_m_s / cell_m,
+        turn_radius_cells=section.turn_radius_m / cell_m,
+        flies_in_wind=True,
+        wind_20ft_share=1.0,  # a wrong share is learned as part of the fire's spread
+        path=_path_settings(scenario, cell_m),
+    )
+    return PredictivePlanner(
+        settings,
+        ground.landscape.shape,
+        ground.centre,
+        ground.burns_from_s,
+        cell_m,
+        model_of(ground.landscape, weather_of(scenario).at(ground.burns_from_s)),
+    )
+
+
+def bent(name: str) -> "RuleMaker":
     """One of Bent's planners in regions that are negotiated."""
     return lambda scenario: bent_rule(
-        steer, scenario.planner.negotiation, scenario.planner.importance
+        name, scenario.planner.negotiation, scenario.planner.importance
     )
 
 
@@ -67,12 +92,14 @@ ALONE: dict[str, AloneMaker] = {
     "damped": perimeter("damped"),
     "literal": perimeter("literal"),
     "circling": perimeter("circling"),
+    "predictive": predictive,
 }
 # All vehicles in one team. A new rule is a line here.
 TEAM: dict[str, RuleMaker] = {
+    "team.balanced": lambda scenario: Balanced(scenario.planner.importance),
     "team.circling": lambda scenario: Circling(),
     "team.bumper": lambda scenario: Bumper(),
-    **{f"team.{steer}": bent(steer) for steer in (*PLANNERS, *LATER_PLANNERS)},
+    **{f"team.{name}": bent(name) for name in (*PLANNERS, *LATER_PLANNERS)},
 }
 RULES = (*ALONE, *TEAM)
 

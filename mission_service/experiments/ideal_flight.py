@@ -15,6 +15,7 @@ from mission_service.events import Observed
 from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.front_walk import FrontWalk
+from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.planners.protocol import Planner
 
 Floats = NDArray[np.float64]
@@ -63,13 +64,15 @@ def fly(
     planner: Planner,
     *,
     hull: bool = True,
+    measured: MeasuredWind | None = None,
     before: Callable[[float, int, int], None] | None = None,
 ) -> Flight:
     """Fly a planner from deployment to the end; the error is taken at each new cell.
 
     ``hull``: the fire is reconstructed as in the paper, by the convex hull of what the planner
-    believes; otherwise it is what the planner believes. ``before`` is told time, row and column
-    of each step before the planner decides.
+    believes; otherwise it is what the planner believes. ``measured`` is the wind the planner is
+    told at each step; without it, none. ``before`` is told time, row and column of each step before
+    the planner decides.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s
@@ -78,6 +81,8 @@ def fly(
     row, col = walk.cell
     track, reversals, windows, errors = [], [], [], []
     while at_s < burn.end_s:
+        if measured is not None:
+            planner.wind(*measured.at(at_s), at_s)
         planner.observe(look(burn, row, col, at_s))
         if before is not None:
             before(at_s, row, col)

@@ -18,6 +18,7 @@ from mission_service.experiments.fires import (
     islam_hu_burn,
 )
 from mission_service.experiments.ideal_flight import Flight, fly
+from mission_service.experiments.predictive_flight import fly_predictive
 from mission_service.planners.following import PathSettings
 from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings, Rule
 from mission_service.planners.protocol import Planner
@@ -78,6 +79,7 @@ def on_one_fire(name: str, scheme: Scheme, out: Path | None) -> dict[str, list[d
     burn = islam_hu_burn(name, scheme)
     which = {"scenario": name, "scheme": scheme}
     flights = {planner: fly(burn, make(burn)) for planner, make in PLANNERS.items()}
+    flights["predictive"] = fly_predictive(burn)
     sweep = {
         alpha: flights["damped"]
         if alpha == 1.0
