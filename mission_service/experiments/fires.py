@@ -118,7 +118,7 @@ ISLAM_HU: dict[str, Scenario] = {
         of_two_fuels(BRUSH, SHORT_GRASS), (dry_wind(0.0, 3.3, 0.0),), (60, 100), 3.2
     ),
     "brush-litter": Scenario(
-        of_two_fuels(BRUSH, TIMBER_LITTER), (dry_wind(0.0, 8.0, 0.0),), (25, 100), 4.5
+        of_two_fuels(BRUSH, TIMBER_LITTER), (wind(0.0, 8.0, 0.0),), (20, 100), 3.5
     ),
 }
 
