@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mission_service.experiments.fires import HOUR_S, Burn
 from mission_service.experiments.ideal_flight import Flight, fly
-from mission_service.experiments.islam_hu import changes_s, perimeter_planner
+from mission_service.experiments.islam_hu import PAPER_REVERSALS, changes_s, perimeter_planner
 from mission_service.fire_map import EAST, NORTH
 
 Floats = NDArray[np.float64]
@@ -35,11 +35,9 @@ def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, F
         burn,
         flights,
     )
-    draw_tracks(
-        out / f"alpha-{stem}.png",
-        burn,
-        {f"α = {alpha:g}": flight for alpha, flight in sweep.items()},
-    )
+    if burn.name in PAPER_REVERSALS:  # fig. 11
+        named = {f"α = {alpha:g}": flight for alpha, flight in sweep.items()}
+        draw_tracks(out / f"alpha-{stem}.png", burn, named)
     draw_errors(out / f"error-{stem}.png", burn, flights)
     draw_importance(out / f"importance-{stem}.png", burn, flights["damped"])
 

@@ -179,7 +179,6 @@ def test_the_command_tells_it_as_json_with_figures_and_the_same_each_time(
     found = islam_hu.on_one_fire("fast", "devs8", tmp_path)
     assert {path.name.split("-")[0] for path in tmp_path.glob("*-fast-devs8.png")} == {
         "trajectory",
-        "alpha",
         "error",
         "importance",
     }
