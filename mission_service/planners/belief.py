@@ -48,6 +48,7 @@ EVEN_CELLS_S = 0.01  # spread where there is no model; the factor is learned on 
 COMMON, LOCAL = 0.25, 0.25
 ALIKE_DEG = 20.0
 DRIFT_PER_SQRT_H = 0.15
+FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
 UNMODELLED = 4.0  # times less trusted where there is no model
 # Wind is averaged over the longer time, or the shorter one if that is this far off (m/s, and share
 # of the speed).
@@ -286,6 +287,7 @@ class Belief:
             self._anchor,
             self._modelled,
             self._stretch,
+            *(FACTORS if self.modelled else UNMODELLED_FACTORS),
             self.factor,
             self._covariance,
         )
