@@ -24,7 +24,7 @@ BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
 # Shares by which an advance may differ from the factor times the model's for other reasons: since
 # the last look, and before the first one, when the wind is not known.
-UNLIKE, UNLIKE_AT_FIRST = 0.15, 0.5
+UNLIKE, UNLIKE_AT_FIRST = 0.15, 1.0
 AT_IGNITION_CELLS = 1.0
 SURPRISE = 3.0  # standard deviations
 
