@@ -103,35 +103,37 @@ def test_two_looks_seconds_apart_teach_nothing() -> None:
     assert (belief.factors() > 1.2 * known)[60:120].all()
 
 
-def test_a_front_between_cells_does_not_jump_by_cells() -> None:
+def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     rate = np.full(BEARINGS, 0.005)
     belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
-    believed_at, seen = [], []
-    for at_s in np.arange(3600.0, 9000.0, 60.0):
-        window = burned_ellipse(rate, at_s)
+    off, naive, before = [], [], 0.0
+    for at_s in np.arange(3600.0, 9000.0, 150.0):
+        window = burned_ellipse(rate, float(at_s))
         belief.see(0, 0, window, float(at_s))
-        believed_at.append(belief.front[90])
-        seen.append(float(np.flatnonzero(window[100, 100:] == BURNED)[-1]))
-    assert np.diff(seen).max() == 1.0
-    assert np.abs(np.diff(believed_at)[20:]).max() < 0.8
+        off.append(belief.speed_cells_s[90] / 0.005 - 1.0)
+        cell = float(np.flatnonzero(window[100, 100:] == BURNED)[-1])
+        naive.append((cell - before) / 150.0 / 0.005 - 1.0)
+        before = cell
+    assert np.abs(naive[10:]).max() > 0.3  # whole cells
+    assert np.abs(off[10:]).max() < 0.15
 
 
 def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
-    fire = brush_fire((0.0, 4.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
+    fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
     true = TrueShape(fire.arrival_s, fire.ignition)
     belief = Belief(
         SHAPE, CENTRE, model_of(fire.landscape, fire.weather.entries[0]), np.full(360, 0.5), 0
     )
-    belief.wind(4.0, 225.0, 0.0)
+    belief.wind(7.0, 225.0, 0.0)
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
         belief.see(0, 0, window, at_s)
     unlearned = Belief(SHAPE, CENTRE, belief.model, belief.front, 7200.0)
-    unlearned.wind(4.0, 225.0, 7200.0)
+    unlearned.wind(7.0, 225.0, 7200.0)
     for one in (belief, unlearned):
         one.advance(END_S)
     learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (belief, unlearned))
-    assert learned_off.mean() < 0.5 * plain_off.mean()
+    assert learned_off.mean() < 0.7 * plain_off.mean()
     assert learned_off.max() < 4.0
 
 
