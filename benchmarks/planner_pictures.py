@@ -1,7 +1,7 @@
 """The pictures of docs/planners.md: ``python -m benchmarks.planner_pictures docs/planners``."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mission_service.experiments.ring_flight import TeamFlight, fly_team
+from mission_service.experiments.fires import islam_hu_burn
+from mission_service.experiments.ideal_flight import Flight, fly
+from mission_service.experiments.islam_hu import perimeter_planner
+from mission_service.experiments.predictive_flight import fly_predictive
+from mission_service.experiments.ring_flight import fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.experiments.team_fires import SPEED_M_S, uneven
+from mission_service.planners.balanced import Balanced
 from mission_service.planners.benchmarks import Bumper, Circling
 from mission_service.planners.bent import LATER_PLANNERS, PLANNERS, bent_rule
+from mission_service.planners.perimeter import Rule
 from mission_service.planners.ring import TeamRule
 
 Floats = NDArray[np.float64]
@@ -23,11 +29,13 @@ Floats = NDArray[np.float64]
 UAVS = 4
 SHOWN_S = 3600.0
 COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#b34700")
-TEAM_RULES: dict[str, tuple[str, Callable[[], TeamRule]]] = {
-    "team-circling": ("team.circling", Circling),
-    "team-bumper": ("team.bumper", Bumper),
+ALONE_RULES: tuple[Rule, ...] = ("circling", "literal", "damped")
+TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
+    "team.balanced": Balanced,
+    "team.circling": Circling,
+    "team.bumper": Bumper,
     **{
-        f"team-{name}": (f"team.{name}", partial(bent_rule, name, "importance", "linear"))
+        f"team.{name}": partial(bent_rule, name, "importance", "linear")
         for name in (*PLANNERS, *LATER_PLANNERS)
     },
 }
@@ -53,17 +61,23 @@ def spread_by_bearing(history: list[RingStep], centre: tuple[int, int]) -> Float
     return 60.0 * found
 
 
-def draw_team(
-    path: Path, title: str, flight: TeamFlight, history: list[RingStep], centre: tuple[int, int]
+def draw(
+    path: Path,
+    title: str,
+    tracks: Mapping[str, Floats],
+    history: list[RingStep],
+    centre: tuple[int, int],
 ) -> None:
-    """Where each vehicle is around the fire over its last hour; the background is the spread."""
-    figure = Figure(figsize=(9, 3.6), dpi=110, layout="constrained")
+    """Where each vehicle is around the fire over a history; the background is the spread.
+
+    Tracks (n, 3) are time in s, row, column, by name.
+    """
+    figure = Figure(figsize=(9, 3.6), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
     axes: Any = figure.add_subplot()
-    shown = [step for step in history if step.at_s >= history[-1].at_s - SHOWN_S]
-    from_h, to_h = shown[0].at_s / 3600.0, shown[-1].at_s / 3600.0
+    from_h, to_h = history[0].at_s / 3600.0, history[-1].at_s / 3600.0
     spread = axes.imshow(
-        spread_by_bearing(shown, centre),
+        spread_by_bearing(history, centre),
         extent=(from_h, to_h, 0.0, 360.0),
         origin="lower",
         aspect="auto",
@@ -72,10 +86,10 @@ def draw_team(
         alpha=0.8,
     )
     figure.colorbar(spread, ax=axes, label="spread of the front (m/min)")
-    for (seat, track), colour in zip(flight.tracks.items(), COLOURS, strict=False):
+    for (name, track), colour in zip(tracks.items(), COLOURS, strict=False):
         bearing = bearings_deg(track[:, 1:], centre)
         line = np.where(np.abs(np.diff(bearing, append=bearing[-1:])) > 180.0, np.nan, bearing)
-        axes.plot(track[:, 0] / 3600.0, line, color=colour, linewidth=1.3, label=f"UAV {seat + 1}")
+        axes.plot(track[:, 0] / 3600.0, line, color=colour, linewidth=1.3, label=name)
     axes.set(
         xlim=(from_h, to_h),
         ylim=(0.0, 360.0),
@@ -83,21 +97,44 @@ def draw_team(
         xlabel="time since ignition (h)",
         ylabel="bearing from the ignition (°)",
     )
-    mean, std = flight.mean_std("linear")
-    axes.set_title(f"{title}: mean unseen advance {mean:.1f} m (± {std:.1f} m over time)")
-    axes.legend(loc="upper left", ncols=UAVS, fontsize=8)
-    figure.savefig(path)
+    axes.set_title(title, fontsize=11)
+    axes.legend(loc="upper left", ncols=len(tracks), fontsize=8)
+    figure.savefig(path, pil_kwargs={"optimize": True})
+
+
+def draw_teams(folder: Path) -> None:
+    """The last hour of four vehicles over the uneven fire."""
+    fire = uneven()
+    history = ring_history(fire)
+    shown = [step for step in history if step.at_s >= fire.end_s - SHOWN_S]
+    for name, rule in TEAM_RULES.items():
+        flight = fly_team(history, rule(), UAVS, SPEED_M_S)
+        mean, std = flight.mean_std("linear")
+        title = f"{name}: mean unseen advance {mean:.1f} m (± {std:.1f} m over time)"
+        tracks = {f"UAV {seat + 1}": track for seat, track in flight.tracks.items()}
+        draw(folder / f"{name.replace('.', '-')}.png", title, tracks, shown, fire.ignition)
+
+
+def draw_alone(folder: Path) -> None:
+    """One vehicle over five hours of the paper's first fire."""
+    fire = islam_hu_burn("slow-then-fast", "devs8")
+    history = ring_history(fire, every_s=120.0)
+    flights: dict[str, Flight] = {
+        rule: fly(fire, perimeter_planner(fire, rule)) for rule in ALONE_RULES
+    }
+    flights["predictive"] = fly_predictive(fire)
+    for name, flight in flights.items():
+        error = f"distance error {flight.max_error.mean():.1f} cells at worst, mean over time"
+        title = f"{name}: {len(flight.reversals)} reversals, {error}"
+        draw(folder / f"{name}.png", title, {"UAS": flight.track}, history, fire.ignition)
 
 
 def main() -> None:
     """Draw them all into the folder that is named."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    fire = uneven()
-    history = ring_history(fire)
-    for name, (title, rule) in TEAM_RULES.items():
-        flight = fly_team(history, rule(), UAVS, SPEED_M_S)
-        draw_team(folder / f"{name}.png", title, flight, history, fire.ignition)
+    draw_alone(folder)
+    draw_teams(folder)
 
 
 if __name__ == "__main__":
