@@ -167,6 +167,9 @@ class PlannerSection(Section):
     rule: str = "damped"
     importance: Literal["linear", "exponential"] = "linear"  # of teams
     negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
+    # What a team's user wishes; it is told how many vehicles that takes.
+    worst_age_s: Positive | None = None
+    unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
     first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     ignition_known: bool = True

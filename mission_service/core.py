@@ -34,7 +34,9 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
+from mission_service.planners.advice import Adviser, Wishes
 from mission_service.planners.protocol import Decision, Planner
+from mission_service.planners.team import Seat
 from mission_service.planning import planners_of
 from mission_service.spacing import Spacing
 from mission_service.steering import Here, Presence, Steering, decided
@@ -97,6 +99,9 @@ class Core:
         self.landscape = landscape
         self._next_mission_id = 1
         self.steering = Steering(scenario, landscape, planners_of(scenario, landscape))
+        self._adviser = Adviser(
+            Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
+        )
         self.spacing = Spacing(scenario, landscape, self.steering.presence)
         self.vehicles = {
             section.name: Vehicle(
@@ -161,6 +166,7 @@ class Core:
             commands.append(decided(vehicle.name, vehicle.planner, decision))
             if decision.reversed:
                 vehicle.due = "turn back"
+            commands += self._advise(vehicle, at_s)
         if not vehicle.deployed:
             return [*commands, self._deploy(vehicle, here)]
         if not presence.airborne:
@@ -180,6 +186,17 @@ class Core:
             vehicle.not_before_s = at_s + CHECK_EVERY_S
             commands += self._follow(vehicle, here)
         return commands
+
+    def _advise(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Tell a team's user what it can keep up with, when that has changed."""
+        if not isinstance(vehicle.planner, Seat):
+            return []
+        team = vehicle.planner.team
+        speed_m_s = team.fleet()[0].speed_m_s
+        if not self._adviser.is_due(speed_m_s.size, at_s):
+            return []
+        news = self._adviser.at(team.ring(), speed_m_s, at_s)
+        return [] if news is None else [_say(vehicle, f"team: {news[1]}", warning=news[0])]
 
     # To the fire and home ---------------------------------------------------------------------
 

@@ -145,6 +145,11 @@ class Seat:
         self._turned_at_s = -np.inf
 
     @property
+    def team(self) -> Team:
+        """The team it sits in."""
+        return self._team
+
+    @property
     def phase(self) -> Phase:
         """On its way until it has seen the front; then the team's first lap, then monitoring."""
         if not self._found:
