@@ -92,7 +92,7 @@ def name_of(case: Case) -> str:
 
 def compare(fire: str, flown: Sequence[Flown]) -> dict[str, Any]:
     """Ours beside the best other, by size and importance; wins counted."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     whole = [one for one in flown if one.case.lost_at_s is None]
     for importance, uavs in product(IMPORTANCES, SIZES):
         pair = [one for one in whole if one.case[2:4] == (importance, uavs)]

@@ -7,25 +7,22 @@ from scipy.ndimage import gaussian_filter
 
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
-from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, Scheme, burn, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
 from mission_service.experiments.predictive_flight import fly_predictive
-from mission_service.fire_map import BEARINGS
 
 END_S = 4 * HOUR_S
 FUELS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
 LEAST_CELLS, MOST_CELLS = 60, 12_000  # burned at deployment and at the end
-REACH_CELLS = 12.0  # how far the front comes in one lap at the end: the size of circling's error
-SLOWEST_M_S, FASTEST_M_S = 2.0, 25.0
+LEAST_ERROR, AIM_ERROR, MOST_ERROR = 7.0, 10.5, 16.0  # of circling, in cells
+FIRST_GUESS_M_S, MOST_GUESSES = 3.0, 6
 
 
 def random_fire(seed: int) -> Burn:
     """Fire number ``seed``; the same on every machine. Even numbers burn with devs8.
 
-    Drawn again until it is neither out at deployment nor over the edge at the end. The vehicle is
-    as slow as makes circling wrong by several cells.
+    Drawn again until it is neither out at deployment nor over the edge at the end.
     """
     rng = np.random.default_rng(seed)
     scheme: Scheme = "devs8" if seed % 2 == 0 else "anyangle"
@@ -40,18 +37,22 @@ def random_fire(seed: int) -> Burn:
 
 
 def _with_speed(fire: Burn) -> Burn:
-    """The fire with a vehicle for which the fastest part advances ``REACH_CELLS`` in a lap."""
-    truth = TrueShape(fire.arrival_s, fire.ignition)
-    middle_s = (fire.deploy_s + fire.end_s) / 2.0
-    before, after = truth.at(fire.deploy_s), truth.at(fire.end_s)
-    rate_cells_s = float((after - before).max()) / (fire.end_s - fire.deploy_s)
-    shape = hull_of(truth.at(middle_s))
-    lap_cells = float(
-        np.hypot(np.diff(shape, append=shape[:1]), shape * 2 * np.pi / BEARINGS).sum()
-    )
-    speed_m_s = lap_cells * rate_cells_s / REACH_CELLS * CELL_M
-    speed_m_s = min(max(speed_m_s, SLOWEST_M_S), FASTEST_M_S)
-    return replace(fire, speed_m_s=speed_m_s)
+    """The fire with a vehicle for which circling is 7 to 16 cells wrong, as in the paper."""
+    speed_m_s = FIRST_GUESS_M_S
+    for _ in range(MOST_GUESSES):
+        fire = replace(fire, speed_m_s=speed_m_s)
+        error = circling_error(fire)
+        if LEAST_ERROR <= error <= MOST_ERROR:
+            break
+        speed_m_s = min(max(speed_m_s * error / AIM_ERROR, speed_m_s / 3.0), speed_m_s * 3.0)
+    return fire
+
+
+def circling_error(fire: Burn) -> float:
+    """Mean of the largest error of circling, reconstructed as in the paper, in cells."""
+    flight = fly(fire, perimeter_planner(fire, "circling"))
+    # A vehicle that does not get round once is far too slow.
+    return float(flight.max_error.mean()) if flight.max_error.size else 3.0 * AIM_ERROR
 
 
 def _landscape(rng: np.random.Generator) -> Landscape:
@@ -82,6 +83,4 @@ def _weather(rng: np.random.Generator) -> WeatherStream:
 def mean_max_errors(seed: int) -> tuple[float, float]:
     """Of fire ``seed`` the mean of the largest error in cells: circling's and predictive's."""
     fire = random_fire(seed)
-    circling = fly(fire, perimeter_planner(fire, "circling"))
-    predictive = fly_predictive(fire, seed)
-    return float(circling.max_error.mean()), float(predictive.max_error.mean())
+    return circling_error(fire), float(fly_predictive(fire, seed).max_error.mean())

@@ -29,10 +29,13 @@ from mission_service.planners.ring import Fleet, Ring
 NODES = 256  # at most, of the ring as plans are flown ahead on it
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to go back and come again
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is put off
-HEAD_LAPS = 0.5  # before them
-LATE_TIMES = 3.0  # how often the last lap of a roll-out counts beside itself
+# How far plans are flown ahead, in laps (periods, with an arc), and how often one lap more counts
+# beside that: the more it counts, the sooner gaps are evened out, until plans promise later gains
+# for ever and never bring them.
+AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
+AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 MARGIN = 1e-3  # of the cost: a plan is changed for no less
-PATTERN_MARGIN = 0.15  # changing over costs several laps
+PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: the more, the harder a growing front makes even gaps
 SEARCH_S = 2.0  # a vehicle's plan is looked at again after so long
 
 Importance = Literal["linear", "exponential"]
@@ -60,6 +63,7 @@ class Balanced:
         self._due_s = np.empty(0)
         self._heading = np.empty(0, np.int64)
         self._searched_s = np.empty(0)
+        self._sweeps = np.empty(0, np.bool_)
 
     def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
         """Clockwise from here? A few plans are tried for this vehicle, the others' given."""
@@ -132,40 +136,66 @@ class Balanced:
         return settled_cost(pattern, self._parts, fleet.speed_m_s, room_for(PARTS, fleet.seat.size))
 
     def _try_patterns(self, fleet: Fleet) -> None:
-        """Try a few more patterns; all vehicles are planned anew if one is better."""
+        """Try one more pattern; all vehicles are planned anew if it is better."""
         if not self._untried:
             self._untried = [LAPS, *candidates(fleet.seat.size)][::-1]
         pattern = self._untried.pop()
         cost = self._settled(pattern, fleet)
-        if cost < (1.0 - PATTERN_MARGIN) * self._pattern_cost:
+        margin = PATTERN_MARGIN * (fleet.seat.size - 1) ** 2
+        if cost < (1.0 - margin) * self._pattern_cost:
             self._pattern, self._pattern_cost = pattern, cost
             self._plan_all()
+        elif self._pattern.length:
+            # The arc follows the front: vehicles take it over as they turn.
+            first, length, sweeping = self._pattern
+            for move, grow in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+                pattern = Pattern((first + move) % PARTS, max(length + grow, 1), sweeping)
+                cost = self._settled(pattern, fleet)
+                if cost < self._pattern_cost:
+                    self._pattern, self._pattern_cost = pattern, cost
+            lapping = self._settled(LAPS, fleet)
+            if lapping < self._pattern_cost:
+                self._pattern, self._pattern_cost = LAPS, lapping
+                self._plan_all()
 
     def _plan_all(self) -> None:
         """Every vehicle flies the pattern from its next cell on."""
+        size = self._size()
+        middle = (2 * self._pattern.first + self._pattern.length) * size // (2 * PARTS)
+        away = (self._goal - middle) % size
+        nearest = np.argsort(np.minimum(away, size - away), kind="stable")
+        self._sweeps = np.zeros(len(self._seats), np.bool_)
+        self._sweeps[nearest[: self._pattern.sweeping]] = True
+        for who in range(len(self._seats)):
+            self._plan(who)
+
+    def _size(self) -> int:
         assert self._ring is not None
-        size = self._ring.step_m.size
+        return self._ring.step_m.size
+
+    def _plan(self, who: int, came_back: bool = False) -> None:
+        """This one flies the pattern from its next cell on; ``came_back``: its third pass."""
+        size = self._size()
         first = self._pattern.first * size // PARTS
         length = self._pattern.length * size // PARTS
-        away = (self._goal - first - length // 2) % size
-        nearest = np.argsort(np.minimum(away, size - away), kind="stable")
-        for order, who in enumerate(nearest.tolist()):
-            sweeps = order < self._pattern.sweeping
-            serves = length > 0 and sweeps == (self._pattern.sweeping > 0)
-            legs = []
-            place = int(self._goal[who])
-            if self._heading[who] < 0:
-                turn = int(self._legs[who, 0]) if self._legs[who, 0] < NEVER else 0
-                legs.append(turn)
-                place -= turn
-            pair = (NEVER, NEVER)
-            if serves:
-                legs.append((first + length - place) % size)
-                pair = (length, length if sweeps else size + length)
-            while len(legs) < LEGS:
-                legs.append(pair[0])
-                pair = pair[::-1]
-            self._legs[who] = legs
+        sweeps = bool(self._sweeps[who])
+        serves = length > 0 and sweeps == (self._pattern.sweeping > 0)
+        legs = []
+        place = int(self._goal[who])
+        if self._heading[who] < 0:
+            back = (place - first) % size
+            turn = back if serves and back <= 2 * length else 0
+            legs.append(turn)
+            place -= turn
+        pair = (NEVER, NEVER)
+        if serves:
+            onward = (first + length - place) % size
+            legs.append(onward + size if came_back and not sweeps else onward)
+            pair = (length, length if sweeps else size + length)
+        while len(legs) < LEGS:
+            legs.append(pair[0])
+            pair = pair[::-1]
+        self._legs[who] = legs
 
     def _team_is(self, seats: list[int], fleet: Fleet, at_s: float) -> None:
         """Somebody has come or gone: all lap until a better pattern is found."""
@@ -206,12 +236,17 @@ class Balanced:
             self._heading,
             fleet.speed_m_s,
         )
-        period_s = self._lap_s
+        period_s, ahead, late_times = self._lap_s, AHEAD_LAPS, LATE_TIMES
+        if self._pattern.length:
+            ahead, late_times = AHEAD_ON_ARCS, LATE_ON_ARCS
         if self._pattern.sweeping == 0:
             period_s *= 1.0 + 2.0 * self._pattern.length / PARTS
-        span = Span((1.0 + HEAD_LAPS) * period_s, HEAD_LAPS * period_s, LATE_TIMES)
+        span = Span((1.0 + ahead) * period_s, ahead * period_s, late_times)
+        moves = self._moves
+        if self._pattern.length:
+            moves = moves._replace(backs=moves.backs[:0])
         self.flown_ahead += improve(
-            nodes, start, self._legs, span, self._room, which, self._moves, MARGIN
+            nodes, start, self._legs, span, self._room, which, moves, MARGIN
         )
 
     def _advance(self, which: int, ring: Ring, fleet: Fleet, at_s: float) -> bool:
@@ -222,6 +257,8 @@ class Balanced:
             legs[:-1] = legs[1:].copy()
             legs[-1] = legs[-3]
             self.turns += 1
+            if self._pattern.length:
+                self._plan(which, came_back=self._heading[which] > 0)
         if legs[0] < NEVER:
             legs[0] -= 1
         clockwise = bool(self._heading[which] > 0)

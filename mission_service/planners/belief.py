@@ -48,6 +48,7 @@ EVEN_CELLS_S = 0.01  # spread where there is no model; the factor is learned on 
 COMMON, LOCAL = 0.25, 0.25
 ALIKE_DEG = 20.0
 DRIFT_PER_SQRT_H = 0.15
+FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
 UNMODELLED = 4.0  # times less trusted where there is no model
 # Wind is averaged over the longer time, or the shorter one if that is this far off (m/s, and share
 # of the speed).
@@ -102,6 +103,7 @@ class Belief:
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
         self._edge = to_edge(shape, centre)
+        self._believed_fuel = self._anchor_fuel
         self._least, self._most = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
     @property
@@ -113,6 +115,7 @@ class Belief:
         """Factors as they are before anything was seen."""
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
+        self._anchor_fuel = self._fuel_at(self.front)
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
         self._since = np.zeros(BEARINGS)  # the same since it was last seen
         scale = 1.0 if self.modelled else UNMODELLED
@@ -121,6 +124,15 @@ class Belief:
         self.factor = np.ones(SECTORS)
         self._covariance = scale**2 * (COMMON**2 + LOCAL**2 * alike)
         self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+
+    def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
+        """Fuel under a front; 0 everywhere without a landscape."""
+        if self.model is None:
+            return np.zeros(BEARINGS, np.int16)
+        rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
+        cols = np.rint(self.centre_col + front * EAST).astype(np.int64)
+        rows, cols = np.clip(rows, 0, self._shape[0] - 1), np.clip(cols, 0, self._shape[1] - 1)
+        return self.model.landscape.fuel_model[rows, cols]
 
     def begun_anew(self, centre: tuple[float, float], front: Floats, at_s: float) -> "Belief":
         """One around another centre, with the same model and wind, before anything was seen."""
@@ -234,6 +246,7 @@ class Belief:
         np.maximum(self.burned, least, out=self.burned)
         in_view = (least >= self.burned) & (most <= least + WITHIN_CELLS)
         before = self.front.copy()
+        self._believed_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
         # A front seen in a cell is somewhere in it: half-way from its middle to the prediction.
         off = np.clip(self.front - least, -0.5, 0.5)
@@ -280,16 +293,21 @@ class Belief:
         )
         if not due.any():
             return
+        fuel = self._fuel_at(self.front)
+        # An advance over two fuels tells nothing of either.
+        alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
         learn(
-            due,
+            due & alike,
             self.front,
             self._anchor,
             self._modelled,
             self._stretch,
+            *(FACTORS if self.modelled else UNMODELLED_FACTORS),
             self.factor,
             self._covariance,
         )
         self._anchor[due] = self.front[due]
+        self._anchor_fuel[due] = fuel[due]
         self._anchor_at_s[due] = at_s
         self._modelled[due] = 0.0
         # What was learned here holds for what has gone on unseen nearby as well.

@@ -19,11 +19,12 @@ BEHIND_CELLS = 0.7  # fire comes from the cell so far behind the front
 STEEPEST = 4.0  # slant beyond which the speed along a bearing is no longer believed
 
 PER_SECTOR = 5
-FACTORS = (0.05, 6.0)
 # A look is compared with the one from which on the front has come at least this far, or this long.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
-STEADINESS = 0.25  # share by which the spread before the first look may have been another
+# Shares by which an advance may differ from the factor times the model's for other reasons: since
+# the last look, and before the first one, when the wind is not known.
+UNLIKE, UNLIKE_AT_FIRST = 0.15, 1.0
 AT_IGNITION_CELLS = 1.0
 SURPRISE = 3.0  # standard deviations
 
@@ -129,7 +130,7 @@ def watch(window, top, left, centre_row, centre_col, north, east, least, most): 
 
 
 @compiled
-def learn(due, front, anchor, modelled, stretch, factor, covariance):  # type: ignore[no-untyped-def]
+def learn(due, front, anchor, modelled, stretch, least, most, factor, covariance):  # type: ignore[no-untyped-def]
     """Kalman updates of the sectors' factors from the bearings that are due.
 
     Observed advance since the anchor = factor x modelled advance + noise.
@@ -148,9 +149,8 @@ def learn(due, front, anchor, modelled, stretch, factor, covariance):  # type: i
         if count == 0:
             continue
         advance, predicted, slant = advance / count, predicted / count, slant / count
-        variance = 2.0 * CELL_VARIANCE * slant * slant
-        if first:
-            variance += (STEADINESS * predicted) ** 2
+        unlike = UNLIKE_AT_FIRST if first else UNLIKE
+        variance = 2.0 * CELL_VARIANCE * slant * slant + (unlike * predicted * factor[sector]) ** 2
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
         # A surprise beyond what doubt and noise explain is another part of the front, not a rate.
@@ -159,7 +159,7 @@ def learn(due, front, anchor, modelled, stretch, factor, covariance):  # type: i
             column[i] = covariance[i, sector]
         for i in range(n):
             changed = factor[i] + column[i] * predicted / scale * off
-            factor[i] = min(max(changed, FACTORS[0]), FACTORS[1])
+            factor[i] = min(max(changed, least), most)
         shrink = predicted * predicted / scale
         for i in range(n):
             for k in range(n):

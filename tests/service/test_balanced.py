@@ -10,7 +10,7 @@ from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.planners.balanced import Balanced
 from mission_service.planners.bent import NEGOTIATIONS, PLANNERS, bent_rule
 from mission_service.planners.dead_reckoning import Heard, fleet_of, regrown
-from mission_service.planners.ring import Fleet, Ring, TeamRule
+from mission_service.planners.ring import Fleet, Floats, Ring, TeamRule
 from mission_service.planners.team_size import (
     best_split,
     mixed_worst,
@@ -31,7 +31,7 @@ def history() -> list[RingStep]:
     return ring_history(fire)
 
 
-def still(cells: int, rate: np.ndarray | float = 0.1, steps: int = 100) -> list[RingStep]:
+def still(cells: int, rate: Floats | float = 0.1, steps: int = 100) -> list[RingStep]:
     """A ring that does not grow."""
     same = np.arange(cells)
     places = np.column_stack([same, np.zeros(cells, np.int64)])
@@ -52,7 +52,7 @@ def test_costs_less_than_the_benchmarks_and_the_thesis(
 ) -> None:
     ours = flown(history, Balanced(importance), uavs)  # type: ignore[arg-type]
     mean, std = ours.mean_std(importance)
-    others = [("circling", None), ("bumper", None)]
+    others: list[tuple[str, str | None]] = [("circling", None), ("bumper", None)]
     others += [(name, negotiation) for name in PLANNERS for negotiation in NEGOTIATIONS]
     found = [flown(history, bent_rule(*names, importance), uavs) for names in others]
     means = {names: one.mean_std(importance)[0] for names, one in zip(others, found, strict=True)}
@@ -87,7 +87,8 @@ def test_the_others_close_the_gap_when_one_is_lost() -> None:
 
 def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
     cells = 160
-    ring = Ring(np.full(cells, 30.0), np.full(cells, 0.1), -1.5 * (np.arange(cells) % 40))
+    seen_s = -1.5 * (np.arange(cells) % 40).astype(np.float64)
+    ring = Ring(np.full(cells, 30.0), np.full(cells, 0.1), seen_s)
     rule = Balanced()
     four = Fleet(np.arange(4), np.array([0, 40, 80, 120]), np.ones(4, bool), np.full(4, SPEED_M_S))
     for which in range(4):
