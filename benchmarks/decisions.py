@@ -20,6 +20,7 @@ from mission_service.experiments.fires import CELL_M, HOUR_S, Burn, flat, wind
 from mission_service.experiments.front_walk import FrontWalk
 from mission_service.experiments.ideal_flight import look
 from mission_service.experiments.islam_hu import perimeter_planner
+from mission_service.experiments.predictive_flight import predictive_planner
 from mission_service.planners.bent import LATER_PLANNERS, bent_rule
 from mission_service.planners.bent import PLANNERS as BENT_PLANNERS
 from mission_service.planners.protocol import Planner
@@ -37,6 +38,7 @@ LIMIT_MS = 1.0  # of the median at 2,000 cells
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
     "perimeter.damped": lambda burn: perimeter_planner(burn, "damped"),
     "perimeter.literal": lambda burn: perimeter_planner(burn, "literal"),
+    "perimeter.predictive": predictive_planner,
 }
 UAVS = 4
 # Rules of teams. Add yours.

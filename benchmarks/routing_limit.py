@@ -2,9 +2,11 @@
 
 The fire is believed as in Islam & Hu, section VI.E: each part of the front stays where it was last
 seen, in a convex hull. A vehicle that is told where the head is sweeps across it ``sweeps`` times,
-going past it by a share ``reach`` of the perimeter, then circles once, and so on. The best of all
-these routes, found by trying them, is what no rule that only chooses directions and has no oracle
-can be expected to pass. Printed: mean maximum error of circling and of the best routes, in cells.
+going past it by a share ``reach`` of the perimeter, then circles once, and so on. The best of these
+routes shows about how much there is to be had by choosing directions. It is no bound: a route may
+be less regular than these, and one setting of the damped rule (reversal_margin 0.7) was 9 % below
+circling on the fast fire, where the best of these is 7 %.
+Printed: mean maximum error of circling and of the best routes, in cells.
 """
 
 import sys

@@ -103,8 +103,11 @@ class Scenario:
 
 
 ISLAM_HU_END_S = 6 * HOUR_S
-# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. "Slow and even" is tall grass in a breath of
-# wind: without any, fire is so slow that no vehicle could be slow enough.
+# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper does not print its weather: this
+# was tuned until circling's error and the damped rule's behaviour were like the paper's. In "wind
+# turns" the later wind is the stronger one; with equal ones the rule hardly turned in the south.
+# "Slow and even" is tall grass in a breath of wind: without any, fire is so slow that no vehicle
+# could be slow enough.
 ISLAM_HU: dict[str, Scenario] = {
     "slow-then-fast": Scenario(
         of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2

@@ -156,7 +156,8 @@ def _errors(found: dict[str, Any]) -> str:
     planners = [row["planner"] for row in _of(found["distance_error"], *_fires(found)[0])]
     lines = [
         "Distance error in cells over 360 angles, α = 1: mean over time of the maximum (change",
-        "against circling); then of the mean",
+        "against circling); then of the mean. Of the convex hull of what was seen (section VI.E);",
+        "predictive: of the front it believes in",
         "  fire            scheme    "
         + "".join(f"{planner:>15}" for planner in planners)
         + "   "
