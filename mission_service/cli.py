@@ -119,12 +119,14 @@ def run(
 @click.argument("scenario", required=False)
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
 @click.option(
-    "--vehicle", help="plane or copter; with SCENARIO the name of its vehicle (default: the first)."
+    "--vehicle",
+    help="plane or copter; with SCENARIO the name of its vehicle (default: all, each on its own "
+    "link, or the first with --link or --listen).",
 )
 @click.option("--count", type=click.IntRange(1, 250), default=1, help="Vehicles on the link.")
 @click.option("--system-id", type=click.IntRange(1, 250), default=1, help="Of the first one.")
 @click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
-@click.option("--link", default="udpout:127.0.0.1:14550", show_default=True)
+@click.option("--link", help="Default: udpout:127.0.0.1:14550, with SCENARIO the vehicle's own.")
 @click.option("--listen", help="Instead of --link: wait for callers at HOST:PORT, udpin or tcpin.")
 @click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
 @click.option("--wind", default="0,0", help="FROM_DEG,SPEED_M_S of a steady wind, e.g. 240,5.")
@@ -166,7 +168,7 @@ def mock(
     count: int,
     system_id: int,
     home: str,
-    link: str,
+    link: str | None,
     listen: str | None,
     speedup: float,
     wind: str,
@@ -180,11 +182,14 @@ def mock(
 ) -> None:
     """Mock autopilots as a process of their own, until Ctrl-C.
 
-    With SCENARIO it is the vehicle of that name standing at its home. With --count there are
-    several without a scenario, with system ids in a row. They sign when they have a key, from here,
-    from SCENARIO or by SETUP_SIGNING.
+    With SCENARIO they are its vehicles standing at their homes; with --count there are several
+    without a scenario, with system ids in a row. They sign when they have a key, from here, from
+    SCENARIO or by SETUP_SIGNING.
     """
+    from dataclasses import replace
+
     from mission_service.mocks import (
+        OnLink,
         Surroundings,
         by_hand,
         from_scenario,
@@ -206,13 +211,15 @@ def mock(
         seed,
         read_parameters(parameters),
     )
+    link = listening(listen) if listen else link
     if scenario:
-        fleet, its_key = from_scenario(scenario, vehicle, around)
-        signing_key = signing_key or its_key
+        mocks = from_scenario(scenario, vehicle, link, around)
     else:
         fleet = by_hand(stack, vehicle or "plane", system_id, home, count, around)
-    link = listening(listen) if listen else link
-    run(fleet, link, speedup, as_json, click.echo, signing_key)
+        mocks = [OnLink(fleet, link or "udpout:127.0.0.1:14550")]
+    if signing_key is not None:
+        mocks = [replace(each, signing_key=signing_key) for each in mocks]
+    run(mocks, speedup, as_json, click.echo)
 
 
 @main.command()

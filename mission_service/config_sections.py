@@ -165,19 +165,18 @@ class PlannerSection(Section):
     """
 
     rule: str = "damped"
+    importance: Literal["linear", "exponential"] = "linear"  # of teams
+    negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
     alpha: NotNegative = 1.0
     first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     ignition_known: bool = True
     reported_lat_deg: Latitude | None = None
     reported_lon_deg: Longitude | None = None
-    baseline_s: Positive = 300.0
+    baseline_s: Positive = 600.0
     smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
-    reversal_margin: NotNegative = 0.1
+    reversal_margin: NotNegative = 0.5
     least_gain_cells: NotNegative = 0.5
     dwell_s: NotNegative = 200.0
-    # Of teams: how borders are negotiated (Bent 4.2), and what an unseen part of the front costs.
-    negotiation: Literal["importance", "centre", "arrival"] = "importance"
-    importance: Literal["linear", "exponential"] = "linear"
 
     @field_validator("rule")
     @classmethod

@@ -174,6 +174,8 @@ class Core:
             return [*commands, *aside]
         if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
             vehicle.due = "another flies close below"
+        if vehicle.due == "turn back" and not self.spacing.may_turn_back(vehicle.name):
+            return commands
         if vehicle.due or at_s >= vehicle.not_before_s:
             vehicle.not_before_s = at_s + CHECK_EVERY_S
             commands += self._follow(vehicle, here)

@@ -136,10 +136,7 @@ class FireMap:
 
     def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
         """Eq. 1 for every bearing, not negative; optionally the mean over ± ``smoothing_deg``."""
-        elapsed = self.outer_at_s - self.inner_at_s
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rate = (self.outer - self.inner) / elapsed
-        rate = np.where(np.isfinite(rate) & (elapsed > 0), np.maximum(rate, 0.0), 0.0)
+        rate = _rate(self.outer, self.outer_at_s, self.inner, self.inner_at_s)
         return circular_mean(rate, smoothing_deg)
 
     def filled_outer(self) -> tuple[Floats, Floats]:
@@ -160,8 +157,10 @@ def circular_mean(values: Floats, half_width: int) -> Floats:
 
 def fill_circular(values: Floats) -> Floats:
     """Replace NaN by linear interpolation around the circle (all NaN stays NaN)."""
+    if not np.isnan(values).any():
+        return values
     known = np.flatnonzero(~np.isnan(values))
-    if known.size in (0, values.size):
+    if not known.size:
         return values
     return np.interp(np.arange(values.size), known, values[known], period=values.size)
 
@@ -184,6 +183,17 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
     _fill_gaps(seen, in_view)
     return seen, in_view
+
+
+@compiled
+def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
+    found = np.zeros(BEARINGS)
+    for bearing in range(BEARINGS):
+        elapsed_s = outer_at_s[bearing] - inner_at_s[bearing]
+        moved = outer[bearing] - inner[bearing]
+        if elapsed_s > 0.0 and moved > 0.0:  # neither where the front has not been seen
+            found[bearing] = moved / elapsed_s
+    return found
 
 
 @compiled

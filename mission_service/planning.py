@@ -8,6 +8,7 @@ from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.fire_setup import weather_of
+from mission_service.planners.balanced import Balanced
 from mission_service.planners.benchmarks import Bumper, Circling
 from mission_service.planners.bent import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.planners.following import PathSettings
@@ -76,10 +77,10 @@ def predictive(scenario: Scenario, section: VehicleSection, ground: Ground) -> P
     )
 
 
-def bent(steer: str) -> "RuleMaker":
+def bent(name: str) -> "RuleMaker":
     """One of Bent's planners in regions that are negotiated."""
     return lambda scenario: bent_rule(
-        steer, scenario.planner.negotiation, scenario.planner.importance
+        name, scenario.planner.negotiation, scenario.planner.importance
     )
 
 
@@ -95,9 +96,10 @@ ALONE: dict[str, AloneMaker] = {
 }
 # All vehicles in one team. A new rule is a line here.
 TEAM: dict[str, RuleMaker] = {
+    "team.balanced": lambda scenario: Balanced(scenario.planner.importance),
     "team.circling": lambda scenario: Circling(),
     "team.bumper": lambda scenario: Bumper(),
-    **{f"team.{steer}": bent(steer) for steer in (*PLANNERS, *LATER_PLANNERS)},
+    **{f"team.{name}": bent(name) for name in (*PLANNERS, *LATER_PLANNERS)},
 }
 RULES = (*ALONE, *TEAM)
 

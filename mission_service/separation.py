@@ -121,13 +121,12 @@ def gives_way(own: Here, other: Here, own_comes_later: bool) -> bool:
 
 
 def has_passed(own: Here, other: Here, separation_m: float, turn_radius_m: float) -> bool:
-    """Whether the way is free for one that gave way."""
+    """Whether the way is free for one that gave way; heights change too soon to count."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     distance_m = math.hypot(east_m, north_m)
     leaves = other.east_m_s * east_m + other.north_m_s * north_m >= 0.0
     far_m = 2.0 * (separation_m + 2.0 * turn_radius_m)
-    apart = abs(own.altitude_m - other.altitude_m) >= separation_m
-    return apart or distance_m > PASSED_M or (leaves and distance_m > far_m)
+    return distance_m > PASSED_M or (leaves and distance_m > far_m)
 
 
 def place_aside(own: Here, other: Here, away_from_m: tuple[float, float], aside_m: float) -> Floats:

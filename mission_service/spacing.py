@@ -29,8 +29,9 @@ from mission_service.translate import LeastAltitude
 
 Floats = NDArray[np.float64]
 
-TAKEOFF_CLEAR_M = 500.0
+TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # to the place where it waits
 WAITS_AT_MOST_S = 120.0  # whatever the others do
 UNHEARD_S = 5.0  # where a vehicle was so long ago says little
 
@@ -175,6 +176,18 @@ class Spacing:
         if own in self._below[other.section.name]:
             return -above_m >= self._separation_m / 2.0
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
+
+    def may_turn_back(self, name: str) -> bool:
+        """Whether nobody who gives way to the vehicle is still about to."""
+        here = self._all[name].presence.here
+        for other in self._all.values():
+            there = other.presence.here
+            if other.gave_way_to != name or here is None or there is None:
+                continue
+            leaving = here.at_s - other.waits_since_s < LEAVES_WITHIN_S
+            if leaving and math.dist((here.x_m, here.y_m), (there.x_m, there.y_m)) < LEAVES_M:
+                return False
+        return True
 
     def waits_at(self, name: str) -> Floats:
         """Where the vehicle waits, (1, 2)."""

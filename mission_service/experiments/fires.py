@@ -112,16 +112,13 @@ ISLAM_HU: dict[str, Scenario] = {
     "fast": Scenario(of_one_fuel(BRUSH), (wind(0.0, 8.0, 45.0),), (35, 165), 3.4),
     "slow-even": Scenario(of_one_fuel(TALL_GRASS), (dry_wind(0.0, 0.9, 45.0),), (90, 110), 2.8),
     "wind-turns": Scenario(
-        of_one_fuel(BRUSH),
-        (dry_wind(0.0, 5.5, 180.0), dry_wind(3 * HOUR_S, 5.5, 0.0)),
-        (100, 100),
-        4.0,
+        of_one_fuel(BRUSH), (wind(0.0, 6.0, 180.0), wind(3 * HOUR_S, 9.0, 0.0)), (77, 100), 4.5
     ),
     "brush-grass": Scenario(
         of_two_fuels(BRUSH, SHORT_GRASS), (dry_wind(0.0, 3.3, 0.0),), (60, 100), 3.2
     ),
     "brush-litter": Scenario(
-        of_two_fuels(BRUSH, TIMBER_LITTER), (dry_wind(0.0, 8.0, 0.0),), (25, 100), 4.5
+        of_two_fuels(BRUSH, TIMBER_LITTER), (wind(0.0, 8.0, 0.0),), (20, 100), 3.5
     ),
 }
 

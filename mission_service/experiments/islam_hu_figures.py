@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 
 from mission_service.experiments.fires import HOUR_S, Burn
 from mission_service.experiments.ideal_flight import Flight, fly
-from mission_service.experiments.islam_hu import changes_s, perimeter_planner
+from mission_service.experiments.islam_hu import PAPER_REVERSALS, changes_s, perimeter_planner
 from mission_service.fire_map import EAST, NORTH
 
 Floats = NDArray[np.float64]
 
 TRACK = "#0b3c8c"
-COLOURS = {"circling": "#666666", "literal": "#7a0177", "damped": "#0b3c8c"}
-OTHER_COLOUR = "#00695c"
+COLOURS = {
+    "circling": "#666666",
+    "literal": "#7a0177",
+    "damped": "#0b3c8c",
+    "predictive": "#00796b",
+}
+OTHER_COLOUR = "#b34700"
 BACK, FRONT = "#b34700", "#0b3c8c"
 MARGIN_CELLS = 6
 
@@ -28,13 +33,11 @@ def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, F
     draw_tracks(
         out / f"trajectory-{stem}.png",
         burn,
-        {f"{planner}": flight for planner, flight in flights.items()},
+        flights,
     )
-    draw_tracks(
-        out / f"alpha-{stem}.png",
-        burn,
-        {f"α = {alpha:g}": flight for alpha, flight in sweep.items()},
-    )
+    if burn.name in PAPER_REVERSALS:  # fig. 11
+        named = {f"α = {alpha:g}": flight for alpha, flight in sweep.items()}
+        draw_tracks(out / f"alpha-{stem}.png", burn, named)
     draw_errors(out / f"error-{stem}.png", burn, flights)
     draw_importance(out / f"importance-{stem}.png", burn, flights["damped"])
 
@@ -47,7 +50,7 @@ def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, li
 
 def draw_tracks(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
     """Figs. 9 and 11 to 14: where the vehicle flew, on the time of the fire's arrival."""
-    columns = 3
+    columns = 2 if len(flights) in (2, 4) else 3
     rows = -(-len(flights) // columns)
     figure, panels = _new(columns, rows, (4.0 * columns + 0.8, 4.2 * rows + 0.3))
     for axes in panels[len(flights) :]:
@@ -72,14 +75,22 @@ def _draw_fire(axes: Any, burn: Burn) -> Any:
     edges = np.flatnonzero(fuel[1:, 0] != fuel[:-1, 0])
     for edge in edges:
         axes.axhline(edge + 0.5, color="#1b5e20", linewidth=1.0, linestyle="--")
-    rows, cols = np.nonzero(burn.burned(burn.end_s))
+    _frame(axes, burn.burned(burn.end_s))
+    axes.tick_params(labelsize=8)
+    return colours
+
+
+def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
+    """A square around the fire."""
+    rows, cols = np.nonzero(burned)
     centre_row, centre_col = (rows.min() + rows.max()) / 2, (cols.min() + cols.max()) / 2
     half = max(np.ptp(rows), np.ptp(cols)) / 2 + MARGIN_CELLS
     axes.set(
-        xlim=(centre_col - half, centre_col + half), ylim=(centre_row + half, centre_row - half)
+        xlim=(centre_col - half, centre_col + half),
+        ylim=(centre_row + half, centre_row - half),
+        xlabel="column",
+        ylabel="row",
     )
-    axes.tick_params(labelsize=8)
-    return colours
 
 
 def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
@@ -126,9 +137,6 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
             _draw_belief(panels[2 + column], burn, believed, (row, col), planner.clockwise, at_s)
 
     fly(burn, planner, before=look_at)
-    most = max(axes.get_ylim()[1] for axes in panels[:2])
-    for axes in panels[:2]:
-        axes.set_ylim(0.0, most)
     figure.suptitle(f"{burn.name}, {burn.scheme}: importance of the windows, damped rule, α = 1")
     figure.savefig(path)
 
@@ -142,8 +150,11 @@ def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> 
     ):
         label = f"{name}: {importance[part].sum():.0f}"
         axes.fill_between(cell[part], importance[part], color=colour, alpha=0.7, label=label)
-    axes.set(xlabel="cell of the believed front, from the vehicle backwards")
-    axes.set_ylabel("importance (cells of unseen spread)")
+    axes.set(
+        xlabel="cell of the believed front, from the vehicle backwards",
+        ylabel="importance (cells of unseen spread)",
+        ylim=(0.0, None),
+    )
     axes.set_title(f"{at_s / HOUR_S:.2f} h: {'turns back' if turning else 'goes on'}", fontsize=10)
     axes.legend(fontsize=8)
 
@@ -164,9 +175,5 @@ def _draw_belief(
     )
     axes.plot(at[1], at[0], "o", color=TRACK)
     axes.set_aspect("equal")
-    half = max(np.ptp(rows), np.ptp(cols)) / 2 + 2 * MARGIN_CELLS
-    centre_row, centre_col = (rows.min() + rows.max()) / 2, (cols.min() + cols.max()) / 2
-    axes.set(
-        xlim=(centre_col - half, centre_col + half), ylim=(centre_row + half, centre_row - half)
-    )
+    _frame(axes, burn.burned(at_s))
     axes.set_title("line: believed front; orange: the fire; arrow: flying direction", fontsize=8)

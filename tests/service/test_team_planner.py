@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from mission_service.config import load_scenario
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS
 from mission_service.planners.following import PathSettings
 from mission_service.planners.ring import Fleet, Integers, Ring
 from mission_service.planners.team import Flyer, Seat, Team, TeamSettings
+from mission_service.planning import TEAM
 
 CENTRE = 100.0
 RADIUS = 40.0
@@ -151,6 +153,24 @@ def test_who_has_left_is_out_of_the_fleet_at_the_next_decision_until_the_front_i
     assert team.seat("b").at(*place(90), at_s + 9.0) is None
     fly(team, "b", 90, 92, at_s + 10.0)
     assert rule.fleets[-1].seat.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", TEAM)
+def test_every_rule_directs_a_team_that_loses_one_and_gets_it_back(name: str) -> None:
+    team = team_of(TEAM[name](load_scenario("team")), "a", "b", "c")  # type: ignore[arg-type]
+    at_s = lap(team)
+    places = {"a": 5, "b": 175, "c": 270}
+    decisions = 0
+    for second in range(240):
+        at_s += 1.0
+        if second == 60:
+            team.seat("c").left(at_s)
+        for each in "ab" if 60 <= second < 120 else "abc":
+            places[each] += 1 if team.seat(each).clockwise else -1
+            look(team.seat(each), each, places[each], at_s)
+            decision = team.seat(each).at(*place(places[each]), at_s)
+            decisions += decision is not None
+    assert decisions > 400
 
 
 def test_an_unknown_ignition_is_replaced_by_the_centre_of_what_was_seen() -> None:

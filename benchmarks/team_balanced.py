@@ -1,0 +1,179 @@
+"""team.balanced beside all rules of Bent's thesis: ``python -m benchmarks.team_balanced [--json]``.
+
+Three fires, two to six vehicles, both importances; then the loss of one of four half-way. Names of
+fires as arguments choose among them.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from typing import Any, NamedTuple
+
+from mission_service.experiments.ring_flight import TeamFlight, fly_team
+from mission_service.experiments.ring_history import RingStep, ring_history
+from mission_service.experiments.team_fires import SPEED_M_S, team_fires
+from mission_service.planners.balanced import Balanced
+from mission_service.planners.bent import BENCHMARKS, IMPORTANCES, NEGOTIATIONS, PLANNERS, bent_rule
+
+SIZES = (2, 3, 4, 5, 6)
+LOST_SEAT = 1
+
+
+class Case(NamedTuple):
+    """One flight of a rule."""
+
+    rule: str
+    negotiation: str | None
+    importance: str
+    uavs: int
+    lost_at_s: float | None = None
+
+
+class Flown(NamedTuple):
+    """What came of it; the late mean is that from half-way on."""
+
+    case: Case
+    mean: float
+    std: float
+    late_mean: float
+    separation_m: float
+    us_a_decision: float
+
+
+_history: Sequence[RingStep] = ()
+
+
+def _share(history: Sequence[RingStep]) -> None:
+    global _history
+    _history = history
+
+
+def fly(case: Case) -> Flown:
+    """Fly a case over the shared history."""
+    if case.rule == "balanced":
+        rule: Any = Balanced("exponential" if case.importance == "exponential" else "linear")
+    else:
+        rule = bent_rule(case.rule, case.negotiation, case.importance)
+    leaving = () if case.lost_at_s is None else ((case.lost_at_s, LOST_SEAT),)
+    began = time.process_time()
+    flight: TeamFlight = fly_team(_history, rule, case.uavs, SPEED_M_S, leaving=leaving)
+    took_s = time.process_time() - began
+    cost = flight.exponential if case.importance == "exponential" else flight.linear
+    late = cost[cost.size // 2 :]
+    return Flown(
+        case,
+        float(cost.mean()),
+        float(cost.std()),
+        float(late.mean()),
+        flight.min_separation_m,
+        1e6 * took_s / flight.decisions,
+    )
+
+
+def cases(half_s: float) -> Iterator[Case]:
+    """All flights over one fire."""
+    for importance, uavs in product(IMPORTANCES, SIZES):
+        yield Case("balanced", None, importance, uavs)
+        for name in BENCHMARKS:
+            yield Case(name, None, importance, uavs)
+        for name, negotiation in product(PLANNERS, NEGOTIATIONS):
+            yield Case(name, negotiation, importance, uavs)
+    for importance in IMPORTANCES:
+        yield Case("balanced", None, importance, 4, half_s)
+
+
+def name_of(case: Case) -> str:
+    """The rule, with its negotiation."""
+    return case.rule + (f" / {case.negotiation}" if case.negotiation else "")
+
+
+def compare(fire: str, flown: Sequence[Flown]) -> dict[str, Any]:
+    """Ours beside the best other, by size and importance; wins counted."""
+    rows: list[dict[str, Any]] = []
+    whole = [one for one in flown if one.case.lost_at_s is None]
+    for importance, uavs in product(IMPORTANCES, SIZES):
+        pair = [one for one in whole if one.case[2:4] == (importance, uavs)]
+        ours = next(one for one in pair if one.case.rule == "balanced")
+        others = [one for one in pair if one is not ours]
+        by_mean = min(others, key=lambda one: one.mean)
+        by_std = min(others, key=lambda one: one.std)
+        rows.append(
+            {
+                "importance": importance,
+                "uavs": uavs,
+                "mean": ours.mean,
+                "mean_ratio": ours.mean / by_mean.mean,
+                "best_mean": name_of(by_mean.case),
+                "std": ours.std,
+                "std_ratio": ours.std / by_std.std,
+                "best_std": name_of(by_std.case),
+                "separation_m": ours.separation_m,
+                "us_a_decision": ours.us_a_decision,
+            }
+        )
+    losses = {}
+    for lost in (one for one in flown if one.case.lost_at_s is not None):
+        three = next(o for o in whole if o.case == Case("balanced", None, lost.case.importance, 3))
+        losses[lost.case.importance] = {
+            "mean_ratio": lost.mean / three.mean,
+            "late_ratio": lost.late_mean / three.late_mean,
+        }
+    return {
+        "fire": fire,
+        "pairs": rows,
+        "means_won": sum(row["mean_ratio"] < 1.0 for row in rows),
+        "stds_won": sum(row["std_ratio"] < 1.0 for row in rows),
+        "worst_std_ratio": max(row["std_ratio"] for row in rows),
+        "loss_of_one_of_four_over_three": losses,
+    }
+
+
+def in_text(found: dict[str, Any]) -> str:
+    """The comparison of one fire as a table."""
+    lines = [
+        f"## {found['fire']}",
+        "| importance | UAVs | mean | / best other | which | std / best other | which | µs |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {row['importance']} | {row['uavs']} | {row['mean']:.3f} | {row['mean_ratio']:.4f} "
+        f"| {row['best_mean']} | {row['std_ratio']:.4f} | {row['best_std']} "
+        f"| {row['us_a_decision']:.0f} |"
+        for row in found["pairs"]
+    ]
+    lines.append(
+        f"means won {found['means_won']}/10, standard deviations won {found['stds_won']}/10 "
+        f"(worst {found['worst_std_ratio']:.3f}); nearest pair "
+        f"{min(row['separation_m'] for row in found['pairs']):.1f} m"
+    )
+    for importance, loss in found["loss_of_one_of_four_over_three"].items():
+        lines.append(
+            f"one of four lost half-way, {importance}: {loss['mean_ratio']:.4f} of three's cost, "
+            f"{loss['late_ratio']:.4f} from then on"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Fly everything and print it."""
+    wished = [name for name in sys.argv[1:] if not name.startswith("--")]
+    found = []
+    for burn in team_fires():
+        if wished and burn.name not in wished:
+            continue
+        history = ring_history(burn)
+        half_s = (burn.deploy_s + burn.end_s) / 2.0
+        with ProcessPoolExecutor(2, initializer=_share, initargs=(history,)) as pool:
+            found.append(compare(burn.name, list(pool.map(fly, cases(half_s)))))
+        if "--json" not in sys.argv[1:]:
+            sys.stdout.write(in_text(found[-1]) + "\n")
+            sys.stdout.flush()
+    if "--json" in sys.argv[1:]:
+        sys.stdout.write(json.dumps(found) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""Roll-outs on a ring: what the plans of vehicles will cost, flown ahead in compiled code.
+
+A plan is a row of legs: how many cells the vehicle goes on before it turns, then before it turns
+again, and so on; the last two are repeated for ever. So a lap is a leg without end, a sweep two
+equal legs, and a lap that passes an arc three times a long leg and a short one. Each visit changes
+one node only: a roll-out costs nodes plus steps of the vehicles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+LEGS = 8  # that a plan holds; the last two are repeated
+NEVER = 1 << 40  # cells: a leg that does not end
+
+
+class Nodes(NamedTuple):
+    """The ring as a roll-out sees it; arrays (n), clockwise."""
+
+    step_m: Floats  # from each node to the next, the last to the first
+    scale: Floats  # the integral of a node's importance up to an age is scale * age ** power
+    power: Floats
+    linear: bool  # all powers are 2
+    visited_s: Floats  # when each was last seen; now is 0
+    cells: int  # that make up a node: legs are told in cells
+
+
+class Start(NamedTuple):
+    """The vehicles at the beginning of a roll-out; arrays (k)."""
+
+    node: Integers  # the one they come to next
+    arrival_s: Floats  # and when
+    heading: Integers  # 1 clockwise, -1 the other way
+    speed_m_s: Floats
+
+
+class Room(NamedTuple):
+    """Arrays that a roll-out writes on."""
+
+    visited_s: Floats  # (n)
+    node: Integers  # (k)
+    arrival_s: Floats  # (k)
+    heading: Integers  # (k)
+    leg: Integers  # (k)
+    left: Integers  # (k)
+
+
+class Span(NamedTuple):
+    """How far to look: a roll-out's last part stands for what comes later, so it counts more."""
+
+    end_s: float
+    late_from_s: float
+    late_times: float
+
+
+class Moves(NamedTuple):
+    """What ``improve`` tries, in cells, and room for it."""
+
+    backs: Integers
+    shifts: Integers
+    kept: Integers  # (LEGS)
+    best: Integers  # (LEGS)
+
+
+def room_for(nodes: int, vehicles: int) -> Room:
+    """Arrays for roll-outs of this size."""
+    return Room(
+        np.empty(nodes),
+        np.empty(vehicles, np.int64),
+        np.empty(vehicles),
+        np.empty(vehicles, np.int64),
+        np.empty(vehicles, np.int64),
+        np.empty(vehicles, np.int64),
+    )
+
+
+@kernel
+def _up_to(nodes, place, age_s):  # type: ignore[no-untyped-def]
+    """The integral of a node's importance up to an age."""
+    if nodes.linear:
+        return nodes.scale[place] * age_s * age_s
+    if age_s <= 0.0:
+        return 0.0
+    return nodes.scale[place] * np.exp(nodes.power[place] * np.log(age_s))
+
+
+@kernel
+def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for place in range(visited_s.size):
+        total += _up_to(nodes, place, at_s - visited_s[place])
+    return total
+
+
+@kernel
+def _fly(nodes, speed_m_s, legs, room, until_s):  # type: ignore[no-untyped-def]
+    """On until a time; the integrals of importance that visits end."""
+    ended = 0.0
+    count = room.node.size
+    size = nodes.step_m.size
+    while True:
+        who = 0
+        at_s = room.arrival_s[0]
+        for other in range(1, count):
+            if room.arrival_s[other] < at_s:
+                who, at_s = other, room.arrival_s[other]
+        if at_s >= until_s:
+            return ended
+        place = room.node[who]
+        ended += _up_to(nodes, place, at_s - room.visited_s[place])
+        room.visited_s[place] = at_s
+        while room.left[who] == 0:
+            room.heading[who] = -room.heading[who]
+            room.leg[who] = room.leg[who] + 1 if room.leg[who] + 1 < LEGS else LEGS - 2
+            room.left[who] = (legs[who, room.leg[who]] + nodes.cells // 2) // nodes.cells
+        room.left[who] -= 1
+        if room.heading[who] > 0:
+            step_m = nodes.step_m[place]
+            room.node[who] = place + 1 if place + 1 < size else 0
+        else:
+            room.node[who] = place - 1 if place > 0 else size - 1
+            step_m = nodes.step_m[room.node[who]]
+        room.arrival_s[who] = at_s + step_m / speed_m_s[who]
+
+
+@kernel
+def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
+    for place in range(nodes.visited_s.size):
+        room.visited_s[place] = nodes.visited_s[place]
+    for who in range(start.node.size):
+        room.node[who] = start.node[who]
+        room.arrival_s[who] = start.arrival_s[who]
+        room.heading[who] = start.heading[who]
+        room.leg[who] = 0
+        room.left[who] = (legs[who, 0] + nodes.cells // 2) // nodes.cells
+
+
+@kernel
+def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
+    """The importance of all nodes, integrated over time, if the plans are flown.
+
+    ``legs`` (k, LEGS): cells to go on from ``start.node`` before each turn; 0 turns at once. The
+    constant part, what the ages at the beginning have cost already, is in it.
+    """
+    _begin(nodes, start, legs, room)
+    cost = _fly(nodes, start.speed_m_s, legs, room, span.late_from_s)
+    cost -= span.late_times * _standing(nodes, room.visited_s, span.late_from_s)
+    late = _fly(nodes, start.speed_m_s, legs, room, span.end_s)
+    late += _standing(nodes, room.visited_s, span.end_s)
+    return cost + (1.0 + span.late_times) * late
+
+
+@kernel
+def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
+    """The mean over the last part of a roll-out of the importance of all nodes together."""
+    _begin(nodes, start, legs, room)
+    _fly(nodes, start.speed_m_s, legs, room, span.late_from_s)
+    late = -_standing(nodes, room.visited_s, span.late_from_s)
+    late += _fly(nodes, start.speed_m_s, legs, room, span.end_s)
+    late += _standing(nodes, room.visited_s, span.end_s)
+    return late / (span.end_s - span.late_from_s)
+
+
+@kernel
+def _tried(nodes, start, legs, span, room, who, best, best_cost):  # type: ignore[no-untyped-def]
+    """Fly the plans; if that is cheaper keep this vehicle's in ``best`` (LEGS)."""
+    cost = roll_out(nodes, start, legs, span, room)
+    if cost < best_cost:
+        for leg in range(LEGS):
+            best[leg] = legs[who, leg]
+        return cost
+    return best_cost
+
+
+@kernel
+def improve(nodes, start, legs, span, room, who, moves, margin):  # type: ignore[no-untyped-def]
+    """Change the plan of one vehicle if another is cheaper by a share ``margin``.
+
+    Tried are: going back for each of ``moves.backs`` cells and coming again, now; making each of
+    the next turns ``moves.shifts`` cells later; leaving out the next two turns. ``legs`` (k, LEGS)
+    are the plans, the row of ``who`` is written on. How many plans were flown.
+    """
+    kept, best = moves.kept, moves.best
+    for leg in range(LEGS):
+        kept[leg] = best[leg] = legs[who, leg]
+    first = roll_out(nodes, start, legs, span, room)
+    best_cost = first
+    flown = 1
+    for back in moves.backs:
+        # Two more turns at the beginning: the last two legs are repeated ones.
+        legs[who, 0], legs[who, 1] = 0, back
+        legs[who, 2] = min(kept[0] + back, NEVER)
+        for leg in range(3, LEGS):
+            legs[who, leg] = kept[leg - 2]
+        best_cost = _tried(nodes, start, legs, span, room, who, best, best_cost)
+        flown += 1
+    for turn in range(3):
+        if kept[turn] >= NEVER:
+            break
+        for shift in moves.shifts:
+            if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
+                continue
+            for leg in range(LEGS):
+                legs[who, leg] = kept[leg]
+            legs[who, turn] += shift
+            legs[who, turn + 1] = min(kept[turn + 1] + shift, NEVER)
+            if kept[turn + 1] >= NEVER:
+                legs[who, turn + 1] = NEVER
+            best_cost = _tried(nodes, start, legs, span, room, who, best, best_cost)
+            flown += 1
+    if kept[0] < NEVER and kept[1] < NEVER and (kept[2] >= NEVER or kept[0] + kept[2] >= kept[1]):
+        legs[who, 0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
+        for leg in range(1, LEGS):
+            legs[who, leg] = kept[leg + 2] if leg + 2 < LEGS else kept[leg]
+        best_cost = _tried(nodes, start, legs, span, room, who, best, best_cost)
+        flown += 1
+    chosen = best if best_cost < (1.0 - margin) * first else kept
+    for leg in range(LEGS):
+        legs[who, leg] = chosen[leg]
+    return flown

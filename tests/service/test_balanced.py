@@ -1,0 +1,184 @@
+"""team.balanced: better than what the thesis has, a fleet that changes, how many are needed."""
+
+import numpy as np
+import pytest
+
+from firemodel.weather import WeatherStream
+from mission_service.experiments.fires import SHORT_GRASS, burn, flat, of_one_fuel, wind
+from mission_service.experiments.ring_flight import TeamFlight, fly_team
+from mission_service.experiments.ring_history import RingStep, ring_history
+from mission_service.planners.balanced import Balanced
+from mission_service.planners.bent import NEGOTIATIONS, PLANNERS, bent_rule
+from mission_service.planners.dead_reckoning import Heard, fleet_of, regrown
+from mission_service.planners.ring import Fleet, Floats, Ring, TeamRule
+from mission_service.planners.team_size import (
+    best_split,
+    mixed_worst,
+    vehicles_for_advance,
+    vehicles_for_age,
+    vehicles_needed,
+)
+
+SPEED_M_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def history() -> list[RingStep]:
+    """One and a half hours of a fire in grass whose wind turns half-way."""
+    weather = WeatherStream((wind(0.0, 3.0, 0.0), wind(9000.0, 3.0, 180.0)))
+    land = flat(of_one_fuel(SHORT_GRASS))
+    fire = burn("short", "anyangle", land, weather, (85, 100), 11700.0, SPEED_M_S, 6300.0)
+    return ring_history(fire)
+
+
+def still(cells: int, rate: Floats | float = 0.1, steps: int = 100) -> list[RingStep]:
+    """A ring that does not grow."""
+    same = np.arange(cells)
+    places = np.column_stack([same, np.zeros(cells, np.int64)])
+    rates = np.broadcast_to(np.asarray(rate, float), (cells,)).copy()
+    return [
+        RingStep(20.0 * step, places, np.full(cells, 30.0), rates, same, same)
+        for step in range(steps)
+    ]
+
+
+def flown(history: list[RingStep], rule: TeamRule, uavs: int, **options: object) -> TeamFlight:
+    return fly_team(history, rule, uavs, SPEED_M_S, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("importance", "uavs"), [("linear", 5), ("exponential", 3)])
+def test_costs_less_than_the_benchmarks_and_the_thesis(
+    history: list[RingStep], importance: str, uavs: int
+) -> None:
+    ours = flown(history, Balanced(importance), uavs)  # type: ignore[arg-type]
+    mean, std = ours.mean_std(importance)
+    others: list[tuple[str, str | None]] = [("circling", None), ("bumper", None)]
+    others += [(name, negotiation) for name in PLANNERS for negotiation in NEGOTIATIONS]
+    found = [flown(history, bent_rule(*names, importance), uavs) for names in others]
+    means = {names: one.mean_std(importance)[0] for names, one in zip(others, found, strict=True)}
+    assert mean < min(means.values()), means
+    assert std < 1.1 * min(one.mean_std(importance)[1] for one in found)
+    assert ours.min_separation_m >= 25.0
+
+
+def test_the_same_on_every_run(history: list[RingStep]) -> None:
+    one, other = (flown(history[:60], Balanced(), 4) for _ in range(2))
+    assert np.array_equal(one.linear, other.linear)
+    for seat, track in one.tracks.items():
+        assert np.array_equal(track, other.tracks[seat])
+
+
+class Spied(Balanced):
+    """Counts the changes of plans at each team."""
+
+    def gaps(self, size: int) -> list[int]:
+        return sorted(np.diff(np.append(np.sort(self._goal), self._goal.min() + size)).tolist())
+
+
+def test_the_others_close_the_gap_when_one_is_lost() -> None:
+    ring = still(160)
+    kept = Spied()
+    three = flown(ring, Balanced(), 3).linear[60:].mean()
+    lost = flown(ring, kept, 4, leaving=((100.0, 2),))
+    # Left as they are, gaps of 1/4, 1/4 and 1/2 would cost an eighth more than even ones.
+    assert lost.linear[60:].mean() < 1.03 * three
+    assert max(kept.gaps(160)) < 1.2 * 160 / 3
+
+
+def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
+    cells = 160
+    seen_s = -1.5 * (np.arange(cells) % 40).astype(np.float64)
+    ring = Ring(np.full(cells, 30.0), np.full(cells, 0.1), seen_s)
+    rule = Balanced()
+    four = Fleet(np.arange(4), np.array([0, 40, 80, 120]), np.ones(4, bool), np.full(4, SPEED_M_S))
+    for which in range(4):
+        assert rule.decide(ring, four, which, 0.0)
+    # The one behind the gap is early: it goes back for what its successor would be late for.
+    three = Fleet(
+        four.seat[[0, 1, 3]], np.array([1, 41, 121]), np.ones(3, bool), four.speed_m_s[:3]
+    )
+    turned = [not rule.decide(ring, three, which, 1.5) for which in range(3)]
+    assert any(turned)
+
+
+def test_who_joins_is_planned_for(history: list[RingStep]) -> None:
+    joined = flown(history[:150], Balanced(), 3, joining=((7000.0, 7),))
+    three = flown(history[:150], Balanced(), 3)
+    assert joined.linear[80:].mean() < 0.85 * three.linear[80:].mean()
+
+
+def test_an_arc_many_times_hotter_is_passed_more_often() -> None:
+    rates = np.full(160, 0.02)
+    rates[40:56] = 0.6
+    ring = still(160, rates, 200)
+    ours = flown(ring, Balanced(), 3)
+    circling = flown(ring, bent_rule("circling", None, "linear"), 3)
+    assert ours.linear[60:].mean() < 0.8 * circling.linear[60:].mean()
+
+
+def flown_ahead(cells: int) -> tuple[int, int]:
+    """Plans flown ahead in one decision, and nodes in each."""
+    ring = Ring(np.full(cells, 30.0), np.full(cells, 0.1), np.zeros(cells))
+    fleet = Fleet(np.arange(2), np.array([0, cells // 2]), np.ones(2, bool), np.full(2, SPEED_M_S))
+    rule = Balanced()
+    rule.decide(ring, fleet, 0, 0.0)
+    before = rule.flown_ahead
+    rule.decide(ring, fleet, 0, 60.0)
+    return rule.flown_ahead - before, rule.nodes
+
+
+def test_a_decision_does_not_grow_with_the_ring() -> None:
+    (few, few_nodes), (many, many_nodes) = flown_ahead(200), flown_ahead(2000)
+    assert many <= few
+    assert few_nodes == 200
+    assert many_nodes <= 256
+
+
+def test_how_many_are_needed() -> None:
+    # facts/patrolling.md: 0.5 m/s, 5 km, 15 m/s, 50 m.
+    assert vehicles_for_advance(0.5, 5000.0, 15.0, 50.0) == 4
+    assert vehicles_for_advance(0.3, 5000.0, 15.0, 50.0) == 2  # exactly
+    assert vehicles_for_age(5000.0, 15.0, 100.0) == 4
+    assert vehicles_for_age(100.0, 15.0, 100.0) == 1
+
+
+@pytest.mark.parametrize(
+    ("share", "weight", "mixed", "lapping"),
+    [(0.1, 6.0, 0.60, 1.50), (0.2, 4.0, 0.80, 1.00), (0.3, 2.0, 0.60, 0.50)],
+)
+def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: float) -> None:
+    worst = [mixed_worst(share, weight, 4, sweeping) for sweeping in range(5)]
+    assert min(worst[1:]) == pytest.approx(mixed)
+    assert worst[0] == pytest.approx(lapping)
+    # The same from the spread along a ring of 64 x 10 cells: the arc is found.
+    hot = round(640 * share)
+    rates = np.full(640, 0.1)
+    rates[100 : 100 + hot] = 0.1 * weight
+    split = best_split(np.full(640, 30.0), rates, 4, SPEED_M_S)
+    unit_m = 0.1 * 640 * 30.0 / SPEED_M_S
+    assert split.worst_advance_m / unit_m == pytest.approx(min(mixed, lapping), rel=0.2)
+    assert (split.sweeping > 0) == (mixed < lapping)
+    needed = vehicles_needed(np.full(640, 30.0), rates, SPEED_M_S, split.worst_advance_m)
+    assert needed.lapping + needed.sweeping <= 4
+
+
+def test_a_silent_vehicle_is_reckoned_along_the_ring_and_then_lost() -> None:
+    ring = Ring(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
+    told = [Heard(3, 10, False, 20.0, 0.0), Heard(1, 95, True, 20.0, 6.0)]
+    fleet = fleet_of(told, ring, 18.0, lost_after_s=30.0)
+    assert fleet.seat.tolist() == [1, 3]
+    # 12 s are 8 cells over the end of the ring, 18 s are 12 back over its beginning.
+    assert fleet.cell.tolist() == [3, 98]
+    assert fleet_of(told, ring, 31.0, lost_after_s=30.0).seat.tolist() == [1]
+    assert [one.cell for one in regrown(told, np.repeat(np.arange(50), 2))] == [5, 47]
+
+
+def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:
+    ring = Ring(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
+    rule = Balanced()
+    fleet = Fleet(np.arange(2), np.array([0, 50]), np.ones(2, bool), np.full(2, SPEED_M_S))
+    rule.decide(ring, fleet, 0, 0.0)
+    rule.decide(ring, fleet, 1, 0.0)
+    fleet.cell[:] = 20, 70
+    rule.decide(ring, fleet, 0, 30.0)
+    assert rule.expected(1) == 70
