@@ -38,7 +38,7 @@ LIMIT_MS = 1.0  # of the median at 2,000 cells
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
     "perimeter.damped": lambda burn: perimeter_planner(burn, "damped"),
     "perimeter.literal": lambda burn: perimeter_planner(burn, "literal"),
-    "perimeter.predictive": predictive_planner,
+    "perimeter.predictive": lambda burn: _told_the_wind(predictive_planner(burn), burn),
 }
 UAVS = 4
 # Rules of teams. Add yours.
@@ -46,6 +46,12 @@ TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
     f"team.{name}": partial(bent_rule, name, "centre", "exponential")
     for name in (*BENT_PLANNERS, *LATER_PLANNERS)
 }
+
+
+def _told_the_wind(planner: Planner, burn: Burn) -> Planner:
+    now = burn.weather.at(burn.deploy_s)
+    planner.wind(now.wind_speed_m_s, now.wind_from_deg, burn.deploy_s)
+    return planner
 
 
 def ellipse(front_cells: int) -> Burn:

@@ -1,5 +1,6 @@
 """Fires drawn by chance: wind series, fuels in patches, hills. For what must hold on any fire."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -33,26 +34,32 @@ def random_fire(seed: int) -> Burn:
         count = np.count_nonzero(fire.burned(fire.deploy_s)), np.count_nonzero(fire.burned(END_S))
         edge = fire.burned(END_S)[[0, 1, -2, -1]].any() or fire.burned(END_S)[:, [0, -1]].any()
         if count[0] >= LEAST_CELLS and count[1] <= MOST_CELLS and not edge:
-            return _with_speed(fire)
+            found = _with_speed(fire)
+            if found is not None:
+                return found
 
 
-def _with_speed(fire: Burn) -> Burn:
+def _with_speed(fire: Burn) -> Burn | None:
     """The fire with a vehicle for which circling is 7 to 16 cells wrong, as in the paper."""
     speed_m_s = FIRST_GUESS_M_S
     for _ in range(MOST_GUESSES):
         fire = replace(fire, speed_m_s=speed_m_s)
         error = circling_error(fire)
         if LEAST_ERROR <= error <= MOST_ERROR:
-            break
-        speed_m_s = min(max(speed_m_s * error / AIM_ERROR, speed_m_s / 3.0), speed_m_s * 3.0)
-    return fire
+            return fire
+        speed_m_s *= min(max(error / AIM_ERROR, 1.0 / 3.0), 3.0)
+    return None
 
 
 def circling_error(fire: Burn) -> float:
-    """Mean of the largest error of circling, reconstructed as in the paper, in cells."""
+    """Mean of the largest error of circling, reconstructed as in the paper, in cells.
+
+    Infinite if the vehicle is not round once half-way through.
+    """
     flight = fly(fire, perimeter_planner(fire, "circling"))
-    # A vehicle that does not get round once is far too slow.
-    return float(flight.max_error.mean()) if flight.max_error.size else 3.0 * AIM_ERROR
+    if not flight.at_s.size or flight.at_s[0] > (fire.deploy_s + fire.end_s) / 2.0:
+        return math.inf
+    return float(flight.max_error.mean())
 
 
 def _landscape(rng: np.random.Generator) -> Landscape:
