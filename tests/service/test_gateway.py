@@ -33,7 +33,7 @@ class Client:
 
 def test_a_return_is_ordered_of_the_client() -> None:
     client = Client()
-    gateway = Gateway("hawk", client, MissionClock(0, wall=False))  # type: ignore[arg-type]
+    gateway = Gateway("hawk", client, MissionClock(0, wall=False))
     gateway.execute(Return("hawk"), 0)
     gateway.execute(Hold("hawk"), 0)
     assert client.orders == ["return_home", "hold"]
@@ -41,7 +41,7 @@ def test_a_return_is_ordered_of_the_client() -> None:
 
 def test_wind_and_modes_are_told_with_mission_time() -> None:
     client = Client(bridge.Wind(7, 45.04, 6.001), bridge.ModeChanged(8, 5, True, "return"))
-    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))  # type: ignore[arg-type]
+    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
     assert list(gateway.events(9)) == [
         WindMeasured(1000, "hawk", 6.0, 45.0),
         ModeChanged(1000, "hawk", 5, True, "return"),
