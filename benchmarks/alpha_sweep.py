@@ -13,8 +13,8 @@ ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
 
 
 def reversals(alpha: float) -> int:
-    """Fly the default scenario once; how often the vehicle turned back."""
-    scenario = load_scenario("default", (f"planner.alpha={alpha}",))
+    """Fly the default scenario once in calm air; how often the vehicle turned back."""
+    scenario = load_scenario("default", (f"planner.alpha={alpha}", "fly_in_wind=false"))
     with tempfile.TemporaryDirectory() as folder:
         record, _ = simulate(scenario, Path(folder) / "journal.jsonl", created="")
     return sum(len(vehicle.reversals) for vehicle in record.vehicles.values())

@@ -324,6 +324,7 @@ class Core:
             from_ground=not vehicle.presence.airborne,
             landing=vehicle.landing,
             least_at=self.spacing.least_altitudes(vehicle.name),
+            start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
         )
         self.spacing.sends(vehicle.name, items)
         mission_id = self._next_mission_id

@@ -37,13 +37,24 @@ class Track:
     highest_m: Floats
 
 
-def track_of(items: tuple[MissionItem, ...], landscape: Landscape, radius_m: float) -> Track:
-    """Where a mission leads, up to its endless loiter and once around that."""
+def track_of(
+    items: tuple[MissionItem, ...],
+    landscape: Landscape,
+    radius_m: float,
+    start_m: tuple[float, float] | None = None,
+) -> Track:
+    """Where a mission leads, up to its endless loiter and once around that.
+
+    From ``start_m`` to its first point the vehicle is at that one's altitude, or will be at once.
+    """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
     flown = items[: last + 1]
     lat, lon = (np.array([getattr(item, axis) for item in flown]) / 1e7 for axis in "xy")
     points = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
     altitudes = np.array([item.z for item in flown])
+    if start_m is not None:
+        points = np.vstack([start_m, points])
+        altitudes = np.concatenate([altitudes[:1], altitudes])
     parts, lowest, highest = [], [], []
     for leg in range(len(points) - 1):
         parts.append(along(points[leg], points[leg + 1]))

@@ -81,7 +81,9 @@ class Spacing:
     def sends(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """A mission goes to the vehicle."""
         flown = self._all[name]
-        flown.track = track_of(items, self._landscape, flown.section.loiter_radius_m)
+        here = flown.presence.here
+        start_m = (here.x_m, here.y_m) if here and flown.presence.airborne else None
+        flown.track = track_of(items, self._landscape, flown.section.loiter_radius_m, start_m)
         flown.sent += 1
         flown.compared = self._missions_below(name)
 

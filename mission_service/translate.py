@@ -96,15 +96,21 @@ def mission_along(
     from_ground: bool,
     landing: tuple[MissionItem, ...] = (),
     least_at: LeastAltitude = no_least,
+    start_m: tuple[float, float] | None = None,
 ) -> tuple[MissionItem, ...]:
     """The items that fly a path (x, y in metres) and then loiter at its end without end.
 
-    ``landing`` comes behind the loiter, for autopilots that ask for one.
+    ``landing`` comes behind the loiter, for autopilots that ask for one; ``start_m`` is where the
+    vehicle is, if it is in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.least_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(
         points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, least_at
     )
+    if start_m is not None:  # from where it is it climbs to the first point's altitude
+        first = np.linspace(start_m, points[0], 10)
+        needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, least_at)
+        altitudes[0] = max(altitudes[0], round(needed_m, 1))
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
     items = [
         waypoint(float(lat[index]), float(lon[index]), altitudes[index])

@@ -31,6 +31,7 @@ from mission_service.planners.ring import Fleet, Ring, TeamRule
 Floats = NDArray[np.float64]
 
 ROUND_AGAIN_DEG = 360.0
+CARRIED_BACK = 30  # cells at most, while it turns back
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class Flyer:
     """What a team has to know of one of its vehicles."""
 
     speed_m_s: float
-    turn_s: float  # to turn back; it is not asked to turn again meanwhile
+    turn_s: float  # to turn back; meanwhile it is not asked to turn again
 
 
 class Team:
@@ -132,14 +133,13 @@ class Seat:
         self.number = number
         self.flyer = flyer
         self.flies = False  # in the air, heard, and the front was in view
-        self.bearing = 0
+        self.bearing = 0  # the cell of the ring to which it has come
         # On the first lap neighbours by number fly opposite ways: half a lap shows all.
         self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
         self.reversals = 0
         self._team = team
         self._found = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._cell: tuple[int, int] | None = None
         self._bearing_deg: float | None = None
         self._swept_deg = 0.0
         self._turned_at_s = -np.inf
@@ -171,7 +171,11 @@ class Seat:
         self._bearing_deg = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever it has come to a new cell of the ring."""
+        """The vehicle is here now; a decision whenever it has come to a new cell of the ring.
+
+        The rule is asked at every cell that was passed, but not while the vehicle turns back: then
+        it comes to a new cell when it has passed the one where it turned.
+        """
         team = self._team
         self.flies |= bool(self._in_view.any())
         if not self.flies:
@@ -182,26 +186,35 @@ class Seat:
             if team.map.complete or self._swept_deg >= ROUND_AGAIN_DEG:
                 team.end_survey()
                 bearing = bearing_deg(team.map, row, col)
-        # Near the centre bearings are narrower than cells, far from it wider.
-        cell, place = (round(row), round(col)), round(bearing) % BEARINGS
-        moved = cell != self._cell and place != self.bearing
         self._bearing_deg = bearing
-        if not moved:
+        place = round(bearing) % BEARINGS
+        if before is None or not team.surveyed:
+            self.bearing = place
             return None
-        self._cell, self.bearing = cell, place
-        return self._decide(at_s) if team.surveyed else None
+        if at_s - self._turned_at_s < self.flyer.turn_s:
+            return None
+        step = 1 if self.clockwise else -1
+        passed = step * (place - self.bearing) % BEARINGS
+        if passed == 0 or passed >= BEARINGS - CARRIED_BACK:
+            return None
+        if passed >= BEARINGS // 2:  # it has been elsewhere
+            self.bearing, passed = (place - step) % BEARINGS, 1
+        return self._decide(passed, step, at_s)
 
-    def _decide(self, at_s: float) -> Decision:
-        team = self._team
+    def _decide(self, passed: int, step: int, at_s: float) -> Decision:
+        """Ask at each cell, until the rule turns it back."""
+        ring = self._team.ring()
         turn = False
-        if at_s - self._turned_at_s >= self.flyer.turn_s:
-            fleet, numbers = team.fleet()
+        for _ in range(passed):
+            self.bearing = (self.bearing + step) % BEARINGS
+            fleet, numbers = self._team.fleet()
             which = numbers.index(self.number)
-            turn = bool(team.rule.decide(team.ring(), fleet, which, at_s)) != self.clockwise
-        if turn:
-            self.clockwise = not self.clockwise
-            self.reversals += 1
-            self._turned_at_s = at_s
+            turn = bool(self._team.rule.decide(ring, fleet, which, at_s)) != self.clockwise
+            if turn:
+                self.clockwise = not self.clockwise
+                self.reversals += 1
+                self._turned_at_s = at_s
+                break
         return Decision(self.clockwise, turn, 0.0, 0.0, BEARINGS)
 
     def shape(self, row: float, col: float) -> Floats:
