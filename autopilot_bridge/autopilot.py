@@ -32,5 +32,8 @@ class Autopilot(Protocol):
     def hold(self, now_us: int) -> object:
         """Loiter here."""
 
+    def return_home(self, now_us: int) -> object:
+        """Fly to where it took off."""
+
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""

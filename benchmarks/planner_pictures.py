@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from mission_service.experiments.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.experiments.team_fires import SPEED_M_S, uneven
 from mission_service.planners.benchmarks import Bumper, Circling
+from mission_service.planners.bent import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.planners.ring import TeamRule
 
 Floats = NDArray[np.float64]
@@ -24,6 +26,10 @@ COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#b34700")
 TEAM_RULES: dict[str, tuple[str, Callable[[], TeamRule]]] = {
     "team-circling": ("team.circling", Circling),
     "team-bumper": ("team.bumper", Bumper),
+    **{
+        f"team-{name}": (f"team.{name}", partial(bent_rule, name, "importance", "linear"))
+        for name in (*PLANNERS, *LATER_PLANNERS)
+    },
 }
 
 

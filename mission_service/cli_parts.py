@@ -1,10 +1,29 @@
 """What the files of the command line share."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import click
 
+OVERRIDE = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+SIGNING_KEY = click.option(
+    "--signing-key",
+    metavar="file:PATH|env:NAME",
+    help="Where the key is with which frames are signed and checked (MAVLink 2 signing).",
+)
+TLOG = click.option(
+    "--tlog",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Add the link's traffic to this .tlog recording.",
+)
 
 
 def folder(out: Path) -> Path:
@@ -23,3 +42,11 @@ def folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
     return out
+
+
+def echo(result: dict[str, Any], as_json: bool) -> None:
+    """Print a result, as JSON or a line a key."""
+    if as_json:
+        click.echo(json.dumps(result))
+    else:
+        click.echo("\n".join(f"{key}: {value}" for key, value in result.items()))

@@ -31,8 +31,12 @@ class Hold(Command, frozen=True, tag=True):
     """Loiter where you are: the mission on board cannot be trusted."""
 
 
+class Return(Command, frozen=True, tag=True):
+    """Fly home: the time in the air is nearly over."""
+
+
 class Decided(Command, frozen=True, tag=True):
-    """One decision of the perimeter planner (Islam & Hu, listing 3)."""
+    """One decision of a planner; importances are 0 where its rule has none."""
 
     direction: Direction
     reversed: bool
@@ -49,4 +53,4 @@ class Announce(Command, frozen=True, tag=True):
     level: Literal["info", "warning"] = "info"
 
 
-AnyCommand = UploadMission | StartMission | Hold | Decided | Announce
+AnyCommand = UploadMission | StartMission | Hold | Return | Decided | Announce

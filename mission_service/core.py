@@ -3,6 +3,7 @@
 Simulation, live flight, replay and tests all run this and feed it from different sources.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,38 +12,36 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
+from mission_service.approach import approach_path, landing_of_vehicle
 from mission_service.commands import (
     Announce,
     AnyCommand,
-    Decided,
-    Direction,
     Hold,
+    Return,
     StartMission,
     UploadMission,
 )
-from mission_service.config import Scenario, VehicleSection
+from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
     LinkLost,
     LinkRestored,
-    MissionProgress,
     ModeChanged,
-    Observed,
     Telemetry,
     UploadFinished,
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.landing import landing_of, needs_landing
-from mission_service.planners.following import PathSettings
-from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings
 from mission_service.planners.protocol import Decision, Planner
+from mission_service.planning import planners_of
+from mission_service.spacing import Spacing
+from mission_service.steering import Here, Presence, Steering, decided
 from mission_service.translate import mission_along
 
 Floats = NDArray[np.float64]
 
-AIRBORNE_M = 15.0
 # A new path is compared with the one being flown over this share of the horizon ...
 COMPARED_SHARE = 0.25
 # ... and a mission is extended when less than this share of the horizon is left.
@@ -67,20 +66,27 @@ class Vehicle:
 
     section: VehicleSection
     planner: Planner
+    presence: Presence
+    home_m: tuple[float, float]
     landing: tuple[MissionItem, ...] = ()
-    online: bool = False
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
     holding: bool = False
     start_again_at_s: float | None = None
-    airborne: bool = False
+    return_again_at_s: float | None = None
+    sent_home: bool = False
     pending: Pending | None = None
     flown_line: shapely.LineString | None = None
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
     phase: str = ""
-    turned: bool = False
+    due: str = ""  # why a new mission is due at once
+
+    @property
+    def name(self) -> str:
+        """By the scenario."""
+        return self.section.name
 
 
 class Core:
@@ -90,10 +96,14 @@ class Core:
         self.scenario = scenario
         self.landscape = landscape
         self._next_mission_id = 1
+        self.steering = Steering(scenario, landscape, planners_of(scenario, landscape))
+        self.spacing = Spacing(scenario, landscape, self.steering.presence)
         self.vehicles = {
             section.name: Vehicle(
                 section,
-                planner_of(scenario, section, landscape),
+                self.steering.planners[section.name],
+                self.steering.presence[section.name],
+                landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
                 landing_of_vehicle(scenario, section, landscape),
             )
             for section in scenario.vehicles
@@ -105,20 +115,17 @@ class Core:
         Raises KeyError for a vehicle the scenario does not name.
         """
         vehicle = self.vehicles[event.vehicle]
+        was_airborne, was_recalled = vehicle.presence.airborne, vehicle.presence.recalled
+        decision = self.steering.take(event)
         match event:
             case Telemetry():
-                return self._moved(vehicle, event)
-            case Observed():
-                vehicle.planner.observe(event)
-                return []
+                return self._moved(vehicle, event.at_us / 1e6, decision)
             case UploadFinished():
                 return self._upload_finished(vehicle, event)
             case VehicleConnected():
-                vehicle.online = True
                 vehicle.atomic_upload = event.atomic_upload
                 return [_say(vehicle, f"connected ({event.stack})")]
             case LinkLost():
-                vehicle.online = False
                 return [
                     _say(
                         vehicle,
@@ -128,7 +135,6 @@ class Core:
                     )
                 ]
             case LinkRestored():
-                vehicle.online = True
                 vehicle.flown_line = None  # a new mission is due: the front has moved on
                 return [_say(vehicle, "link restored")]
             case VehicleRebooted():
@@ -136,113 +142,189 @@ class Core:
             case CommandFinished():
                 return self._command_finished(vehicle, event)
             case ModeChanged():
-                vehicle.airborne &= event.armed
+                return self._mode_changed(vehicle, event, was_airborne, was_recalled)
+            case _:  # for the planners, people and the journal
                 return []
-            case MissionProgress():
-                return []  # for people and the journal
 
-    def _moved(self, vehicle: Vehicle, here: Telemetry) -> list[AnyCommand]:
-        at_s = here.at_us / 1e6
-        # Home may lie on a hill: once up, a vehicle flies until it disarms.
-        vehicle.airborne |= here.altitude_relative_m >= AIRBORNE_M
-        if not vehicle.online or at_s < self.scenario.deploy_at_s:
+    def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+        presence = vehicle.presence
+        here = presence.here
+        if here is None or not presence.online or at_s < self.scenario.deploy_at_s:
             return []
-        if not vehicle.deployed:
-            return self._deploy(vehicle, here)
-        if not vehicle.airborne:
-            if vehicle.start_again_at_s is not None and at_s >= vehicle.start_again_at_s:
-                vehicle.start_again_at_s = None
-                return [StartMission(vehicle.section.name)]
-            return self._deploy(vehicle, here) if self._due(vehicle, at_s) else []
-        x_m, y_m = self.landscape.xy_of_lat_lon(here.lat_deg, here.lon_deg)
-        row, col = (float(value) for value in self.landscape.row_col_of(x_m, y_m))
-        decision = vehicle.planner.at(row, col, at_s)
+        if presence.recalled:
+            return self._return_again(vehicle, at_s)
         commands: list[AnyCommand] = []
-        if vehicle.planner.phase != vehicle.phase:
+        if presence.airborne and vehicle.planner.phase != vehicle.phase:
             vehicle.phase = vehicle.planner.phase
             commands.append(_say(vehicle, f"phase: {vehicle.phase}"))
         if decision is not None:
-            commands.append(_decided(vehicle, decision))
-            vehicle.turned |= decision.reversed
-        if vehicle.pending is None and (vehicle.turned or at_s >= vehicle.not_before_s):
+            commands.append(decided(vehicle.name, vehicle.planner, decision))
+            if decision.reversed:
+                vehicle.due = "turn back"
+        if not vehicle.deployed:
+            return [*commands, self._deploy(vehicle, here)]
+        if not presence.airborne:
+            return self._on_the_ground(vehicle, here)
+        if vehicle.pending is not None:
+            return commands
+        if self._must_return(vehicle, here):
+            return [*commands, *self._send_home(vehicle, here)]
+        aside = self._out_of_the_way(vehicle, here)
+        if aside is not None:
+            return [*commands, *aside]
+        if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
+            vehicle.due = "another flies close below"
+        if vehicle.due == "turn back" and not self.spacing.may_turn_back(vehicle.name):
+            return commands
+        if vehicle.due or at_s >= vehicle.not_before_s:
             vehicle.not_before_s = at_s + CHECK_EVERY_S
-            commands += self._follow(vehicle, x_m, y_m, row, col, at_s)
+            commands += self._follow(vehicle, here)
         return commands
 
-    def _due(self, vehicle: Vehicle, at_s: float) -> bool:
-        """A vehicle on the ground without a mission is sent one (again)."""
-        return (
-            vehicle.pending is None and vehicle.flown_line is None and at_s >= vehicle.not_before_s
-        )
+    # To the fire and home ---------------------------------------------------------------------
 
-    def _deploy(self, vehicle: Vehicle, here: Telemetry) -> list[AnyCommand]:
+    def _on_the_ground(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Start again after a refusal; one without a mission is sent one (again)."""
+        again_at_s = vehicle.start_again_at_s
+        if again_at_s is not None and here.at_s >= again_at_s:
+            vehicle.start_again_at_s = None
+            return self._start(vehicle, here.at_s)
+        idle = vehicle.pending is None and vehicle.flown_line is None
+        if idle and here.at_s >= vehicle.not_before_s:
+            return [self._deploy(vehicle, here)]
+        return []
+
+    def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Start the mission; a takeoff waits until nobody is near."""
+        if vehicle.presence.airborne or self.spacing.may_take_off(vehicle.name, at_s):
+            return [StartMission(vehicle.name)]
+        vehicle.start_again_at_s = at_s + CHECK_EVERY_S
+        return []
+
+    def _deploy(self, vehicle: Vehicle, here: Here) -> UploadMission:
         """Send the vehicle to the fire; it finds the front on its way."""
         vehicle.deployed = True
-        at_s = here.at_us / 1e6
-        start = self.landscape.xy_of_lat_lon(here.lat_deg, here.lon_deg)
-        path = approach_path(self.scenario, self.landscape, start)
-        return [self._upload(vehicle, path, at_s, "fly to the fire")]
+        path = approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
+        return self._upload(vehicle, path, here, "fly to the fire")
 
-    def _follow(
-        self, vehicle: Vehicle, x_m: float, y_m: float, row: float, col: float, at_s: float
+    def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
+        """Whether the way home takes what is left of its time in the air."""
+        section = vehicle.section
+        if section.endurance_s is None or vehicle.sent_home:
+            return False
+        against_m_s = max(
+            section.airspeed_m_s - vehicle.presence.wind_m_s, section.airspeed_m_s / 3
+        )
+        home_s = math.dist((here.x_m, here.y_m), vehicle.home_m) / against_m_s
+        flown_s = here.at_s - vehicle.presence.took_off_at_s
+        return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s
+
+    def _send_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        self.steering.recall(vehicle.name, here.at_s)
+        vehicle.sent_home, vehicle.holding = True, False
+        flown_min = (here.at_s - vehicle.presence.took_off_at_s) / 60.0
+        words = f"sent home after {flown_min:.0f} min in the air: its time is nearly over"
+        return [_say(vehicle, words), Return(vehicle.name)]
+
+    def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        if vehicle.return_again_at_s is None or at_s < vehicle.return_again_at_s:
+            return []
+        vehicle.return_again_at_s = None
+        return [Return(vehicle.name)]
+
+    def _mode_changed(
+        self, vehicle: Vehicle, event: ModeChanged, was_airborne: bool, was_recalled: bool
     ) -> list[AnyCommand]:
+        if was_airborne and not event.armed:
+            # What is on board begins in the air: it takes off again with another.
+            vehicle.sent_home = vehicle.holding = False
+            vehicle.flown_line = vehicle.return_again_at_s = None
+            self.spacing.forget(vehicle.name)
+            return [_say(vehicle, "landed")]
+        if vehicle.presence.recalled and not was_recalled:
+            return [_say(vehicle, f"on its way home ({event.mode})", warning=True)]
+        if was_recalled and not vehicle.presence.recalled:
+            vehicle.flown_line = None
+            return [_say(vehicle, "back in its mission")]
+        return []
+
+    # Along the front --------------------------------------------------------------------------
+
+    def _out_of_the_way(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """Step aside, and stay there; None when the way is free."""
+        waiting = self.spacing.gave_way_to(vehicle.name)
+        other = self.spacing.give_way_to(vehicle.name)
+        if other is None:
+            if waiting is not None:
+                vehicle.due = "the way is free"
+            return None
+        if other == waiting and not self.spacing.comes_too_low(vehicle.name):
+            return []
+        place = self.spacing.waits_at(vehicle.name)
+        return [self._upload(vehicle, place, here, f"give way to {other}")]
+
+    def _follow(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Renew the rolling mission when it is no longer what the vehicle should fly."""
         if vehicle.planner.phase == "approach":
-            if vehicle.flown_line is not None:
+            if vehicle.flown_line is not None and not vehicle.due:
                 return []
-            path = approach_path(self.scenario, self.landscape, (x_m, y_m))
-            return [self._upload(vehicle, path, at_s, "fly to the fire")]
+            path = approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
+            return [self._upload(vehicle, path, here, vehicle.due or "fly to the fire")]
         settings = self.scenario.mission
-        if not vehicle.turned and at_s - vehicle.uploaded_at_s < settings.least_upload_interval_s:
+        if not vehicle.due and here.at_s - vehicle.uploaded_at_s < settings.least_upload_interval_s:
             return []
-        cells = vehicle.planner.path(row, col)
+        cells = vehicle.planner.path(here.row, here.col)
         if len(cells) < 2:
             return []
         path = np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
-        why = self._why_renew(vehicle, path, x_m, y_m)
-        if why is None:
-            return []
-        vehicle.turned = False
-        return [self._upload(vehicle, path, at_s, why)]
+        why = self._why_renew(vehicle, path, here)
+        return [] if why is None else [self._upload(vehicle, path, here, why)]
 
-    def _why_renew(self, vehicle: Vehicle, path: Floats, x_m: float, y_m: float) -> str | None:
+    def _why_renew(self, vehicle: Vehicle, path: Floats, here: Here) -> str | None:
         settings = self.scenario.mission
         line = vehicle.flown_line
         if line is None:
             return "no trusted mission on board"
-        if vehicle.turned:
-            return "turn back"
+        if vehicle.due:
+            return vehicle.due
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         near = path[along <= COMPARED_SHARE * settings.horizon_m]
         if float(shapely.distance(shapely.points(near), line).max()) > settings.path_tolerance_m:
             return "the front is not where the mission leads"
-        left_m = line.length - line.project(shapely.Point(x_m, y_m))
+        left_m = line.length - line.project(shapely.Point(here.x_m, here.y_m))
         if left_m < LEFT_SHARE * settings.horizon_m:
             return "the mission is nearly flown"
         return None
 
-    def _upload(self, vehicle: Vehicle, path: Floats, at_s: float, why: str) -> UploadMission:
+    # Missions ---------------------------------------------------------------------------------
+
+    def _upload(self, vehicle: Vehicle, path: Floats, here: Here, why: str) -> UploadMission:
         items = mission_along(
             path,
             vehicle.planner.clockwise,
             vehicle.section,
             self.landscape,
-            from_ground=not vehicle.airborne,
+            from_ground=not vehicle.presence.airborne,
             landing=vehicle.landing,
+            least_at=self.spacing.least_altitudes(vehicle.name),
         )
+        self.spacing.sends(vehicle.name, items)
         mission_id = self._next_mission_id
         self._next_mission_id += 1
+        if len(path) == 1:  # a place to loiter at
+            path = np.array([(here.x_m, here.y_m), path[0]])
         line = shapely.simplify(shapely.LineString(path), LINE_TOLERANCE_M)
         vehicle.pending = Pending(mission_id, shapely.LineString(shapely.get_coordinates(line)))
-        vehicle.uploaded_at_s = at_s
-        return UploadMission(vehicle.section.name, mission_id, why, items)
+        vehicle.uploaded_at_s = here.at_s
+        vehicle.due = ""
+        return UploadMission(vehicle.name, mission_id, why, items)
 
     def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
             return []
         pending, vehicle.pending = vehicle.pending, None
         if event.outcome == "accepted":
-            return self._accepted(vehicle, pending)
+            return self._accepted(vehicle, pending, event.at_us / 1e6)
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
         commands: list[AnyCommand] = [
@@ -253,125 +335,45 @@ class Core:
                 warning=True,
             )
         ]
-        if vehicle.airborne and vehicle.started and not vehicle.atomic_upload:
-            # What is on board may be half the old mission and half the new one.
+        if vehicle.presence.flies and vehicle.started:
+            # PX4 loiters by itself if what came is nothing it would fly. On ArduPilot what is on
+            # board may be half the old mission and half the new one.
             vehicle.holding = True
-            commands.append(Hold(vehicle.section.name))
+            if not vehicle.atomic_upload:
+                commands.append(Hold(vehicle.name))
         return commands
 
-    def _accepted(self, vehicle: Vehicle, pending: Pending) -> list[AnyCommand]:
+    def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
         vehicle.flown_line = pending.line
-        first_start = not vehicle.started and vehicle.section.autostart
-        if first_start or vehicle.holding:
+        if not vehicle.started and vehicle.section.autostart:
             vehicle.started = True
+            return self._start(vehicle, at_s)
+        if vehicle.holding:
             vehicle.holding = False
-            return [StartMission(vehicle.section.name)]
+            return [StartMission(vehicle.name)]
         return []
 
     def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
         if event.accepted:
             return [_say(vehicle, f"{event.command}: accepted")]
-        if event.command != "start mission":
-            return [_say(vehicle, f"{event.command} refused: {event.reason}", warning=True)]
-        # Autopilots refuse to arm until they know where they are: ask again.
-        vehicle.start_again_at_s = event.at_us / 1e6 + START_AGAIN_S
-        return [
-            _say(
-                vehicle,
-                f"start mission refused: {event.reason}; trying again in {START_AGAIN_S:.0f} s",
-                warning=True,
-            )
-        ]
+        refused = f"{event.command} refused: {event.reason}"
+        if event.command not in ("start mission", "return"):
+            return [_say(vehicle, refused, warning=True)]
+        again_at_s = event.at_us / 1e6 + START_AGAIN_S
+        if event.command == "return":
+            vehicle.return_again_at_s = again_at_s
+        else:  # autopilots refuse to arm until they know where they are: ask again
+            vehicle.start_again_at_s = again_at_s
+        return [_say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
 
     def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""
-        vehicle.deployed = vehicle.started = vehicle.holding = vehicle.airborne = False
-        vehicle.pending = vehicle.flown_line = vehicle.start_again_at_s = None
+        vehicle.deployed = vehicle.started = vehicle.holding = vehicle.sent_home = False
+        vehicle.pending = vehicle.flown_line = None
+        vehicle.start_again_at_s = vehicle.return_again_at_s = None
+        self.spacing.forget(vehicle.name)
         return [_say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]
 
 
-def planner_of(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> PerimeterPlanner:
-    """The planner of one vehicle, in the units of the landscape's grid."""
-    planner, cell_m = scenario.planner, landscape.cell_size_m
-    settings = PerimeterSettings(
-        rule=planner.rule,
-        alpha=planner.alpha,
-        clockwise_first=planner.first_direction == "clockwise",
-        ignition_known=planner.ignition_known,
-        baseline_s=planner.baseline_s,
-        smoothing_deg=planner.smoothing_deg,
-        reversal_margin=planner.reversal_margin,
-        least_gain_cells=planner.least_gain_cells,
-        dwell_s=planner.dwell_s,
-        speed_cells_s=section.airspeed_m_s / cell_m,
-        path=PathSettings(
-            horizon_cells=scenario.mission.horizon_m / cell_m,
-            lead_cells=scenario.mission.lead_m / cell_m,
-        ),
-    )
-    row, col = landscape.row_col_of(*_fire_position(scenario, landscape))
-    # An ignition is known as a cell; so is the centre the angles are counted from.
-    centre = (float(round(float(row))), float(round(float(col))))
-    return PerimeterPlanner(settings, landscape.shape, centre, _burns_from_s(scenario))
-
-
-def _burns_from_s(scenario: Scenario) -> float:
-    return scenario.ignition[0].at_s if scenario.ignition else scenario.fire.burning_at_s
-
-
-def _fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Where the crew says the fire is: the ignition point, or a point reported inside the fire."""
-    planner = scenario.planner
-    if planner.ignition_known:
-        first = scenario.ignition[0]
-        return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)
-    return landscape.xy_of_lat_lon(planner.reported_lat_deg, planner.reported_lon_deg)
-
-
-def approach_path(scenario: Scenario, landscape: Landscape, start_m: tuple[float, float]) -> Floats:
-    """A straight line from where the vehicle is to where the fire is said to be."""
-    return np.array([start_m, _fire_position(scenario, landscape)])
-
-
-def approach_mission(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> tuple[MissionItem, ...]:
-    """The first mission of a vehicle: take off, fly to the fire, loiter there."""
-    home = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
-    return mission_along(
-        approach_path(scenario, landscape, home),
-        scenario.planner.first_direction == "clockwise",
-        section,
-        landscape,
-        from_ground=True,
-        landing=landing_of_vehicle(scenario, section, landscape),
-    )
-
-
-def landing_of_vehicle(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> tuple[MissionItem, ...]:
-    """The landing that a vehicle's missions end with, if they must; into the first wind given."""
-    if not needs_landing(section):
-        return ()
-    wind_from_deg = scenario.weather[0].wind_from_deg if scenario.weather else 0.0
-    return landing_of(section, landscape, wind_from_deg)
-
-
-def _decided(vehicle: Vehicle, decision: Decision) -> Decided:
-    direction: Direction = "clockwise" if decision.clockwise else "anticlockwise"
-    return Decided(
-        vehicle.section.name,
-        direction,
-        decision.reversed,
-        vehicle.planner.reversals,
-        decision.importance_back,
-        decision.importance_front,
-        decision.front_cells,
-    )
-
-
 def _say(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
-    return Announce(vehicle.section.name, text, "warning" if warning else "info")
+    return Announce(vehicle.name, text, "warning" if warning else "info")

@@ -15,7 +15,8 @@ from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
 from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
-from mission_service.config import Scenario, VehicleSection
+from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock

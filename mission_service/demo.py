@@ -12,8 +12,9 @@ from autopilot_bridge.items import Plan
 from autopilot_bridge.link import other_end
 from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
-from mission_service.config import Scenario, VehicleSection, flying, load_scenario, scenario_path
-from mission_service.core import approach_mission
+from mission_service.approach import approach_mission
+from mission_service.config import Scenario, flying, load_scenario, scenario_path
+from mission_service.config_sections import VehicleSection
 from mission_service.daemon import serve
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire_setup import landscape_of

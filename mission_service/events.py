@@ -64,6 +64,13 @@ class Observed(Event, frozen=True, tag=True):
     cells: tuple[str, ...]
 
 
+class WindMeasured(Event, frozen=True, tag=True):
+    """The autopilot's estimate of the wind at the vehicle; from true north."""
+
+    speed_m_s: float
+    from_deg: float
+
+
 class UploadFinished(Event, frozen=True, tag=True):
     """The outcome of one ``UploadMission``."""
 
@@ -73,7 +80,7 @@ class UploadFinished(Event, frozen=True, tag=True):
 
 
 class CommandFinished(Event, frozen=True, tag=True):
-    """The autopilot's answer to a start or hold command."""
+    """The autopilot's answer to an order."""
 
     command: str
     accepted: bool
@@ -85,6 +92,7 @@ class ModeChanged(Event, frozen=True, tag=True):
 
     custom_mode: int
     armed: bool
+    mode: str = ""  # the bridge's name of it
 
 
 AnyEvent = (
@@ -95,6 +103,7 @@ AnyEvent = (
     | Telemetry
     | MissionProgress
     | Observed
+    | WindMeasured
     | UploadFinished
     | CommandFinished
     | ModeChanged

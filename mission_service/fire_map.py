@@ -11,6 +11,8 @@ Distances are in cells, times in seconds of mission time.
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.compiled import compiled
+
 BEARINGS = 360
 UNKNOWN, UNBURNED, BURNED = 0, 1, 2
 CODES = np.zeros(128, dtype=np.uint8)
@@ -47,10 +49,22 @@ def polar(
 
 def front_in_window(window: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Burned cells that have an unburned cell beside them (4 neighbours) in the same window."""
-    unburned = np.zeros((window.shape[0] + 2, window.shape[1] + 2), dtype=bool)
-    unburned[1:-1, 1:-1] = window == UNBURNED
-    beside = unburned[:-2, 1:-1] | unburned[2:, 1:-1] | unburned[1:-1, :-2] | unburned[1:-1, 2:]
-    return np.asarray((window == BURNED) & beside)
+    return np.asarray(_front_in_window(window))
+
+
+@compiled
+def _front_in_window(window):  # type: ignore[no-untyped-def]
+    rows, cols = window.shape
+    front = np.zeros((rows, cols), dtype=np.bool_)
+    for row in range(rows):
+        for col in range(cols):
+            front[row, col] = window[row, col] == BURNED and (
+                (row > 0 and window[row - 1, col] == UNBURNED)
+                or (row < rows - 1 and window[row + 1, col] == UNBURNED)
+                or (col > 0 and window[row, col - 1] == UNBURNED)
+                or (col < cols - 1 and window[row, col + 1] == UNBURNED)
+            )
+    return front
 
 
 class FireMap:
@@ -99,25 +113,11 @@ class FireMap:
     ) -> NDArray[np.bool_]:
         """Take in one camera window; returns which bearings' fronts are in view (360 booleans)."""
         here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
-        bearing, distance = self._bearing[here], self._distance[here]
-        burned = window == BURNED
-        self._burned_to(bearing[burned], distance[burned], self._spans[here][burned])
-        front = front_in_window(window)
-        seen = np.full(BEARINGS, -np.inf)
-        np.maximum.at(seen, bearing[front], distance[front])
-        in_view = (seen > -np.inf) & (seen >= self.burned - ISLAND_CELLS)
-        seen, in_view = _fill_gaps(seen, in_view)
+        seen, in_view = _seen(
+            window, self._bearing[here], self._distance[here], self._spans[here], self.burned
+        )
         self._visit(seen, in_view, at_s)
-        return in_view
-
-    def _burned_to(
-        self, bearing: NDArray[np.int64], distance: Floats, spans: NDArray[np.int64]
-    ) -> None:
-        np.maximum.at(self.burned, bearing, distance)
-        for aside in range(1, int(spans.max(initial=0)) + 1):
-            wide = spans >= aside
-            np.maximum.at(self.burned, (bearing[wide] + aside) % BEARINGS, distance[wide])
-            np.maximum.at(self.burned, (bearing[wide] - aside) % BEARINGS, distance[wide])
+        return np.asarray(in_view)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
         if self.baseline_s <= 0.0:
@@ -136,10 +136,7 @@ class FireMap:
 
     def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
         """Eq. 1 for every bearing, not negative; optionally the mean over ± ``smoothing_deg``."""
-        elapsed = self.outer_at_s - self.inner_at_s
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rate = (self.outer - self.inner) / elapsed
-        rate = np.where(np.isfinite(rate) & (elapsed > 0), np.maximum(rate, 0.0), 0.0)
+        rate = _rate(self.outer, self.outer_at_s, self.inner, self.inner_at_s)
         return circular_mean(rate, smoothing_deg)
 
     def filled_outer(self) -> tuple[Floats, Floats]:
@@ -160,29 +157,61 @@ def circular_mean(values: Floats, half_width: int) -> Floats:
 
 def fill_circular(values: Floats) -> Floats:
     """Replace NaN by linear interpolation around the circle (all NaN stays NaN)."""
+    if not np.isnan(values).any():
+        return values
     known = np.flatnonzero(~np.isnan(values))
-    if known.size in (0, values.size):
+    if not known.size:
         return values
     return np.interp(np.arange(values.size), known, values[known], period=values.size)
 
 
-def _fill_gaps(seen: Floats, in_view: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
+@compiled
+def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
+    """Distance of the front on each bearing and whether it is in view; ``burned`` is brought up."""
+    front = _front_in_window(window)
+    seen = np.full(BEARINGS, -np.inf)
+    for row in range(window.shape[0]):
+        for col in range(window.shape[1]):
+            if window[row, col] != BURNED:
+                continue
+            bearing, distance = bearings[row, col], distances[row, col]
+            for aside in range(-spans[row, col], spans[row, col] + 1):
+                place = (bearing + aside) % BEARINGS
+                burned[place] = max(burned[place], distance)
+            if front[row, col]:
+                seen[bearing] = max(seen[bearing], distance)
+    in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
+    _fill_gaps(seen, in_view)
+    return seen, in_view
+
+
+@compiled
+def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
+    found = np.zeros(BEARINGS)
+    for bearing in range(BEARINGS):
+        elapsed_s = outer_at_s[bearing] - inner_at_s[bearing]
+        moved = outer[bearing] - inner[bearing]
+        if elapsed_s > 0.0 and moved > 0.0:  # neither where the front has not been seen
+            found[bearing] = moved / elapsed_s
+    return found
+
+
+@compiled
+def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
     """Bearings between two neighbouring front cells are seen too: the front joins the two."""
     known = np.flatnonzero(in_view)
-    if known.size < 2:
-        return seen, in_view
-    following = np.roll(known, -1)
-    width = (following - known) % BEARINGS
-    gaps = np.flatnonzero((width > 1) & (width < BEARINGS // 2))
-    for gap in gaps:
-        start, end, steps = known[gap], following[gap], width[gap]
+    for place in range(known.size if known.size > 1 else 0):
+        start, end = known[place], known[(place + 1) % known.size]
+        steps = (end - start) % BEARINGS
+        if steps < 2 or steps >= BEARINGS // 2:
+            continue
         chord = np.hypot(
             seen[start] * NORTH[start] - seen[end] * NORTH[end],
             seen[start] * EAST[start] - seen[end] * EAST[end],
         )
-        if chord <= LARGEST_GAP_CELLS:
-            between = (start + np.arange(1, steps)) % BEARINGS
-            share = np.arange(1, steps) / steps
-            seen[between] = seen[start] * (1 - share) + seen[end] * share
-            in_view[between] = True
-    return seen, in_view
+        if chord > LARGEST_GAP_CELLS:
+            continue
+        for step in range(1, steps):
+            share = step / steps
+            seen[(start + step) % BEARINGS] = seen[start] * (1 - share) + seen[end] * share
+            in_view[(start + step) % BEARINGS] = True

@@ -13,7 +13,8 @@ from firemodel.fuels import NON_BURNABLE
 from firemodel.landscape import Landscape
 from firemodel.rothermel import Moisture
 from firemodel.weather import Weather, WeatherStream
-from mission_service.config import Ignition, LandscapeSection, Scenario, WeatherFile
+from mission_service.config import Scenario
+from mission_service.config_sections import Ignition, LandscapeSection, WeatherFile
 from mission_service.errors import ScenarioError
 
 LASTING_S = 3600.0  # as long a record of weather may hold without more ado

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
-from mission_service.commands import AnyCommand, Hold, StartMission, UploadMission
+from mission_service.commands import AnyCommand, Hold, Return, StartMission, UploadMission
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -18,12 +18,15 @@ from mission_service.events import (
     UploadFinished,
     VehicleConnected,
     VehicleRebooted,
+    WindMeasured,
 )
 
 # What the core lives on; nothing else is asked for, and nothing is switched off for others.
 RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
+    mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
 }
 
 
@@ -83,6 +86,8 @@ class Gateway:
                 self.client.start_mission(now_us)
             case Hold():
                 self.client.hold(now_us)
+            case Return():
+                self.client.return_home(now_us)
             case _:  # Decided and Announce are for people
                 pass
 
@@ -125,7 +130,10 @@ class Gateway:
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)
             case bridge.ModeChanged():
-                return ModeChanged(now_us, name, event.custom_mode, event.armed)
+                return ModeChanged(now_us, name, event.custom_mode, event.armed, event.name)
+            case bridge.Wind():
+                speed_m_s, from_deg = round(event.speed_m_s, 2), round(event.from_deg, 1)
+                return WindMeasured(now_us, name, speed_m_s, from_deg)
             case bridge.TransferFinished():
                 mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
                 if mission_id is None:

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
-from mission_service.config import VehicleSection
+from mission_service.config_sections import VehicleSection
 from mission_service.errors import ScenarioError
 
 Floats = NDArray[np.float64]

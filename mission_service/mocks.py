@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from autopilot_bridge.link import LinkAddress, parse_link
+from autopilot_bridge.link import LinkAddress, other_end, parse_link
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.faults import parse_faults
 from autopilot_bridge.mock.fleet import Fleet
@@ -17,7 +17,9 @@ from autopilot_bridge.mock.process import serve
 from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.stacks import stack_named
+from firemodel.landscape import Landscape
 from mission_service.config import flying, load_scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.daemon import clock_us, wall_us
 from mission_service.demo import vehicle_of
 from mission_service.errors import MissionServiceError
@@ -141,16 +143,45 @@ def by_hand(
     )
 
 
-def from_scenario(name: str, vehicle: str | None, around: Surroundings) -> tuple[Fleet, str | None]:
-    """The mock of a scenario's vehicle, standing at its home, and where its key is."""
+@dataclass(frozen=True)
+class OnLink:
+    """Mocks on a link, and where their key is."""
+
+    fleet: Fleet
+    link: str
+    signing_key: str | None = None
+
+
+def from_scenario(
+    name: str, vehicle: str | None, link: str | None, around: Surroundings
+) -> list[OnLink]:
+    """The mock of a scenario's vehicle, standing at its home.
+
+    Without ``link`` it calls the vehicle's own; without ``vehicle`` either, all of them do.
+    """
     scenario = flying(load_scenario(name))
-    section = vehicle_of(scenario, vehicle)
-    plain = mock_of(section, landscape_of(scenario))
+    landscape = landscape_of(scenario)
+    if vehicle is None and link is None:
+        sections = list(scenario.vehicles)
+    else:
+        sections = [vehicle_of(scenario, vehicle)]
+    return [
+        OnLink(
+            _of_section(section, landscape, around),
+            link or other_end(section.link),
+            section.signing_key,
+        )
+        for section in sections
+    ]
+
+
+def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> Fleet:
+    plain = mock_of(section, landscape)
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
     mock = around.mock(section.stack, section.kind, section.system_id, home)
     mock.flight.change_cruise(section.airspeed_m_s)
-    return around.fleet([mock]), section.signing_key
+    return around.fleet([mock])
 
 
 def listening(listen: str) -> str:
@@ -185,26 +216,25 @@ def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
 
 
 def run(
-    fleet: Fleet,
-    link: str,
-    speedup: float,
-    as_json: bool,
-    echo: Callable[[str], None],
-    signing_key: str | None = None,
+    all_mocks: list[OnLink], speedup: float, as_json: bool, echo: Callable[[str], None]
 ) -> None:
-    """Fly until SIGINT or SIGTERM; says one line a vehicle once the link is open.
+    """Fly until SIGINT or SIGTERM; says one line a vehicle once its link is open.
 
-    Signs with the key named, or once SETUP_SIGNING has told one.
+    Signs with the keys named, or once SETUP_SIGNING has told one.
     """
     timestamps = Timestamps(wall_us)
-    signing = None if signing_key is None else Signing(read_key(signing_key), timestamps)
 
     def learns(key: Key) -> Signing:
         return Signing(key, timestamps)
 
-    def opened() -> None:
-        for told in describe(fleet, link, speedup):
-            echo(json.dumps(told) if as_json else _line(told))
+    async def fly(mocks: OnLink) -> None:
+        def opened() -> None:
+            for told in describe(mocks.fleet, mocks.link, speedup):
+                echo(json.dumps(told) if as_json else _line(told))
+
+        key = mocks.signing_key
+        signing = None if key is None else Signing(read_key(key), timestamps)
+        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, learns)
 
     async def until_ended() -> None:
         task = asyncio.current_task()
@@ -212,7 +242,9 @@ def run(
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, task.cancel)
         with contextlib.suppress(asyncio.CancelledError):
-            await serve(fleet, link, speedup, clock_us, opened, signing, learns)
+            async with asyncio.TaskGroup() as group:
+                for mocks in all_mocks:
+                    group.create_task(fly(mocks))
 
     asyncio.run(until_ended())
 

@@ -24,6 +24,7 @@ def front_times_s(end_s: float) -> list[float]:
 
 def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]:
     """The run in figures."""
+    closest = record.closest
     burned = int(np.count_nonzero(fire.arrival_time_s <= fire.time_s))
     return {
         "scenario": scenario.name,
@@ -32,6 +33,8 @@ def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]
         "burned_area_ha": burned * fire.landscape.cell_size_m**2 / 1e4,
         "telemetry": record.telemetry,
         "observations": record.observations,
+        "closest_pair_m": None if closest is None else round(closest.distance_m, 1),
+        "separation_m": scenario.mission.separation_m,
         "planner": {"rule": scenario.planner.rule, "alpha": scenario.planner.alpha},
         "vehicles": [
             {

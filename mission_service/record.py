@@ -1,12 +1,16 @@
 """What a run leaves to show: tracks, decisions, uploads. Kept in memory, thinned to 1 Hz."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 
 from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
 from mission_service.events import AnyEvent, Observed, Telemetry, UploadFinished
+from mission_service.steering import AIRBORNE_M
 
 TRACK_EVERY_US = 1_000_000
+HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
+M_PER_DEG = 111_195.0
 
 
 @dataclass
@@ -22,6 +26,15 @@ class VehicleRecord:
     here: tuple[int, float, float, float] | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class ClosestPair:
+    """The least distance (3-D) that two vehicles in the air had."""
+
+    distance_m: float
+    at_us: int
+    vehicles: tuple[str, str]
+
+
 class Record:
     """Folds events and commands into the vehicles' records; ``news`` holds unprinted lines."""
 
@@ -30,6 +43,8 @@ class Record:
         self.at_us = start_us
         self.telemetry = 0
         self.observations = 0
+        self.closest: ClosestPair | None = None
+        self._in_air: dict[str, Telemetry] = {}
         self.news: list[tuple[int, Announce]] = []
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
@@ -41,6 +56,7 @@ class Record:
                 self.telemetry += 1
                 here = (event.at_us, event.lat_deg, event.lon_deg, event.altitude_amsl_m)
                 vehicle.here = here
+                self._compare(event)
                 if not vehicle.track or here[0] - vehicle.track[-1][0] >= TRACK_EVERY_US:
                     vehicle.track.append(here)
             case Observed():
@@ -51,6 +67,21 @@ class Record:
                 pass
         for command in commands:
             self._commanded(vehicle, command)
+
+    def _compare(self, here: Telemetry) -> None:
+        """Look for the closest pair; the others are taken to have flown straight on."""
+        self._in_air.pop(here.vehicle, None)
+        if here.altitude_relative_m < AIRBORNE_M:
+            return
+        for other in self._in_air.values():
+            late_us = here.at_us - other.at_us
+            if late_us > HEARD_WITHIN_US:
+                continue
+            distance_m = _distance_m(here, other, late_us / 1e6)
+            if self.closest is None or distance_m < self.closest.distance_m:
+                pair = (other.vehicle, here.vehicle)
+                self.closest = ClosestPair(distance_m, here.at_us, pair)
+        self._in_air[here.vehicle] = here
 
     def _commanded(self, vehicle: VehicleRecord, command: AnyCommand) -> None:
         match command:
@@ -65,3 +96,11 @@ class Record:
                 self.news.append((self.at_us, command))
             case _:
                 pass
+
+
+def _distance_m(here: Telemetry, other: Telemetry, later_s: float) -> float:
+    """Between two vehicles near each other, the second moved on by so many seconds."""
+    north_m = M_PER_DEG * (other.lat_deg - here.lat_deg) + later_s * other.velocity_north_m_s
+    east_m = M_PER_DEG * (other.lon_deg - here.lon_deg) * math.cos(math.radians(here.lat_deg))
+    east_m += later_s * other.velocity_east_m_s
+    return math.hypot(north_m, east_m, other.altitude_amsl_m - here.altitude_amsl_m)

@@ -7,11 +7,14 @@ from pathlib import Path
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.config import LinkSection, Scenario, VehicleSection
+from firemodel.weather import Weather
+from mission_service.config import Scenario
+from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
-from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.fire_setup import fire_of, landscape_of, weather_of
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
@@ -55,6 +58,9 @@ class Rig:
         self.mock = mock_of(section, landscape)
         self.client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
         self.mock.intervals.only(*RATES_HZ)
+        self._clock = clock
+        self._weather = weather_of(scenario) if scenario.fly_in_wind else None
+        self._entry: Weather | None = None
         self.gateway = Gateway(section.name, self.client, clock)
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)
@@ -71,6 +77,8 @@ class Rig:
 
     def advance(self, now_us: int, service: Service) -> None:
         """Let everything happen that is due."""
+        if self._weather is not None:
+            self._blow(self._weather.at(self._clock.now_us / 1e6))
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
         self.mock.handle_timer(now_us)
@@ -82,6 +90,12 @@ class Rig:
         service.take(self.gateway.events(now_us), now_us)
         for datagram in self.client.data_to_send():
             self._up.send(datagram, now_us)
+
+    def _blow(self, entry: Weather) -> None:
+        """The mock flies in the wind that drives the fire."""
+        if entry is not self._entry:
+            self._entry = entry
+            self.mock.flight.wind = Wind(entry.wind_from_deg, entry.wind_speed_m_s)
 
 
 def simulate(

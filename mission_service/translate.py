@@ -6,6 +6,7 @@ between its ends, clears the terrain under it by the wished height.
 """
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -14,9 +15,15 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from firemodel.landscape import Landscape
-from mission_service.config import VehicleSection
+from mission_service.config_sections import VehicleSection
 
 Floats = NDArray[np.float64]
+LeastAltitude = Callable[[Floats], Floats]
+
+
+def no_least(points_m: Floats) -> Floats:
+    """Nothing but terrain under the points (n, 2)."""
+    return np.full(len(points_m), -np.inf)
 
 
 def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_m: float) -> Floats:
@@ -49,33 +56,36 @@ def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_
 
 
 def leg_altitudes_m(
-    points_m: Floats, landscape: Landscape, altitude_agl_m: float, around_last_m: float
+    points_m: Floats,
+    landscape: Landscape,
+    altitude_agl_m: float,
+    around_last_m: float,
+    least_at: LeastAltitude = no_least,
 ) -> list[float]:
     """Altitude above sea level for each point so that all legs clear the terrain under them.
 
     The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
+    ``least_at`` gives the least altitude at points (n, 2), whatever the terrain.
     """
     spacing_m = landscape.cell_size_m / 2.0
     highest = []
     for start, end in pairwise(points_m):
         count = max(2, math.ceil(np.hypot(*(end - start)) / spacing_m) + 1)
         along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        highest.append(float(np.max(landscape.elevation_at(along[:, 0], along[:, 1]))))
+        highest.append(_needed_m(along, landscape, altitude_agl_m, least_at))
     turns = np.linspace(0.0, math.tau, 32, endpoint=False)
-    circles = [
-        float(
-            np.max(
-                landscape.elevation_at(
-                    points_m[-1, 0] + share * around_last_m * np.cos(turns),
-                    points_m[-1, 1] + share * around_last_m * np.sin(turns),
-                )
-            )
-        )
-        for share in (0.0, 0.5, 1.0)
-    ]
-    highest.append(max(circles))
+    circle = around_last_m * np.column_stack([np.cos(turns), np.sin(turns)])
+    around = np.concatenate([points_m[-1] + share * circle for share in (0.0, 0.5, 1.0)])
+    highest.append(_needed_m(around, landscape, altitude_agl_m, least_at))
     legs = [highest[0], *highest]
-    return [round(max(before, after) + altitude_agl_m, 1) for before, after in pairwise(legs)]
+    return [round(max(before, after), 1) for before, after in pairwise(legs)]
+
+
+def _needed_m(
+    points_m: Floats, landscape: Landscape, altitude_agl_m: float, least_at: LeastAltitude
+) -> float:
+    terrain_m = float(np.max(landscape.elevation_at(points_m[:, 0], points_m[:, 1])))
+    return max(terrain_m + altitude_agl_m, float(np.max(least_at(points_m))))
 
 
 def mission_along(
@@ -85,6 +95,7 @@ def mission_along(
     landscape: Landscape,
     from_ground: bool,
     landing: tuple[MissionItem, ...] = (),
+    least_at: LeastAltitude = no_least,
 ) -> tuple[MissionItem, ...]:
     """The items that fly a path (x, y in metres) and then loiter at its end without end.
 
@@ -92,7 +103,7 @@ def mission_along(
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.least_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(
-        points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m
+        points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, least_at
     )
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
     items = [

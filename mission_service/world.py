@@ -12,7 +12,8 @@ from autopilot_bridge.link import parse_link
 from autopilot_bridge.signing import read_key
 from firemodel.fire import Fire
 from firemodel.landscape import Landscape
-from mission_service.config import Scenario, VehicleSection
+from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire_setup import fire_of, landscape_of

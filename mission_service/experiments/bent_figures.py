@@ -48,7 +48,7 @@ def draw_combinations(path: Path, number: str, runs: "Sequence[Run]", importance
     digits = 1 if importance == "linear" else 0
     for place in range(len(names)):
         text = f"{mean[place]:,.{digits}f} ± {std[place]:,.{digits}f}"
-        axes.text(0.01 * mean.max(), place, text, va="center", color="white", fontsize=9)
+        axes.text(1.01, place, text, va="center", transform=axes.get_yaxis_transform())
     axes.set_yticks(at, names)
     axes.set_xlim(0.0)
     axes.set_xlabel(f"cost, {importance} importance ({UNIT[importance]}): mean ± std over time")

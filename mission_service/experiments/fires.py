@@ -1,6 +1,7 @@
 """The fires of the papers' experiments, burned once and looked at as often as one likes."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -10,14 +11,16 @@ from firemodel.anyangle import AnyAngleFire
 from firemodel.devs8 import Devs8Fire
 from firemodel.landscape import Landscape
 from firemodel.weather import Weather, WeatherStream
+from mission_service.experiments.front_walk import enclosed_s
 
 Floats = NDArray[np.float64]
 Scheme = Literal["devs8", "anyangle"]
+SCHEMES: tuple[Scheme, ...] = ("devs8", "anyangle")
 
 CELLS = 200
 CELL_M = 30.0
 HOUR_S = 3600.0
-SHORT_GRASS, BRUSH, TIMBER_LITTER = 1, 5, 8
+SHORT_GRASS, TALL_GRASS, BRUSH, TIMBER_LITTER = 1, 3, 5, 8
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,11 @@ class Burn:
     def burned(self, at_s: float) -> NDArray[np.bool_]:
         """Which cells (y, x) have caught fire by a time."""
         return self.arrival_s <= at_s
+
+    @cached_property
+    def enclosed_s(self) -> Floats:
+        """When each cell (y, x) burned or was cut off from the outside."""
+        return enclosed_s(self.arrival_s)
 
 
 def flat(fuel: NDArray[np.int16]) -> Landscape:
@@ -61,6 +69,11 @@ def wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
     return Weather(at_s, speed_m_s, from_deg, 5.0, 6.0, 7.0, 60.0, 90.0)
 
 
+def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
+    """Very dry weather with this wind: live fuel burns too."""
+    return Weather(at_s, speed_m_s, from_deg, 3.0, 4.0, 5.0, 30.0, 60.0)
+
+
 def burn(
     name: str,
     scheme: Scheme,
@@ -77,3 +90,48 @@ def burn(
     fire.advance(end_s)
     arrival_s = fire.arrival_time_s.copy()
     return Burn(name, scheme, landscape, weather, ignition, deploy_s, end_s, speed_m_s, arrival_s)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One of the fires of Islam & Hu, section VI."""
+
+    fuel: NDArray[np.int16]
+    weather: tuple[Weather, ...]
+    ignition: tuple[int, int]
+    speed_m_s: float  # slow enough for circling to be 7 to 16 cells wrong, as in the paper
+
+
+ISLAM_HU_END_S = 6 * HOUR_S
+# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. "Slow and even" is tall grass in a breath of
+# wind: without any, fire is so slow that no vehicle could be slow enough.
+ISLAM_HU: dict[str, Scenario] = {
+    "slow-then-fast": Scenario(
+        of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2
+    ),
+    "fast": Scenario(of_one_fuel(BRUSH), (wind(0.0, 8.0, 45.0),), (35, 165), 3.4),
+    "slow-even": Scenario(of_one_fuel(TALL_GRASS), (dry_wind(0.0, 0.9, 45.0),), (90, 110), 2.8),
+    "wind-turns": Scenario(
+        of_one_fuel(BRUSH), (wind(0.0, 6.0, 180.0), wind(3 * HOUR_S, 9.0, 0.0)), (77, 100), 4.5
+    ),
+    "brush-grass": Scenario(
+        of_two_fuels(BRUSH, SHORT_GRASS), (dry_wind(0.0, 3.3, 0.0),), (60, 100), 3.2
+    ),
+    "brush-litter": Scenario(
+        of_two_fuels(BRUSH, TIMBER_LITTER), (wind(0.0, 8.0, 0.0),), (20, 100), 3.5
+    ),
+}
+
+
+def islam_hu_burn(name: str, scheme: Scheme) -> Burn:
+    """One of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
+    scenario = ISLAM_HU[name]
+    return burn(
+        name,
+        scheme,
+        flat(scenario.fuel),
+        WeatherStream(scenario.weather),
+        scenario.ignition,
+        ISLAM_HU_END_S,
+        scenario.speed_m_s,
+    )

@@ -1,9 +1,11 @@
 """One vehicle flown ideally over a fire that is already burned: no autopilot, no wind, no MAVLink.
 
-As in Islam & Hu it goes from cell to cell of the front at a steady speed, turns on the spot, and
-sees the cells around it.
+As in Islam & Hu it goes from cell to cell of the true front at a steady speed, whichever way round
+the planner says, turns on the spot, and sees the cells around it.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +14,15 @@ from numpy.typing import NDArray
 from mission_service.events import Observed
 from mission_service.experiments.distance_error import TrueShape, hull_of
 from mission_service.experiments.fires import Burn
+from mission_service.experiments.front_walk import FrontWalk
+from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.planners.protocol import Planner
 
 Floats = NDArray[np.float64]
 
 VIEW_CELLS = 3.0
+REACH = int(VIEW_CELLS) + 1
+IN_VIEW = np.hypot(*np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]) <= VIEW_CELLS
 VEHICLE = "uas"
 
 
@@ -25,68 +31,81 @@ class Flight:
     """What a flight leaves.
 
     ``track`` (n, 3) holds time in s, row and column of all steps, ``reversals`` (k, 3) those of
-    turns. The errors, in cells, are taken at each step (m) from the end of the first lap on.
+    turns, ``windows`` (d, 3) the time of each decision and what spoke for turning back and for
+    going on. The errors, in cells, are taken at each step (m) from the end of the first lap on.
     """
 
     track: Floats
     reversals: Floats
+    windows: Floats
     at_s: Floats
     max_error: Floats
     mean_error: Floats
 
 
-def look(burn: Burn, row: float, col: float, at_s: float) -> Observed:
+def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
     """What the vehicle's camera sees: the cells within ``VIEW_CELLS``."""
     rows, cols = burn.arrival_s.shape
-    reach = int(VIEW_CELLS) + 1
-    top, left = max(round(row) - reach, 0), max(round(col) - reach, 0)
-    window = np.s_[top : min(top + 2 * reach + 1, rows), left : min(left + 2 * reach + 1, cols)]
-    codes = np.where(burn.arrival_s[window] <= at_s, ord("b"), ord("u")).astype(np.uint8)
-    here_row, here_col = np.ogrid[window]
-    codes[np.hypot(here_row - row, here_col - col) > VIEW_CELLS] = ord(".")
-    lines = tuple(line.tobytes().decode("ascii") for line in codes)
+    top, left = max(row - REACH, 0), max(col - REACH, 0)
+    bottom, right = min(row + REACH + 1, rows), min(col + REACH + 1, cols)
+    codes = np.where(burn.arrival_s[top:bottom, left:right] <= at_s, b"b", b"u")
+    disc = IN_VIEW[
+        top - row + REACH : bottom - row + REACH, left - col + REACH : right - col + REACH
+    ]
+    codes[~disc] = b"."
+    width = right - left
+    text = codes.tobytes().decode("ascii")
+    lines = tuple(text[start : start + width] for start in range(0, len(text), width))
     return Observed(round(at_s * 1e6), VEHICLE, top, left, lines)
 
 
-def fly(burn: Burn, planner: Planner, *, hull: bool = True) -> Flight:
+def fly(
+    burn: Burn,
+    planner: Planner,
+    *,
+    hull: bool = True,
+    measured: MeasuredWind | None = None,
+    before: Callable[[float, int, int], None] | None = None,
+) -> Flight:
     """Fly a planner from deployment to the end; the error is taken at each new cell.
 
     ``hull``: the fire is reconstructed as in the paper, by the convex hull of what the planner
-    believes; otherwise it is what the planner believes.
+    believes; otherwise it is what the planner believes. ``measured`` is the wind the planner is
+    told at each step; without it, none. ``before`` is told time, row and column of each step before
+    the planner decides.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
-    step_s = burn.landscape.cell_size_m / burn.speed_m_s
-    row, col = _entry(burn)
-    track, reversals, errors = [], [], []
-    for at_s in np.arange(burn.deploy_s, burn.end_s, step_s):
-        planner.observe(look(burn, row, col, float(at_s)))
-        decision = planner.at(row, col, float(at_s))
+    cell_s = burn.landscape.cell_size_m / burn.speed_m_s
+    at_s = burn.deploy_s
+    walk = FrontWalk(burn.enclosed_s, at_s)
+    row, col = walk.cell
+    track, reversals, windows, errors = [], [], [], []
+    while at_s < burn.end_s:
+        if measured is not None:
+            planner.wind(*measured.at(at_s), at_s)
+        planner.observe(look(burn, row, col, at_s))
+        if before is not None:
+            before(at_s, row, col)
+        decision = planner.at(row, col, at_s)
         track.append((at_s, row, col))
-        if decision is not None and decision.reversed:
-            reversals.append((at_s, row, col))
+        if decision is not None:
+            windows.append((at_s, decision.importance_back, decision.importance_front))
+            if decision.reversed:
+                reversals.append((at_s, row, col))
         if planner.phase == "monitor":
             believed = planner.shape(row, col)
-            error = np.abs((hull_of(believed) if hull else believed) - truth.at(float(at_s)))
+            error = np.abs((hull_of(believed) if hull else believed) - truth.at(at_s))
             errors.append((at_s, error.max(), error.mean()))
-        row, col = _one_cell_on(planner.path(row, col), row, col)
+        walk.onwards(planner.clockwise, at_s)
+        new_row, new_col = walk.cell
+        at_s += cell_s * max(math.hypot(new_row - row, new_col - col), 1.0)
+        row, col = new_row, new_col
     at, most, mean = np.array(errors).reshape(-1, 3).T
-    return Flight(np.array(track), np.array(reversals).reshape(-1, 3), at, most, mean)
-
-
-def _entry(burn: Burn) -> tuple[float, float]:
-    """The northernmost burned cell when the vehicle is deployed."""
-    rows, cols = np.nonzero(burn.burned(burn.deploy_s))
-    return float(rows[0]), float(cols[0])
-
-
-def _one_cell_on(path: Floats, row: float, col: float) -> tuple[float, float]:
-    """One cell further towards the first point of a path that is at least that far."""
-    if not len(path):
-        return row, col
-    away = np.hypot(path[:, 0] - row, path[:, 1] - col)
-    goal = int(np.argmax(away >= 1.0)) if away.max() >= 1.0 else len(path) - 1
-    share = min(1.0 / max(float(away[goal]), 1e-9), 1.0)
-    return (
-        row + share * float(path[goal, 0] - row),
-        col + share * float(path[goal, 1] - col),
+    return Flight(
+        np.array(track),
+        np.array(reversals).reshape(-1, 3),
+        np.array(windows).reshape(-1, 3),
+        at,
+        most,
+        mean,
     )

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.compiled import kernel
 from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, circular_mean
 from mission_service.planners.front_shape import close_gap
 
@@ -42,14 +43,19 @@ def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
 
 def foremost_in_view(in_view: Booleans, bearing: int, clockwise: bool) -> int:
     """The last bearing in view ahead of a vehicle, without a break from its own."""
-    step = 1 if clockwise else -1
-    ahead = in_view[(bearing + step * np.arange(BEARINGS // 2)) % BEARINGS]
-    seen = np.flatnonzero(ahead)
-    if not seen.size:
-        return bearing % BEARINGS
-    gaps = np.flatnonzero(np.diff(seen) > WIDEST_GAP_DEG)
-    last = int(seen[gaps[0]] if gaps.size else seen[-1])
-    return (bearing + step * last) % BEARINGS
+    found: int = _foremost(in_view, int(bearing), 1 if clockwise else -1)
+    return found
+
+
+@kernel
+def _foremost(in_view, bearing, step):  # type: ignore[no-untyped-def]
+    last = -1
+    for ahead in range(BEARINGS // 2):
+        if last >= 0 and ahead - last > WIDEST_GAP_DEG:
+            break
+        if in_view[(bearing + step * ahead) % BEARINGS]:
+            last = ahead
+    return (bearing + step * max(last, 0)) % BEARINGS
 
 
 def reconstructed(

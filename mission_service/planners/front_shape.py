@@ -6,6 +6,7 @@ Islam & Hu, section IV.B. Positions are in cells north and east of the map's cen
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.compiled import compiled
 from mission_service.fire_map import BEARINGS, EAST, NORTH
 
 Floats = NDArray[np.float64]
@@ -27,35 +28,40 @@ def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
     Returns a copy in which the bearings between the foremost cell and the best cell lie on the
     straight line that connects them.
     """
-    step = 1 if clockwise else -1
-    ahead = (foremost + step * np.arange(1, SCAN_DEG)) % BEARINGS
-    north = outer[ahead] * NORTH[ahead] - outer[foremost] * NORTH[foremost]
-    east = outer[ahead] * EAST[ahead] - outer[foremost] * EAST[foremost]
-    # Turn from "towards the centre" to the cell, counted outwards along the flying direction.
-    inward = foremost + 180.0
-    angle = step * (inward - np.rad2deg(np.arctan2(east, north)))
-    angle = np.mod(angle + 90.0, 360.0) - 90.0
-    highest = np.maximum.accumulate(angle)
-    fallen = np.flatnonzero(angle < highest - STAIRCASE_DEG)
-    scanned = angle[: fallen[0]] if fallen.size else angle
-    best = int(np.argmax(scanned))
-    joined = outer.copy()
-    if best > 0:
-        between = ahead[:best]
-        on_line = _line_distance(outer, foremost, int(ahead[best]), between)
-        joined[between] = np.maximum(outer[between], on_line)
+    joined: Floats = _close_gap(outer, int(foremost), 1 if clockwise else -1)
     return joined
 
 
-def _line_distance(outer: Floats, start: int, end: int, bearings: NDArray[np.int64]) -> Floats:
-    """Distance from the centre, along each bearing, of the line through two front cells."""
-    start_north, start_east = outer[start] * NORTH[start], outer[start] * EAST[start]
+@compiled
+def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
+    start_north = outer[foremost] * NORTH[foremost]
+    start_east = outer[foremost] * EAST[foremost]
+    # Turn from "towards the centre" to the cell, counted outwards along the flying direction.
+    inward = foremost + 180.0
+    highest, best = -np.inf, 0
+    for ahead in range(SCAN_DEG - 1):
+        bearing = (foremost + step * (ahead + 1)) % BEARINGS
+        north = outer[bearing] * NORTH[bearing] - start_north
+        east = outer[bearing] * EAST[bearing] - start_east
+        angle = step * (inward - np.rad2deg(np.arctan2(east, north)))
+        angle = (angle + 90.0) % 360.0 - 90.0
+        if angle > highest:
+            highest, best = angle, ahead
+        elif angle < highest - STAIRCASE_DEG:
+            break
+    joined = outer.copy()
+    if best == 0:
+        return joined
+    end = (foremost + step * (best + 1)) % BEARINGS
     line_north = outer[end] * NORTH[end] - start_north
     line_east = outer[end] * EAST[end] - start_east
-    across = NORTH[bearings] * line_east - EAST[bearings] * line_north
-    with np.errstate(divide="ignore", invalid="ignore"):
+    for ahead in range(best):
+        bearing = (foremost + step * (ahead + 1)) % BEARINGS
+        across = NORTH[bearing] * line_east - EAST[bearing] * line_north
         distance = (start_north * line_east - start_east * line_north) / across
-    return np.where(np.isfinite(distance) & (distance > 0), distance, 0.0)
+        if np.isfinite(distance) and distance > joined[bearing]:
+            joined[bearing] = distance
+    return joined
 
 
 def ring_of_cells(
@@ -66,22 +72,36 @@ def ring_of_cells(
     Returns (north, east, bearing) of each cell in whole cells relative to the centre; cells
     follow each other without gaps (8 neighbours).
     """
-    step = -1 if clockwise else 1
-    order = (start + step * np.arange(BEARINGS)) % BEARINGS
-    north = np.rint(outer[order] * NORTH[order])
-    east = np.rint(outer[order] * EAST[order])
-    to_north = np.roll(north, -1) - north
-    to_east = np.roll(east, -1) - east
-    count = np.maximum(np.abs(to_north), np.abs(to_east)).astype(np.int64)
-    segment = np.repeat(np.arange(BEARINGS), count)
-    first = np.cumsum(count) - count
-    share = (np.arange(segment.size) - first[segment]) / np.maximum(count[segment], 1)
-    cell_north = np.rint(north[segment] + share * to_north[segment])
-    cell_east = np.rint(east[segment] + share * to_east[segment])
-    return cell_north, cell_east, order[segment]
+    cells: tuple[Floats, Floats, NDArray[np.int64]] = _ring_of_cells(
+        outer, int(start), -1 if clockwise else 1
+    )
+    return cells
+
+
+@compiled
+def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
+    north, east = np.rint(outer * NORTH), np.rint(outer * EAST)
+    size = 0
+    for here in range(BEARINGS):
+        there = (here + 1) % BEARINGS
+        size += int(max(abs(north[there] - north[here]), abs(east[there] - east[here])))
+    cell_north, cell_east = np.empty(size), np.empty(size)
+    cell_bearing = np.empty(size, dtype=np.int64)
+    cell = 0
+    for place in range(BEARINGS):
+        here = (start + step * place) % BEARINGS
+        there = (here + step) % BEARINGS
+        to_north, to_east = north[there] - north[here], east[there] - east[here]
+        count = int(max(abs(to_north), abs(to_east)))
+        for part in range(count):
+            cell_north[cell] = np.rint(north[here] + part / count * to_north)
+            cell_east[cell] = np.rint(east[here] + part / count * to_east)
+            cell_bearing[cell] = here
+            cell += 1
+    return cell_north, cell_east, cell_bearing
 
 
 def steps_between(north: Floats, east: Floats) -> Floats:
     """Distance in cells from each ring cell to the next one, the last to the first."""
-    steps: Floats = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
+    steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
     return steps

@@ -43,11 +43,9 @@ def window_importance(importance: Floats) -> tuple[float, float]:
     return float(importance[:half].sum()), float(importance[half:].sum())
 
 
-def windows(
+def ring_importance(
     spread_rate: Floats, since_visit_s: Floats, step_m: Floats, speed_m_s: float, alpha: float
-) -> tuple[float, float]:
-    """(IMP_BACK, IMP_FRONT) of a ring, as listing 3 computes them before comparing."""
+) -> Floats:
+    """Importance of each cell of a ring, as listing 3 computes it; sum it up by halves."""
     rate = adjusted_spread_rate(spread_rate, alpha)
-    return window_importance(
-        cell_importance(rate, since_visit_s, time_to_cells_s(step_m, speed_m_s))
-    )
+    return cell_importance(rate, since_visit_s, time_to_cells_s(step_m, speed_m_s))

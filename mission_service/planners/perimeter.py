@@ -36,7 +36,7 @@ from mission_service.planners.following import (
     turned_deg,
 )
 from mission_service.planners.front_shape import ring_of_cells, steps_between
-from mission_service.planners.importance import windows
+from mission_service.planners.importance import ring_importance, window_importance
 from mission_service.planners.protocol import Decision, Phase
 
 Floats = NDArray[np.float64]
@@ -142,26 +142,34 @@ class PerimeterPlanner:
         """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
         return reconstructed(self.map, self._in_view, row, col, self.clockwise)
 
-    def _decide(self, row: float, col: float, at_s: float) -> Decision:
+    def importance(self, row: float, col: float, at_s: float) -> Floats:
+        """Importance in cells of each cell of the believed front (n), as listing 3 finds it.
+
+        Index 0 is the vehicle's cell; the index grows against its flying direction.
+        """
         settings = self.settings
         _, visited_at_s = self.map.filled_outer()
         north, east, bearing = ring_of_cells(
             self.shape(row, col), round(bearing_deg(self.map, row, col)) % BEARINGS, self.clockwise
         )
         smoothing = 0 if settings.rule == "literal" else settings.smoothing_deg
-        back, front = windows(
+        return ring_importance(
             self.map.spread_rate_cells_s(smoothing)[bearing],
             at_s - visited_at_s[bearing],
             steps_between(north, east),
             settings.speed_cells_s,
             settings.alpha,
         )
-        turn = self._turns_back(back, front, north.size // 2, at_s)
+
+    def _decide(self, row: float, col: float, at_s: float) -> Decision:
+        importance = self.importance(row, col, at_s)
+        back, front = window_importance(importance)
+        turn = self._turns_back(back, front, importance.size // 2, at_s)
         if turn:
             self.clockwise = not self.clockwise
             self.reversals += 1
             self._turned_at_s = at_s
-        return Decision(self.clockwise, turn, back, front, int(north.size))
+        return Decision(self.clockwise, turn, back, front, importance.size)
 
     def _turns_back(self, back: float, front: float, window_cells: int, at_s: float) -> bool:
         settings = self.settings

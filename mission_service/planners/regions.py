@@ -60,15 +60,14 @@ class Regions:
 
 
 def parted(seats: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
-    """A region from each vehicle's cell clockwise to the next one's.
+    """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
 
-    Vehicles at equal distances so have regions of equal length, as Bent's begin.
+    As Bent's begin (4.2), wherever the vehicles are.
     """
     order = sorted(range(len(seats)), key=lambda which: (cells_of[which], seats[which]))
+    begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
     return Regions(
-        tuple(seats[which] for which in order),
-        tuple(_agreed(cells_of[which]) for which in order),
-        cells,
+        tuple(seats[which] for which in order), tuple(_agreed(begin) for begin in begins), cells
     )
 
 

@@ -164,6 +164,12 @@ def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ig
         assert has_turn(border, left=True) != has_turn(border, left=False)
 
 
+def test_regions_begin_with_as_many_cells_wherever_the_vehicles_are() -> None:
+    regions = parted([5, 6, 7], [12, 3, 12], 20)
+    assert regions.seats == (6, 5, 7)
+    assert spans(regions) == [(3, 9), (9, 16), (16, 23)]
+
+
 def test_giver_serves_until_it_hears() -> None:
     regions = parted([0, 1], [0, 10], 20)
     regions = with_border(regions, 1, offering(regions.borders[1], 6, left=True))

@@ -57,6 +57,12 @@ class Flight:
             )
         )
 
+    def restored(self) -> list[AnyCommand]:
+        """The link is lost and comes back: a new mission is due."""
+        self.tell(LinkLost(self.at_us, "hawk", 3.0))
+        self.tell(LinkRestored(self.at_us, "hawk"))
+        return self.at_height(50.0, later_s=10.0)
+
     def finished(self, mission_id: int, outcome: str) -> list[AnyCommand]:
         return self.tell(UploadFinished(self.at_us, "hawk", mission_id, outcome, "because"))
 
@@ -116,9 +122,7 @@ def airborne(land: Landscape, atomic: bool) -> tuple[Flight, UploadMission]:
     (first,) = uploads(flight.at_height(0.0))
     flight.finished(first.mission_id, "accepted")
     flight.at_height(50.0)
-    flight.tell(LinkLost(flight.at_us, "hawk", 3.0))
-    flight.tell(LinkRestored(flight.at_us, "hawk"))
-    (second,) = uploads(flight.at_height(50.0, later_s=10.0))
+    (second,) = uploads(flight.restored())
     return flight, second
 
 
@@ -137,6 +141,16 @@ def test_a_broken_upload_leaves_a_vehicle_alone_that_keeps_its_old_mission(
 ) -> None:
     flight, mission = airborne(land, atomic=True)
     assert kinds(flight.finished(mission.mission_id, "failed")) == [Announce]
+
+
+def test_a_good_mission_after_an_unfit_one_in_flight_is_started_again(land: Landscape) -> None:
+    """PX4 loiters once it has a mission that it will not fly, and stays there."""
+    flight, mission = airborne(land, atomic=True)
+    assert kinds(flight.finished(mission.mission_id, "failed")) == [Announce]
+    (again,) = uploads(flight.at_height(50.0, later_s=6.0))
+    assert kinds(flight.finished(again.mission_id, "accepted")) == [StartMission]
+    (later,) = uploads(flight.restored())
+    assert kinds(flight.finished(later.mission_id, "accepted")) == []
 
 
 def test_nothing_is_sent_while_the_link_is_lost(land: Landscape) -> None:

@@ -6,9 +6,9 @@ import pytest
 from mission_service.planners.importance import (
     adjusted_spread_rate,
     cell_importance,
+    ring_importance,
     time_to_cells_s,
     window_importance,
-    windows,
 )
 
 
@@ -84,5 +84,5 @@ def test_the_threshold_at_location_4_is_five() -> None:
 def test_the_planner_sums_windows_as_the_direct_sum_does() -> None:
     rates = ring_at_location_4(100, 7.0)
     since_s = np.arange(200.0)
-    found = windows(rates, since_s, np.ones(200), 1.0, alpha=1.0)
+    found = window_importance(ring_importance(rates, since_s, np.ones(200), 1.0, alpha=1.0))
     assert found == pytest.approx(windows_by_direct_sum(rates))

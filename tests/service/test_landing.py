@@ -8,7 +8,7 @@ import pytest
 from autopilot_bridge.check import check
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.config import VehicleSection
+from mission_service.config_sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
 

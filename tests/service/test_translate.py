@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firemodel.landscape import Landscape
-from mission_service.config import VehicleSection
+from mission_service.config_sections import VehicleSection
 from mission_service.translate import flyable, leg_altitudes_m, mission_along
 
 NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_TAKEOFF = 16, 17, 22

@@ -1,0 +1,137 @@
+"""Time of one decision, map update included: ``python -m benchmarks.decisions [--json]``.
+
+Each planner follows the front of a large, slow fire (an ellipse, its ignition in the rear focus)
+once round and then decides cell after cell. Timed are ``observe`` and ``at`` together. Rules of
+teams decide on a ring of that many cells, for four vehicles; their map is a ring of 360 bearings.
+"""
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from firemodel.weather import WeatherStream
+from mission_service.experiments.fires import CELL_M, HOUR_S, Burn, flat, wind
+from mission_service.experiments.front_walk import FrontWalk
+from mission_service.experiments.ideal_flight import look
+from mission_service.experiments.islam_hu import perimeter_planner
+from mission_service.planners.bent import LATER_PLANNERS, bent_rule
+from mission_service.planners.bent import PLANNERS as BENT_PLANNERS
+from mission_service.planners.protocol import Planner
+from mission_service.planners.ring import Fleet, Ring, TeamRule
+
+SIZES = (500, 1000, 2000, 4000)  # cells of the front
+DECISIONS = 400
+ECCENTRICITY = 0.8
+LENGTH_CELLS = 0.425  # of the ellipse, for each cell of the front
+OLD_S = 100.0 * HOUR_S  # so slow that it hardly grows in a lap
+SPEED_M_S = 20.0
+LIMIT_MS = 1.0  # of the median at 2,000 cells
+
+# What is timed: a name, and the planner made for a fire. Add yours.
+PLANNERS: dict[str, Callable[[Burn], Planner]] = {
+    "perimeter.damped": lambda burn: perimeter_planner(burn, "damped"),
+    "perimeter.literal": lambda burn: perimeter_planner(burn, "literal"),
+}
+UAVS = 4
+# Rules of teams. Add yours.
+TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
+    f"team.{name}": partial(bent_rule, name, "centre", "exponential")
+    for name in (*BENT_PLANNERS, *LATER_PLANNERS)
+}
+
+
+def ellipse(front_cells: int) -> Burn:
+    """A fire whose front has about so many cells when the vehicle comes."""
+    length = LENGTH_CELLS * front_cells
+    size = int(1.2 * length)
+    ignition = (int(0.2 * length), size // 2)
+    south, east = np.indices((size, size)) - np.array(ignition)[:, None, None]
+    distance = np.maximum(np.hypot(south, east), 1e-9)
+    head_cells_s = length * (1.0 + ECCENTRICITY) / 2.0 / OLD_S
+    rate = head_cells_s * (1.0 - ECCENTRICITY) / (1.0 - ECCENTRICITY * south / distance)
+    land = flat(np.ones((size, size), np.int16))
+    weather = WeatherStream([wind(0.0, 5.0, 0.0)])
+    return Burn(
+        "ellipse", "anyangle", land, weather, ignition, OLD_S, 2 * OLD_S, SPEED_M_S, distance / rate
+    )
+
+
+def measure(burn: Burn, planner: Planner) -> tuple[list[float], float]:
+    """Time of each decision in ms, and how many cells of the front it looked at, on average."""
+    walk, at_s = FrontWalk(burn.arrival_s, burn.deploy_s), burn.deploy_s
+    taken_ms: list[float] = []
+    cells: list[int] = []
+    while len(taken_ms) < DECISIONS:
+        observed = look(burn, *walk.cell, at_s)
+        began = time.perf_counter()
+        planner.observe(observed)
+        decision = planner.at(*walk.cell, at_s)
+        ended = time.perf_counter()
+        if decision is not None:
+            taken_ms.append(1e3 * (ended - began))
+            cells.append(decision.front_cells)
+        walk.onwards(planner.clockwise, at_s)
+        at_s += CELL_M / SPEED_M_S
+    return taken_ms, statistics.mean(cells)
+
+
+def measure_rule(rule: TeamRule, cells: int) -> list[float]:
+    """Time of each decision on an uneven ring in ms."""
+    random = np.random.default_rng(1)
+    rate, age_s = random.uniform(0.01, 0.5, cells), random.uniform(0.0, 900.0, cells)
+    ring = Ring(np.full(cells, CELL_M), rate, -age_s)
+    seats = np.arange(UAVS)
+    fleet = Fleet(seats, seats * cells // UAVS, np.ones(UAVS, bool), np.full(UAVS, SPEED_M_S))
+    taken_ms: list[float] = []
+    for number in range(DECISIONS):
+        which, at_s = number % UAVS, number / UAVS * CELL_M / SPEED_M_S
+        ring.visited_at_s[fleet.cell[which]] = at_s
+        began = time.perf_counter()
+        clockwise = rule.decide(ring, fleet, which, at_s)
+        taken_ms.append(1e3 * (time.perf_counter() - began))
+        fleet.clockwise[which] = clockwise
+        fleet.cell[which] = (fleet.cell[which] + (1 if clockwise else -1)) % cells
+    return taken_ms
+
+
+def told(name: str, cells: float, taken_ms: list[float]) -> dict[str, Any]:
+    """A row of the result."""
+    return {
+        "planner": name,
+        "front_cells": round(cells),
+        "median_ms": round(statistics.median(taken_ms), 3),
+        "p99_ms": round(float(np.percentile(taken_ms, 99)), 3),
+    }
+
+
+def main() -> None:
+    """Measure and print."""
+    rows = []
+    for size in SIZES:
+        burn = ellipse(size)
+        for name, make in PLANNERS.items():
+            taken_ms, cells = measure(burn, make(burn))
+            rows.append(told(name, cells, taken_ms))
+        rows += [
+            told(name, size, measure_rule(make_rule(), size))
+            for name, make_rule in TEAM_RULES.items()
+        ]
+    if "--json" in sys.argv[1:]:
+        sys.stdout.write(json.dumps({"limit_ms": LIMIT_MS, "decisions": rows}) + "\n")
+        return
+    sys.stdout.write("planner                 cells   median ms     p99 ms\n")
+    for row in rows:
+        sys.stdout.write(
+            f"{row['planner']:22}{row['front_cells']:7}{row['median_ms']:12}{row['p99_ms']:11}\n"
+        )
+    sys.stdout.write(f"limit of the median at 2,000 cells: {LIMIT_MS} ms\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""Predictive against circling on 50 fires drawn by chance: mean largest distance error, ratio.
+
+python -m benchmarks.random_fires [first] [count]
+"""
+
+import multiprocessing
+import sys
+
+import numpy as np
+
+from mission_service.experiments.random_fires import mean_max_errors
+
+
+def main() -> None:
+    first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 50
+    ratios = []
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        seeds = range(first, first + count)
+        for seed, errors in zip(seeds, pool.imap(mean_max_errors, seeds), strict=True):
+            circling, predictive = errors
+            ratios.append(predictive / circling)
+            sys.stdout.write(
+                f"{seed:4d}  circling {circling:6.2f}  predictive {predictive:6.2f}  "
+                f"{ratios[-1]:.2f}\n"
+            )
+            sys.stdout.flush()
+    sys.stdout.write(
+        f"{count} fires: mean ratio {np.mean(ratios):.2f}, worst {max(ratios):.2f} "
+        f"(fire {first + int(np.argmax(ratios))})\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Which way round: sweeps and circles of one vehicle flown ahead on a coarse ring.
+
+A plan is a row of legs, each so many nodes long, with a turn between them; the last has no end.
+The cost is the integral over time, and the sum over the ring, of the cube of the expected error:
+near to the largest error, and it still tells plans with the same largest one apart. The error of a
+node grows steadily while nobody looks, so only visits have to be followed: a roll-out costs nodes
+plus steps.
+
+Lengths in cells, times in seconds, speeds in cells per second.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NODES = 72
+NEVER = 1 << 40
+LEAST_GROWTH_CELLS_S = 1e-6
+SLOWEST = 0.2  # over the ground, as a share of the airspeed
+
+
+class Ring(NamedTuple):
+    """The front as nodes of the same length, clockwise; arrays (n)."""
+
+    ahead_s: Floats  # to fly from each node to the next one
+    back_s: Floats  # to fly from each node to the one before
+    error: Floats  # expected now, in cells
+    growth: Floats  # of it, in cells/s while the node is not in view
+    left: Floats  # of the error when it is, in cells
+
+
+def _plans() -> Integers:
+    """Legs (m, 3): on round; out, back and on round; out, back, and out again for good."""
+    legs = [(NEVER, 0, 0)]
+    for out in (2, 5, 9, 14, 20, 28, 38, 50, 62):
+        legs += [(out, back, NEVER) for back in (4, 8, 14, 22, 32, 44, 58)]
+        legs.append((out, NEVER, 0))
+    return np.array(legs, dtype=np.int64)
+
+
+PLANS = _plans()
+
+
+@compiled
+def ring_on(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
+    """Divide a front (cells on 360 bearings) into the nodes of a ring, which is filled in.
+
+    ``error``, ``growth`` and ``left`` are by bearing; a node has the largest of its own. ``wind``
+    blows towards (north, east) and carries a vehicle that flies ``speed`` through the air.
+    ``node_of`` (360) tells the node of each bearing. Returns the length of the front.
+    """
+    count, nodes = front.size, ring.error.size
+    length = 0.0
+    for turn in range(2):
+        along = 0.0
+        if turn == 1:
+            ring.error[:], ring.growth[:], ring.left[:] = 0.0, LEAST_GROWTH_CELLS_S, 0.0
+            ring.ahead_s[:], ring.back_s[:] = 0.0, 0.0
+        for i in range(count):
+            k = (i + 1) % count
+            here, there = math.radians(i), math.radians(k)
+            north = front[k] * math.cos(there) - front[i] * math.cos(here)
+            east = front[k] * math.sin(there) - front[i] * math.sin(here)
+            step = math.sqrt(north * north + east * east)
+            if turn == 1:
+                node = min(int(along / length * nodes), nodes - 1)
+                node_of[i] = node
+                ring.error[node] = max(ring.error[node], error[i])
+                ring.growth[node] = max(ring.growth[node], growth[i])
+                ring.left[node] = max(ring.left[node], left[i])
+                if step > 0.0:
+                    # What one step of the front costs is shared among the nodes it lies on.
+                    tail = (wind[0] * north + wind[1] * east) / step
+                    cross = (wind[0] * east - wind[1] * north) / step
+                    own = math.sqrt(max(speed * speed - cross * cross, 0.0))
+                    ahead = step / max(own + tail, SLOWEST * speed)
+                    back = step / max(own - tail, SLOWEST * speed)
+                    last = min(int((along + step) / length * nodes), nodes - 1)
+                    for place in range(node, last + 1):
+                        ring.ahead_s[place] += ahead / (last + 1 - node)
+                        ring.back_s[place] += back / (last + 1 - node)
+            along += step
+        length = max(along, 1e-9)
+    return length
+
+
+@compiled
+def costs_of(plans, ring, node, clockwise, delay_s, turn_s, horizon_s, found):  # type: ignore[no-untyped-def]
+    """Cost of each plan (m, legs) into ``found`` (m), flown from a node.
+
+    The vehicle sets out after ``delay_s`` (it may have to turn first); each turn between legs takes
+    ``turn_s``.
+    """
+    ahead_s, back_s, error, growth, left = ring
+    n = error.size
+    since, start = np.empty(n), np.empty(n)
+    for plan in range(plans.shape[0]):
+        for i in range(n):
+            since[i], start[i] = 0.0, error[i]
+        total, now, place = 0.0, delay_s, node
+        step, leg = (1 if clockwise else -1), 0
+        steps = plans[plan, 0]
+        while now < horizon_s:
+            before = start[place]
+            reached = before + growth[place] * (now - since[place])
+            total += (reached**4 - before**4) / (4.0 * growth[place])
+            start[place], since[place] = min(left[place], reached), now
+            if steps == 0:
+                step, leg = -step, leg + 1
+                steps = plans[plan, leg]
+                now += turn_s
+            steps -= 1
+            if step > 0:
+                now += ahead_s[place]
+                place = place + 1 if place + 1 < n else 0
+            else:
+                place = place - 1 if place > 0 else n - 1
+                now += back_s[place]
+        for i in range(n):
+            if horizon_s > since[i]:
+                reached = start[i] + growth[i] * (horizon_s - since[i])
+                total += (reached**4 - start[i] ** 4) / (4.0 * growth[i])
+        found[plan] = total

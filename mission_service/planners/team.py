@@ -1,0 +1,218 @@
+"""A team in flight: one on-board map for all its vehicles, and a rule that directs each of them.
+
+What one camera sees, all know. The front is a ring of the map's 360 bearings; whenever a vehicle
+comes to a new one, the rule is asked which way it flies on. The vehicles share the first lap: half
+of them fly the other way round, and it is over when the map is complete.
+
+A vehicle that has left (lost, recalled, on the ground) is not in the fleet that the rule sees, so
+the others close the gap at their next decision. It is back once it flies and has the front in view.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.events import Observed
+from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
+from mission_service.planners.following import (
+    PathSettings,
+    bearing_deg,
+    centre_of_area,
+    continued,
+    path_along,
+    reconstructed,
+    turned_deg,
+)
+from mission_service.planners.protocol import Decision, Phase
+from mission_service.planners.ring import Fleet, Ring, TeamRule
+
+Floats = NDArray[np.float64]
+
+ROUND_AGAIN_DEG = 360.0
+
+
+@dataclass(frozen=True, slots=True)
+class TeamSettings:
+    """What a team is told besides its rule."""
+
+    cell_m: float
+    clockwise_first: bool
+    ignition_known: bool
+    baseline_s: float
+    smoothing_deg: int
+    path: PathSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Flyer:
+    """What a team has to know of one of its vehicles."""
+
+    speed_m_s: float
+    turn_s: float  # to turn back; it is not asked to turn again meanwhile
+
+
+class Team:
+    """The map, the rule and the seats. Positions are float (row, col) of the landscape's grid."""
+
+    def __init__(
+        self,
+        rule: TeamRule,
+        settings: TeamSettings,
+        flyers: Mapping[str, Flyer],
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        ignited_at_s: float,
+    ) -> None:
+        self.rule = rule
+        self.settings = settings
+        self.surveyed = False  # the first lap is over
+        self._shape = shape
+        self._ignited_at_s = ignited_at_s
+        self.map = self._new_map(centre)
+        self._observations: list[tuple[int, int, NDArray[np.uint8], float]] = []
+        self._seats = {
+            name: Seat(self, number, flyer) for number, (name, flyer) in enumerate(flyers.items())
+        }
+
+    def seat(self, name: str) -> "Seat":
+        """The planner of one vehicle."""
+        return self._seats[name]
+
+    def _new_map(self, centre: tuple[float, float]) -> FireMap:
+        return FireMap(self._shape, *centre, self._ignited_at_s, self.settings.baseline_s)
+
+    def see(self, observed: Observed) -> NDArray[np.bool_]:
+        """Take in what a camera saw; returns the bearings (360) in its view."""
+        window = window_codes(observed.cells)
+        seen = (observed.row, observed.col, window, observed.at_us / 1e6)
+        if not self.surveyed and not self.settings.ignition_known:
+            self._observations.append(seen)
+        return self.map.observe(*seen)
+
+    def end_survey(self) -> None:
+        """The first lap is done; an unknown ignition is replaced by the fire's centre."""
+        self.surveyed = True
+        if self.settings.ignition_known:
+            return
+        outer, _ = self.map.filled_outer()
+        self.map = self._new_map(centre_of_area(outer, self.map.centre_row, self.map.centre_col))
+        for window in self._observations:
+            self.map.observe(*window)
+        self._observations.clear()
+
+    def ring(self) -> Ring:
+        """The front as the map has it, a cell for each bearing."""
+        cell_m = self.settings.cell_m
+        outer, visited_at_s = self.map.filled_outer()
+        north, east = outer * NORTH, outer * EAST
+        return Ring(
+            cell_m * np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east),
+            cell_m * self.map.spread_rate_cells_s(self.settings.smoothing_deg),
+            visited_at_s,
+        )
+
+    def fleet(self) -> tuple[Fleet, list[int]]:
+        """The vehicles that fly the front now, and the numbers of their seats."""
+        flying = [seat for seat in self._seats.values() if seat.flies]
+        numbers = [seat.number for seat in flying]
+        return Fleet(
+            np.array(numbers, dtype=np.int64),
+            np.array([seat.bearing for seat in flying], dtype=np.int64),
+            np.array([seat.clockwise for seat in flying], dtype=bool),
+            np.array([seat.flyer.speed_m_s for seat in flying]),
+        ), numbers
+
+
+class Seat:
+    """One vehicle's place in a team: a ``Planner``."""
+
+    def __init__(self, team: Team, number: int, flyer: Flyer) -> None:
+        self.number = number
+        self.flyer = flyer
+        self.flies = False  # in the air, heard, and the front was in view
+        self.bearing = 0
+        # On the first lap neighbours by number fly opposite ways: half a lap shows all.
+        self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
+        self.reversals = 0
+        self._team = team
+        self._found = False
+        self._in_view = np.zeros(BEARINGS, dtype=bool)
+        self._cell: tuple[int, int] | None = None
+        self._bearing_deg: float | None = None
+        self._swept_deg = 0.0
+        self._turned_at_s = -np.inf
+
+    @property
+    def phase(self) -> Phase:
+        """On its way until it has seen the front; then the team's first lap, then monitoring."""
+        if not self._found:
+            return "approach"
+        return "monitor" if self._team.surveyed else "initial circle"
+
+    def observe(self, observed: Observed) -> None:
+        """Take in what the camera saw, for all."""
+        self._in_view = self._team.see(observed)
+        self._found |= bool(self._in_view.any())
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """The rules of teams do not ask for the wind."""
+
+    def left(self, at_s: float) -> None:
+        """Out of the fleet until it flies and sees the front again."""
+        self.flies = False
+        self._in_view = np.zeros(BEARINGS, dtype=bool)
+        self._bearing_deg = None
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """The vehicle is here now; a decision whenever it has come to a new cell of the ring."""
+        team = self._team
+        self.flies |= bool(self._in_view.any())
+        if not self.flies:
+            return None
+        before, bearing = self._bearing_deg, bearing_deg(team.map, row, col)
+        if before is not None and not team.surveyed:
+            self._swept_deg += turned_deg(before, bearing, self.clockwise)
+            if team.map.complete or self._swept_deg >= ROUND_AGAIN_DEG:
+                team.end_survey()
+                bearing = bearing_deg(team.map, row, col)
+        # Near the centre bearings are narrower than cells, far from it wider.
+        cell, place = (round(row), round(col)), round(bearing) % BEARINGS
+        moved = cell != self._cell and place != self.bearing
+        self._bearing_deg = bearing
+        if not moved:
+            return None
+        self._cell, self.bearing = cell, place
+        return self._decide(at_s) if team.surveyed else None
+
+    def _decide(self, at_s: float) -> Decision:
+        team = self._team
+        turn = False
+        if at_s - self._turned_at_s >= self.flyer.turn_s:
+            fleet, numbers = team.fleet()
+            which = numbers.index(self.number)
+            turn = bool(team.rule.decide(team.ring(), fleet, which, at_s)) != self.clockwise
+        if turn:
+            self.clockwise = not self.clockwise
+            self.reversals += 1
+            self._turned_at_s = at_s
+        return Decision(self.clockwise, turn, 0.0, 0.0, BEARINGS)
+
+    def shape(self, row: float, col: float) -> Floats:
+        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        return reconstructed(self._team.map, self._in_view, row, col, self.clockwise)
+
+    def path(self, row: float, col: float) -> Floats:
+        """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
+
+        During the first lap what no vehicle has seen is the line on which the visible front ends.
+        """
+        fire_map = self._team.map
+        if self._team.surveyed:
+            front = self.shape(row, col)
+        else:
+            front = continued(fire_map, self._in_view, row, col, self.clockwise)
+            front = np.where(np.isnan(fire_map.outer), front, fire_map.outer)
+        settings = self._team.settings.path
+        return path_along(front, fire_map, row, col, self.clockwise, settings)

@@ -1,0 +1,72 @@
+"""The core's words and the client's: what is asked for, ordered and told."""
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge import client_events as bridge
+from autopilot_bridge.rates import rates_for
+from autopilot_bridge.stacks import stack_named
+from mission_service.commands import Hold, Return
+from mission_service.config import load_scenario
+from mission_service.events import ModeChanged, WindMeasured
+from mission_service.gateway import RATES_HZ, Gateway, MissionClock
+from mission_service.sim import simulate
+
+
+class Client:
+    """Notes what is ordered; tells what it is given."""
+
+    stack = None
+
+    def __init__(self, *events: bridge.ClientEvent) -> None:
+        self.orders: list[str] = []
+        self._events = list(events)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda now_us: self.orders.append(name)
+
+    def next_event(self) -> bridge.ClientEvent | None:
+        return self._events.pop(0) if self._events else None
+
+
+def test_a_return_is_ordered_of_the_client() -> None:
+    client = Client()
+    gateway = Gateway("hawk", client, MissionClock(0, wall=False))
+    gateway.execute(Return("hawk"), 0)
+    gateway.execute(Hold("hawk"), 0)
+    assert client.orders == ["return_home", "hold"]
+
+
+def test_wind_and_modes_are_told_with_mission_time() -> None:
+    client = Client(bridge.Wind(7, 45.04, 6.001), bridge.ModeChanged(8, 5, True, "return"))
+    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
+    assert list(gateway.events(9)) == [
+        WindMeasured(1000, "hawk", 6.0, 45.0),
+        ModeChanged(1000, "hawk", 5, True, "return"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("stack", "message"),
+    [("px4", mavlink.MAVLINK_MSG_ID_WIND_COV), ("ardupilot", mavlink.MAVLINK_MSG_ID_WIND)],
+)
+def test_each_stack_is_asked_for_its_own_message_of_the_wind(stack: str, message: int) -> None:
+    asked = rates_for(stack_named(stack, "plane"), RATES_HZ)
+    assert asked[message] <= 0.2
+    assert len(asked) == len(RATES_HZ) - 1
+
+
+@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+def test_simulated_vehicles_measure_the_wind_of_the_fire(stack: str, tmp_path: Any) -> None:
+    from mission_service.journal import JournalReader
+
+    overrides = (f"vehicles.0.stack={stack}", "start_s=3500", "duration_s=3700")
+    path = tmp_path / "journal.jsonl"
+    simulate(load_scenario("default", overrides), path, "")
+    winds = [
+        entry.content for entry in JournalReader(path) if isinstance(entry.content, WindMeasured)
+    ]
+    assert 10 < len(winds) < 45
+    assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(4.0, 45.0)}

@@ -1,0 +1,241 @@
+"""The believed front that goes on growing, and the planner that flies by it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from firemodel.weather import WeatherStream
+from mission_service.experiments.distance_error import TrueShape, hull_of
+from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
+from mission_service.experiments.ideal_flight import fly
+from mission_service.experiments.islam_hu import perimeter_planner
+from mission_service.experiments.measured_wind import MeasuredWind
+from mission_service.experiments.predictive_flight import fly_predictive, predictive_planner
+from mission_service.experiments.random_fires import mean_max_errors
+from mission_service.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
+from mission_service.planners.belief import Belief
+from mission_service.planners.hedge import hedged, hull
+from mission_service.planners.predictive import PredictivePlanner, model_of
+from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of, ring_on
+
+Floats = NDArray[np.float64]
+SHAPE = (200, 200)
+END_S = 10800.0
+CENTRE = (100.0, 100.0)
+ROWS, COLS = np.indices(SHAPE).astype(float)
+
+
+def burned_ellipse(rate: Floats, at_s: float) -> NDArray[np.uint8]:
+    """The whole grid (y, x) with a fire that spreads with these rates (cells/s, 360)."""
+    south, east = ROWS - CENTRE[0], COLS - CENTRE[1]
+    bearing = np.rad2deg(np.arctan2(east, -south)) % 360.0
+    reach = np.interp(bearing, np.arange(BEARINGS), rate, period=360.0) * at_s
+    return np.where(np.hypot(south, east) <= reach, BURNED, UNBURNED).astype(np.uint8)
+
+
+def ellipse_rate(head_cells_s: float, eccentricity: float) -> Floats:
+    return head_cells_s * (1.0 - eccentricity) / (1.0 - eccentricity * EAST)
+
+
+def brush_fire(*weather: tuple[float, float, float], scheme: str = "anyangle") -> Burn:
+    """Three hours in even brush under winds (at_s, speed, from)."""
+    stream = WeatherStream([wind(*entry) for entry in weather])
+    lit = (int(CENTRE[0]), int(CENTRE[1]))
+    return burn("test", scheme, flat(of_one_fuel(BRUSH)), stream, lit, END_S, 2.0)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def turning() -> Burn:
+    return brush_fire((0.0, 6.0, 180.0), (5400.0, 6.0, 60.0))
+
+
+def believed(fire: Burn, told: bool = True) -> Belief:
+    """From the ignition on; the wind is told exactly, or only the first one."""
+    model = model_of(fire.landscape, fire.weather.entries[0])
+    belief = Belief(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
+    for at_s in range(0, int(END_S), 60):
+        now = fire.weather.at(at_s if told else 0.0)
+        belief.wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
+        belief.advance(at_s + 60.0)
+    return belief
+
+
+def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
+    rate = ellipse_rate(0.012, 0.6)
+    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    for at_s in (1800.0, 3600.0):
+        belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
+    frozen = belief.front.copy()
+    belief.advance(5400.0)
+    off = np.abs(belief.front - rate * 5400.0)
+    assert off.max() < 2.0  # the cells' staircase
+    assert off.mean() < 0.6
+    assert np.abs(frozen - rate * 5400.0).max() > 15.0
+
+
+def test_the_model_alone_grows_the_fire_that_burns() -> None:
+    fire = brush_fire((0.0, 4.0, 225.0))
+    true = TrueShape(fire.arrival_s, fire.ignition).at(END_S)
+    off = np.abs(believed(fire).front - true)
+    assert true.max() > 25.0
+    assert off.max() < 3.0
+    assert off.mean() < 1.0
+
+
+def test_wind_that_turns_turns_the_belief(turning: Burn) -> None:
+    true = TrueShape(turning.arrival_s, turning.ignition).at(END_S)
+    told, untold = (believed(turning, told).front for told in (True, False))
+    assert np.abs(told - true).mean() < 1.5
+    assert np.abs(untold - true).mean() > 4.0 * np.abs(told - true).mean()
+
+
+def test_two_looks_seconds_apart_teach_nothing() -> None:
+    rate = ellipse_rate(0.01, 0.5)
+    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    for at_s in (1800.0, 3600.0):
+        belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
+    known = belief.factors()
+    belief.see(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
+    assert np.abs(belief.factors() - known).max() < 0.02
+    belief.see(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
+    assert (belief.factors() > 1.2 * known)[60:120].all()
+
+
+def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
+    rate = np.full(BEARINGS, 0.005)
+    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    off, naive, before = [], [], 0.0
+    for at_s in np.arange(3600.0, 9000.0, 150.0):
+        window = burned_ellipse(rate, float(at_s))
+        belief.see(0, 0, window, float(at_s))
+        off.append(belief.speed_cells_s[90] / 0.005 - 1.0)
+        cell = float(np.flatnonzero(window[100, 100:] == BURNED)[-1])
+        naive.append((cell - before) / 150.0 / 0.005 - 1.0)
+        before = cell
+    assert np.abs(naive[10:]).max() > 0.3  # whole cells
+    assert np.abs(off[10:]).max() < 0.15
+
+
+def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
+    fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
+    true = TrueShape(fire.arrival_s, fire.ignition)
+    belief = Belief(
+        SHAPE, CENTRE, model_of(fire.landscape, fire.weather.entries[0]), np.full(360, 0.5), 0
+    )
+    belief.wind(7.0, 225.0, 0.0)
+    for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
+        window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
+        belief.see(0, 0, window, at_s)
+    unlearned = Belief(SHAPE, CENTRE, belief.model, belief.front, 7200.0)
+    unlearned.wind(7.0, 225.0, 7200.0)
+    for one in (belief, unlearned):
+        one.advance(END_S)
+    learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (belief, unlearned))
+    assert learned_off.mean() < 0.7 * plain_off.mean()
+    assert learned_off.max() < 4.0
+
+
+def ring(hot: slice, growth: float = 10.0) -> Ring:
+    """A minute from node to node; one arc's error grows faster."""
+    values = Ring(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
+    values.growth[hot] *= growth
+    values.error[hot] += 3.0
+    return values
+
+
+def least_cost(values: Ring, clockwise: bool, turn_s: float) -> float:
+    found = np.empty(len(PLANS))
+    delay_s = 0.0 if clockwise else turn_s
+    costs_of(PLANS, values, 36, clockwise, delay_s, turn_s, 2 * NODES * 60.0, found)
+    return float(found.min())
+
+
+def test_it_turns_back_to_a_hot_arc_unless_turning_takes_too_long() -> None:
+    behind = ring(slice(28, 34))
+    assert least_cost(behind, False, 0.0) < 0.9 * least_cost(behind, True, 0.0)
+    assert least_cost(behind, False, 7200.0) > least_cost(behind, True, 7200.0)
+    ahead = ring(slice(38, 44))
+    assert least_cost(ahead, True, 0.0) < 0.9 * least_cost(ahead, False, 0.0)
+
+
+def test_an_even_front_is_circled() -> None:
+    values = ring(slice(0, 0))
+    values.error[:] = 0.5 + 1e-4 * 60.0 * ((36 - np.arange(NODES)) % NODES)  # flown clockwise
+    assert least_cost(values, True, 0.0) < least_cost(values, False, 0.0)
+
+
+def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:
+    values, node_of = ring(slice(0, 0)), np.zeros(BEARINGS, np.int64)
+    even, none = np.full(BEARINGS, 40.0), np.zeros(BEARINGS)
+    length = ring_on(even, none, none, none, 0.6, np.array([0.0, 0.2]), node_of, values)
+    assert length == pytest.approx(2 * np.pi * 40.0, rel=1e-3)
+    assert values.ahead_s[node_of[0]] / values.back_s[node_of[0]] == pytest.approx(
+        (0.6 - 0.2) / (0.6 + 0.2), rel=0.05
+    )
+    west = int(node_of[270])  # there it flies across the wind
+    assert values.ahead_s[west] / values.back_s[west] == pytest.approx(1.0, rel=0.05)
+    assert values.ahead_s[west] > 1.03 * length / NODES / 0.6
+    assert values.ahead_s.sum() > 1.05 * length / 0.6
+
+
+def test_a_vehicle_that_needs_room_turns_less(turning: Burn) -> None:
+    turns = []
+    for radius in (0.0, 40.0):
+        planner = predictive_planner(turning, modelled=False)
+        planner.settings = replace(planner.settings, turn_radius_cells=radius)
+        fly(turning, planner, hull=False)
+        turns.append(planner.reversals)
+    assert turns[1] <= turns[0]
+    assert turns[1] <= 2
+
+
+def test_better_than_circling_worse_without_model_and_always_the_same(turning: Burn) -> None:
+    circling = fly(turning, perimeter_planner(turning, "circling")).max_error.mean()
+    predictive = fly_predictive(turning)
+    blind = fly(turning, predictive_planner(turning, modelled=False), hull=False)
+    assert circling > 4.0
+    assert predictive.max_error.mean() < 0.5 * circling
+    assert predictive.max_error.mean() < blind.max_error.mean() < 0.9 * circling
+    again = fly_predictive(turning)
+    np.testing.assert_array_equal(predictive.track, again.track)
+    np.testing.assert_array_equal(predictive.max_error, again.max_error)
+
+
+def test_a_fire_whose_ignition_is_unknown(turning: Burn) -> None:
+    known = predictive_planner(turning)
+    unknown = PredictivePlanner(
+        replace(known.settings, ignition_known=False),
+        SHAPE,
+        (CENTRE[0] - 4.0, CENTRE[1] + 3.0),
+        0.0,
+        turning.landscape.cell_size_m,
+        known.belief.model,
+    )
+    fly(turning, unknown, measured=MeasuredWind(turning.weather, 1))
+    belief = unknown.belief
+    rows, cols = belief.centre_row - belief.front * NORTH, belief.centre_col + belief.front * EAST
+    true = TrueShape(turning.arrival_s, (round(belief.centre_row), round(belief.centre_col)))
+    assert np.hypot(belief.centre_row - CENTRE[0], belief.centre_col - CENTRE[1]) > 2.0
+    assert np.isfinite(rows + cols).all()
+    assert np.abs(belief.front - true.at(turning.end_s)).mean() < 2.0
+
+
+def test_hull_is_that_of_the_experiment_and_a_smooth_front_is_not_hedged() -> None:
+    rng = np.random.default_rng(4)
+    for shape in (
+        rng.uniform(1.0, 50.0, BEARINGS),
+        20.0 + 10.0 * np.cos(np.deg2rad(np.arange(360))),
+    ):
+        np.testing.assert_allclose(hull(shape), hull_of(shape), rtol=1e-9)
+    np.testing.assert_allclose(hedged(np.full(BEARINGS, 30.0)), 30.0, atol=0.05)
+    leap = np.where(np.arange(BEARINGS) < 180, 20.0, 40.0)
+    assert hedged(leap)[179] == pytest.approx(30.0, abs=6.0)
+
+
+@pytest.mark.parametrize("seed", [12])
+def test_no_worse_than_circling_on_fires_of_chance(seed: int) -> None:
+    circling, predictive = mean_max_errors(seed)
+    assert 7.0 <= circling <= 16.0
+    assert predictive < 0.8 * circling

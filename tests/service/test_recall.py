@@ -1,0 +1,161 @@
+"""Vehicles that fail, are recalled or go home in time: told, and out of their team."""
+
+import pytest
+
+from firemodel.landscape import Landscape
+from mission_service.commands import Announce, AnyCommand, Return, StartMission, UploadMission
+from mission_service.config import load_scenario
+from mission_service.core import Core
+from mission_service.events import (
+    AnyEvent,
+    CommandFinished,
+    LinkLost,
+    LinkRestored,
+    ModeChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleRebooted,
+    WindMeasured,
+)
+from mission_service.fire_setup import landscape_of
+
+NAV_TAKEOFF = 22
+
+
+@pytest.fixture(scope="module")
+def land() -> Landscape:
+    return landscape_of(load_scenario("default"))
+
+
+class Watched:
+    """A planner that notes who left."""
+
+    phase, clockwise, reversals = "approach", True, 0
+
+    def __init__(self) -> None:
+        self.left_at_s: list[float] = []
+        self.winds: list[tuple[float, float, float]] = []
+        self.places = 0
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        self.winds.append((speed_m_s, from_deg, at_s))
+
+    def at(self, row: float, col: float, at_s: float) -> None:
+        self.places += 1
+
+    def left(self, at_s: float) -> None:
+        self.left_at_s.append(at_s)
+
+
+class Flight:
+    """One vehicle, 1,200 m west of its home, 150 m up, told by hand."""
+
+    def __init__(self, land: Landscape, *overrides: str) -> None:
+        scenario = load_scenario("default", overrides)
+        self.core, self.home = Core(scenario, land), scenario.vehicles[0]
+        self.planner = Watched()
+        self.core.steering.planners["hawk"] = self.planner  # type: ignore[assignment]
+        self.core.vehicles["hawk"].planner = self.planner  # type: ignore[assignment]
+        self.at_s = scenario.deploy_at_s
+        self.tell(VehicleConnected(self.at_us, "hawk", "a stack", True))
+        self.at(0.0)
+        self.at(150.0)
+
+    @property
+    def at_us(self) -> int:
+        return round(self.at_s * 1e6)
+
+    def tell(self, event: AnyEvent) -> list[AnyCommand]:
+        commands = self.core.handle(event)
+        for command in commands:
+            if isinstance(command, UploadMission):
+                done = UploadFinished(self.at_us, "hawk", command.mission_id, "accepted", "")
+                commands = [*commands, *self.core.handle(done)]
+        return commands
+
+    def at(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
+        self.at_s += later_s
+        lat, lon = self.home.home_lat_deg, self.home.home_lon_deg - 0.0134
+        told = Telemetry(self.at_us, "hawk", lat, lon, 400.0 + height_m, height_m, 0.0, 12.0, 0.0)
+        return self.tell(told)
+
+    def mode(self, name: str, armed: bool = True) -> list[AnyCommand]:
+        return self.tell(ModeChanged(self.at_us, "hawk", 0, armed, name))
+
+
+def returns(commands: list[AnyCommand]) -> bool:
+    return any(isinstance(command, Return) for command in commands)
+
+
+def test_it_is_sent_home_while_its_time_in_the_air_still_takes_it_there(land: Landscape) -> None:
+    flight = Flight(land, "vehicles.0.endurance_s=1000", "vehicles.0.endurance_reserve_s=100")
+    # 1,200 m at 12 m/s, and 100 s to spare: after 800 s.
+    assert not returns(flight.at(150.0, later_s=795.0))
+    assert flight.planner.left_at_s == []
+    commands = flight.at(150.0, later_s=10.0)
+    assert returns(commands)
+    assert flight.planner.left_at_s == [flight.at_s]
+    places = flight.planner.places
+    assert flight.at(150.0, later_s=30.0) == []
+    assert flight.planner.places == places
+
+
+def test_wind_makes_the_way_home_longer(land: Landscape) -> None:
+    flight = Flight(land, "vehicles.0.endurance_s=1000", "vehicles.0.endurance_reserve_s=100")
+    flight.tell(WindMeasured(flight.at_us, "hawk", 6.0, 45.0))
+    assert flight.planner.winds == [(6.0, 45.0, flight.at_s)]
+    assert returns(flight.at(150.0, later_s=705.0))
+
+
+def test_a_refused_return_is_ordered_again(land: Landscape) -> None:
+    flight = Flight(land, "vehicles.0.endurance_s=300")
+    assert returns(flight.at(150.0, later_s=300.0))
+    flight.tell(CommandFinished(flight.at_us, "hawk", "return", False, "not now"))
+    assert flight.at(150.0, later_s=5.0) == []
+    assert returns(flight.at(150.0, later_s=6.0))
+    assert flight.at(150.0, later_s=20.0) == []
+
+
+def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_its_crew(land: Landscape) -> None:
+    flight = Flight(land, "vehicles.0.endurance_s=300")
+    flight.at(150.0, later_s=300.0)
+    flight.mode("return")
+    flight.mode("return", armed=False)
+    commands = flight.at(0.0, later_s=10.0)
+    (mission,) = (command for command in commands if isinstance(command, UploadMission))
+    assert mission.items[0].command == NAV_TAKEOFF
+    assert not any(isinstance(command, StartMission) for command in commands)
+    places = flight.planner.places
+    flight.mode("mission")
+    flight.at(150.0, later_s=60.0)
+    assert flight.planner.places == places + 1
+    assert not returns(flight.at(150.0, later_s=10.0))  # its time counts anew
+
+
+@pytest.mark.parametrize("mode", ["return", "land"])
+def test_a_vehicle_recalled_by_its_pilot_leaves_until_it_is_sent_back(
+    land: Landscape, mode: str
+) -> None:
+    flight = Flight(land)
+    (told,) = flight.mode(mode)
+    assert isinstance(told, Announce)
+    assert mode in told.text
+    assert flight.planner.left_at_s == [flight.at_s]
+    assert flight.at(150.0, later_s=60.0) == []
+    flight.mode("mission")
+    places = flight.planner.places
+    flight.at(150.0)
+    assert flight.planner.places == places + 1
+
+
+def test_a_lost_link_a_restart_and_disarming_leave_too(land: Landscape) -> None:
+    flight = Flight(land)
+    flight.tell(LinkLost(flight.at_us, "hawk", 3.0))
+    assert len(flight.planner.left_at_s) == 1
+    flight.tell(LinkRestored(flight.at_us, "hawk"))
+    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    assert len(flight.planner.left_at_s) == 2
+    flight.at(150.0)
+    flight.mode("mission", armed=False)
+    assert len(flight.planner.left_at_s) == 3

@@ -1,0 +1,84 @@
+"""Every rule a scenario can name, flown ideally by three vehicles over a real fire; no MAVLink."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+from mission_service.config import Scenario, load_scenario
+from mission_service.events import Observed
+from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.planners.protocol import Planner
+from mission_service.planning import RULES, planners_of
+
+FROM_S, TO_S, STEP_S = 5400.0, 7800.0, 5.0
+SPEED_CELLS_S, VIEW_CELLS = 0.5, 6.0
+Site = tuple[Scenario, Landscape, NDArray[np.float64]]
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    """The shipped team scenario without its copter, its ground, and when what burned."""
+    scenario = load_scenario("team")
+    scenario = scenario.model_copy(update={"vehicles": scenario.vehicles[:3]})
+    landscape = landscape_of(scenario)
+    fire = fire_of(scenario, landscape)
+    fire.advance(TO_S)
+    return scenario, landscape, fire.arrival_time_s.copy()
+
+
+def look(
+    arrival_s: NDArray[np.float64], name: str, place: NDArray[np.float64], at_s: float
+) -> Observed:
+    row, col = place
+    top, left = max(int(row) - 7, 0), max(int(col) - 7, 0)
+    window = np.s_[top : top + 15, left : left + 15]
+    codes = np.where(arrival_s[window] <= at_s, "b", "u")
+    rows, cols = np.arange(top, top + codes.shape[0]), np.arange(left, left + codes.shape[1])
+    codes[np.hypot(rows[:, None] - row, cols[None, :] - col) > VIEW_CELLS] = "."
+    return Observed(round(at_s * 1e6), name, top, left, tuple("".join(line) for line in codes))
+
+
+def fly(
+    site: Site, rule: str
+) -> tuple[dict[str, Planner], list[tuple[float, str, bool]], list[float]]:
+    """Fly all vehicles along their planners' paths: them, all decisions, distances to the front."""
+    scenario, landscape, arrival_s = site
+    told = scenario.planner.model_copy(update={"rule": rule})
+    planners = planners_of(scenario.model_copy(update={"planner": told}), landscape)
+    ignition = scenario.ignition[0]
+    assert ignition.lat_deg is not None
+    assert ignition.lon_deg is not None
+    xy = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
+    fire_place = np.array(landscape.row_col_of(*xy))
+    places = {name: fire_place + np.array([-20.0, 4.0 * n]) for n, name in enumerate(planners)}
+    decisions, off_front = [], []
+    for at_s in np.arange(FROM_S, TO_S, STEP_S).tolist():
+        front = np.argwhere((arrival_s > at_s - 300.0) & (arrival_s <= at_s))
+        for name, planner in planners.items():
+            planner.observe(look(arrival_s, name, places[name], at_s))
+            row, col = places[name].tolist()
+            decision = planner.at(row, col, at_s)
+            if decision is not None:
+                decisions.append((at_s, name, decision.clockwise))
+            if planner.phase == "monitor":
+                off_front.append(float(np.hypot(*(front - places[name]).T).min()))
+            path = planner.path(row, col) if planner.phase != "approach" else np.empty((0, 2))
+            goal = path[0] if len(path) else fire_place
+            step = goal - places[name]
+            share = min(SPEED_CELLS_S * STEP_S / max(float(np.hypot(*step)), 1e-9), 1.0)
+            places[name] = places[name] + share * step
+    return planners, decisions, off_front
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rule_finds_the_fire_and_follows_its_front(site: Site, rule: str) -> None:
+    planners, decisions, off_front = fly(site, rule)
+    assert {planner.phase for planner in planners.values()} == {"monitor"}
+    assert {name for _, name, _ in decisions} == set(planners)
+    assert np.mean(off_front) < 4.0
+    assert np.quantile(off_front, 0.95) < 10.0
+
+
+def test_a_team_decides_the_same_on_the_same(site: Site) -> None:
+    assert fly(site, "team.predictive")[1] == fly(site, "team.predictive")[1]

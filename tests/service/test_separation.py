@@ -1,0 +1,184 @@
+"""Vehicles kept apart: layers over each other's missions, giving way, takeoffs."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firemodel.landscape import Landscape
+from mission_service.commands import AnyCommand, StartMission, UploadMission
+from mission_service.config import Scenario, load_scenario
+from mission_service.core import Core
+from mission_service.events import Telemetry, UploadFinished, VehicleConnected
+from mission_service.fire_setup import landscape_of
+from mission_service.separation import (
+    gives_way,
+    has_passed,
+    heights_below,
+    is_near,
+    place_aside,
+    track_of,
+)
+from mission_service.steering import Here
+from mission_service.translate import mission_along
+
+SEPARATION_M = 30.0
+TURN_M = 60.0
+
+
+@pytest.fixture(scope="module")
+def land() -> Landscape:
+    return landscape_of(load_scenario("team"))
+
+
+def here(
+    x_m: float, y_m: float, east_m_s: float, north_m_s: float, altitude_m: float = 500.0
+) -> Here:
+    return Here(0.0, 0.0, 0.0, x_m, y_m, altitude_m, east_m_s, north_m_s)
+
+
+def near(own: Here, other: Here) -> bool:
+    return is_near(own, other, SEPARATION_M, TURN_M)
+
+
+def test_two_that_fly_at_each_other_are_near_in_time_and_one_of_them_gives_way() -> None:
+    own, other = here(0, 0, 15, 0), here(700, 20, -15, 0)
+    assert near(own, other)
+    assert near(other, own)
+    assert not near(own, here(900, 20, -15, 0))
+    assert not near(own, here(700, 400, -15, 0))
+    assert not near(own, here(700, 20, -15, 0, altitude_m=531.0))
+    assert gives_way(own, other, own_comes_later=True)
+    assert not gives_way(other, own, own_comes_later=False)
+
+
+def test_the_one_behind_gives_way_whoever_comes_first() -> None:
+    slow, fast = here(180, 0, 10, 0), here(0, 0, 18, 0)
+    assert near(fast, slow)
+    for later in (True, False):
+        assert gives_way(fast, slow, own_comes_later=later)
+        assert not gives_way(slow, fast, own_comes_later=not later)
+
+
+def test_of_any_two_exactly_one_gives_way() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(500):
+        a, b = (here(*rng.uniform(-400, 400, 2), *rng.uniform(-20, 20, 2)) for _ in range(2))
+        assert near(a, b) == near(b, a)
+        assert gives_way(a, b, own_comes_later=True) != gives_way(b, a, own_comes_later=False)
+
+
+def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_gone_by() -> None:
+    own = here(0, 0, 0, 15)
+    (place,) = place_aside(own, here(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
+    assert place[0] == pytest.approx(400.0)
+    assert place[1] > 0.0
+    (inwards,) = place_aside(own, here(300, 100, 0, 15), (-1000.0, 0.0), 400.0)
+    assert inwards[0] == pytest.approx(-400.0)
+    assert not has_passed(own, here(0, 600, 0, -15), SEPARATION_M, TURN_M)
+    assert not has_passed(own, here(0, -200, 0, -15), SEPARATION_M, TURN_M)
+    assert has_passed(own, here(0, -310, 0, -15), SEPARATION_M, TURN_M)
+
+
+def test_a_scenario_gives_each_vehicle_a_layer_unless_it_says_its_altitude() -> None:
+    team = load_scenario("team", ("mission.layer_m=50", "vehicles.2.altitude_agl_m=120"))
+    assert [vehicle.altitude_agl_m for vehicle in team.vehicles] == [150, 200, 120, 300]
+
+
+def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landscape) -> None:
+    """Their legs end in different places, so a hill may lift the lower layer above the higher."""
+    scenario = load_scenario("team")
+    low, high = scenario.vehicles[:2]
+    rng = np.random.default_rng(2)
+    gained = 0
+    for _ in range(20):
+        centre = np.array([land.west_m + 3000.0, land.north_m - 3000.0])
+        paths = [centre + rng.uniform(-1500, 1500, (6, 2)) for _ in range(2)]
+        below = track_of(mission_along(paths[0], True, low, land, False), land, 90.0)
+
+        def least(points: np.ndarray) -> np.ndarray:
+            return heights_below(points, [below]) + SEPARATION_M  # noqa: B023
+
+        alone = track_of(mission_along(paths[1], True, high, land, False), land, 90.0)
+        items = mission_along(paths[1], True, high, land, False, least_at=least)
+        above = track_of(items, land, 90.0)
+        gap = above.lowest_m - heights_below(above.points_m, [below])
+        assert gap.min() >= SEPARATION_M
+        gained += (alone.lowest_m - heights_below(alone.points_m, [below])).min() < SEPARATION_M
+    assert gained > 0  # else there was nothing to do
+
+
+class Flight:
+    """A core with a team, told of each vehicle by hand."""
+
+    def __init__(self, scenario: Scenario, land: Landscape) -> None:
+        self.core, self.land, self.scenario = Core(scenario, land), land, scenario
+        self.at_s = scenario.deploy_at_s
+        for vehicle in scenario.vehicles:
+            self.core.handle(VehicleConnected(self.at_us, vehicle.name, "a stack", True))
+
+    @property
+    def at_us(self) -> int:
+        return round(self.at_s * 1e6)
+
+    def at(
+        self, name: str, x_m: float, y_m: float, velocity: tuple[float, float], height_m: float
+    ) -> list[AnyCommand]:
+        lat, lon = (float(value) for value in self.land.lat_lon_of(x_m, y_m))
+        told = Telemetry(
+            self.at_us, name, lat, lon, 400 + height_m, height_m, velocity[1], velocity[0], 0.0
+        )
+        commands = self.core.handle(told)
+        for command in commands:
+            if isinstance(command, UploadMission):
+                done = UploadFinished(self.at_us, name, command.mission_id, "accepted", "")
+                commands = [*commands, *self.core.handle(done)]
+        return commands
+
+    def at_home(self, name: str, height_m: float = 0.0, east_m: float = 0.0) -> list[AnyCommand]:
+        section = next(each for each in self.scenario.vehicles if each.name == name)
+        x_m, y_m = self.land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+        return self.at(name, x_m + east_m, y_m, (0.0, 0.0), height_m)
+
+
+def starts(commands: list[AnyCommand]) -> bool:
+    return any(isinstance(command, StartMission) for command in commands)
+
+
+def test_vehicles_of_one_home_take_off_one_after_another(land: Landscape) -> None:
+    flight = Flight(load_scenario("team"), land)
+    assert starts(flight.at_home("hawk"))
+    assert not starts(flight.at_home("kite"))
+    assert starts(flight.at_home("swift"))  # its home is 370 m away from theirs
+    flight.at_s += 20.0
+    flight.at_home("hawk", height_m=100.0)
+    flight.at_s += 3.0
+    assert not starts(flight.at_home("kite"))
+    flight.at_home("hawk", height_m=150.0, east_m=-600.0)
+    flight.at_s += 3.0
+    assert starts(flight.at_home("kite"))
+
+
+def reasons(commands: list[AnyCommand]) -> list[str]:
+    return [command.why for command in commands if isinstance(command, UploadMission)]
+
+
+@pytest.mark.parametrize(("altitudes", "yields"), [((150, 150), True), ((150, 190), False)])
+def test_head_on_in_one_layer_the_later_in_order_steps_aside_and_goes_on_after(
+    land: Landscape, altitudes: tuple[int, int], yields: bool
+) -> None:
+    layers = tuple(f"vehicles.{n}.altitude_agl_m={height}" for n, height in enumerate(altitudes))
+    flight = Flight(load_scenario("team", layers), land)
+    x_m, y_m = land.west_m + 2000.0, land.north_m - 1000.0
+    told: dict[str, list[str]] = {"hawk": [], "kite": []}
+    for second in range(60):
+        flight.at_s += 1.0
+        for name, side, height_m in zip(("hawk", "kite"), (-1.0, 1.0), altitudes, strict=True):
+            along_m = side * (450.0 - 15.0 * second)
+            told[name] += reasons(flight.at(name, x_m + along_m, y_m, (-15.0 * side, 0), height_m))
+    assert not any("give way" in why for why in told["hawk"])
+    if yields:
+        assert told["kite"].index("give way to hawk") < len(told["kite"]) - 1
+        assert math.isclose(told["kite"].count("give way to hawk"), 1)
+    else:
+        assert not any("give way" in why for why in told["kite"])

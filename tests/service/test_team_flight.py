@@ -1,0 +1,153 @@
+"""A team in the whole loop, in virtual time: four vehicles of both stacks, one of which dies."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mission_service import sim
+from mission_service.config import load_scenario
+from mission_service.core import Core
+from mission_service.decide import decide
+from mission_service.outputs import summary_of
+from mission_service.planners.benchmarks import Bumper
+from mission_service.planners.ring import Fleet, Ring
+from mission_service.planners.team import Seat
+from mission_service.record import Record
+from mission_service.replay import verify
+from mission_service.world import FireWorld
+
+DIES_S = 4350.0
+ENDS_S = 4800.0
+SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
+
+
+class Dead:
+    """An autopilot that is no more."""
+
+    def next_timer(self) -> None:
+        return None
+
+    def handle_timer(self, now_us: int) -> None:
+        return None
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        return None
+
+    def data_to_send(self) -> list[bytes]:
+        return []
+
+
+class Mortal(sim.Rig):
+    """A rig whose mock dies if it is swift."""
+
+    def advance(self, now_us: int, service: Any) -> None:
+        if self.gateway.name == "swift" and service.record.at_us > DIES_S * 1e6:
+            self.mock = Dead()  # type: ignore[assignment]
+            self._weather = None
+        super().advance(now_us, service)
+
+
+class Noted(Bumper):
+    """Bumper, with note of which seats it was shown when."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seats: list[tuple[float, tuple[int, ...]]] = []
+
+    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        self.seats.append((at_s, tuple(int(seat) for seat in fleet.seat)))
+        return super().decide(ring, fleet, which, at_s)
+
+
+@dataclass
+class Run:
+    journal: Path
+    record: Record
+    world: FireWorld
+    cores: list[Core]
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def seat(self) -> Seat:
+        planner = self.cores[0].steering.planners["hawk"]
+        assert isinstance(planner, Seat)
+        return planner
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("team") / "journal.jsonl"
+    cores: list[Core] = []
+
+    def core(*args: Any) -> Core:
+        cores.append(Core(*args))
+        team = cores[-1].steering.planners["hawk"]._team  # type: ignore[attr-defined]
+        team.rule = Noted()
+        return cores[-1]
+
+    said: list[str] = []
+
+    def listen(record: Record, world: FireWorld) -> None:
+        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.news)
+        record.news.clear()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sim, "Rig", Mortal)
+        patch.setattr(sim, "Core", core)
+        record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", listen)
+    return Run(path, record, world, cores, said)
+
+
+def test_all_four_fly_their_missions(run: Run) -> None:
+    for name, vehicle in run.record.vehicles.items():
+        assert vehicle.decisions > (20 if name == "swift" else 200), name
+        assert vehicle.uploads["accepted"] > 3, name
+
+
+def test_no_two_come_nearer_than_the_separation(run: Run) -> None:
+    assert run.record.closest is not None
+    summary = summary_of(load_scenario("team", SHORT), run.record, run.world.fire)
+    assert summary["closest_pair_m"] >= summary["separation_m"] == 30.0
+    assert summary["closest_pair_m"] < 500.0  # they did meet
+
+
+def test_the_first_lap_is_shared(run: Run) -> None:
+    began = next(at_s for at_s, _ in run.cores[0].steering.planners["hawk"]._team.rule.seats)  # type: ignore[attr-defined]
+    assert began < 4500.0
+
+
+def test_the_death_of_one_is_told_and_the_others_fly_without_it_from_their_next_decision_on(
+    run: Run,
+) -> None:
+    assert any(line.startswith("swift: no heartbeat") for line in run.said)
+    shown = run.cores[0].steering.planners["hawk"]._team.rule.seats  # type: ignore[attr-defined]
+    before = [seats for at_s, seats in shown if DIES_S - 30.0 < at_s < DIES_S]
+    after = [seats for at_s, seats in shown if at_s > DIES_S + 4.5]
+    assert (0, 1, 2, 3) in before
+    assert set(after) == {(0, 1, 3)}
+
+
+def test_the_others_close_the_gap(run: Run) -> None:
+    """What the dead one would have watched has been seen since."""
+    visited_at_s = run.seat._team.map.outer_at_s
+    assert np.min(visited_at_s) > DIES_S
+    assert ENDS_S - np.min(visited_at_s) < 500.0
+
+
+def test_a_replay_reproduces_every_command_of_a_team(run: Run) -> None:
+    result = verify(run.journal)
+    assert result.difference is None
+    assert result.decisions == sum(each.decisions for each in run.record.vehicles.values())
+
+
+def test_planners_alone_decide_the_same_and_another_rule_decides_otherwise(run: Run) -> None:
+    alone = decide(run.journal)
+    assert alone.difference is None
+    assert len(alone.found) == len(alone.recorded) > 500
+    other = decide(run.journal, "team.circling")
+    assert {each.direction for _, each in other.found[-100:]} == {"clockwise"}
+    assert other.difference is None
+    assert {each.direction for _, each in alone.found[-100:]} == {"clockwise", "anticlockwise"}

@@ -1,0 +1,192 @@
+"""A team's shared map, its first lap, and who is in its fleet."""
+
+import numpy as np
+import pytest
+
+from mission_service.config import load_scenario
+from mission_service.events import Observed
+from mission_service.fire_map import BEARINGS
+from mission_service.planners.following import PathSettings
+from mission_service.planners.ring import Fleet, Integers, Ring
+from mission_service.planners.team import Flyer, Seat, Team, TeamSettings
+from mission_service.planning import TEAM
+
+CENTRE = 100.0
+RADIUS = 40.0
+CELL_M = 30.0
+
+
+class Told:
+    """A rule that flies as it is told, and notes what it is shown."""
+
+    def __init__(self) -> None:
+        self.clockwise: dict[int, bool] = {}
+        self.fleets: list[Fleet] = []
+        self.rings: list[Ring] = []
+
+    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        self.fleets.append(fleet)
+        self.rings.append(ring)
+        return self.clockwise.get(int(fleet.seat[which]), bool(fleet.clockwise[which]))
+
+    def regrown(self, place_of: Integers) -> None:
+        raise AssertionError("the bearings stay")
+
+
+def team_of(rule: Told, *names: str, ignition_known: bool = True, centre: float = CENTRE) -> Team:
+    settings = TeamSettings(CELL_M, True, ignition_known, 300.0, 10, PathSettings(80.0, 5.0))
+    flyers = {name: Flyer(15.0, 30.0) for name in names}
+    return Team(rule, settings, flyers, (200, 200), (centre, centre), 0.0)
+
+
+def place(bearing_deg: float) -> tuple[float, float]:
+    """On the front of a round fire."""
+    angle = np.deg2rad(bearing_deg)
+    return CENTRE - RADIUS * float(np.cos(angle)), CENTRE + RADIUS * float(np.sin(angle))
+
+
+def look(seat: Seat, name: str, bearing_deg: float, at_s: float, reach: int = 6) -> None:
+    """Its camera sees a square of the round fire around it."""
+    row, col = (round(value) for value in place(bearing_deg))
+    rows, cols = np.mgrid[row - reach : row + reach + 1, col - reach : col + reach + 1]
+    burned = np.hypot(rows - CENTRE, cols - CENTRE) <= RADIUS
+    cells = tuple("".join("b" if cell else "u" for cell in line) for line in burned)
+    seat.observe(Observed(round(at_s * 1e6), name, row - reach, col - reach, cells))
+
+
+def fly(team: Team, name: str, from_deg: float, to_deg: float, at_s: float) -> float:
+    """Along the front, a degree every two seconds; returns the time it is then."""
+    step = 1 if to_deg >= from_deg else -1
+    for bearing in range(round(from_deg), round(to_deg) + step, step):
+        look(team.seat(name), name, bearing, at_s)
+        team.seat(name).at(*place(bearing), at_s)
+        at_s += 2.0
+    return at_s
+
+
+def lap(team: Team) -> float:
+    """The first lap, shared by two."""
+    fly(team, "a", 0, 185, 1000.0)
+    return fly(team, "b", 360, 175, 1000.0)
+
+
+def test_what_one_has_seen_all_know() -> None:
+    team = team_of(Told(), "a", "b")
+    fly(team, "a", 0, 90, 1000.0)
+    assert np.isfinite(team.map.outer[:90]).all()
+    look(team.seat("b"), "b", 0, 1200.0)
+    assert team.seat("b").shape(*place(0))[60] == pytest.approx(RADIUS, abs=1.5)
+
+
+def test_two_share_the_first_lap_and_it_ends_for_both() -> None:
+    team = team_of(Told(), "a", "b")
+    assert team.seat("a").clockwise
+    assert not team.seat("b").clockwise
+    assert {team.seat(name).phase for name in "ab"} == {"approach"}
+    fly(team, "a", 0, 170, 1000.0)
+    assert team.seat("a").phase == "initial circle"
+    fly(team, "b", 360, 340, 1000.0)
+    assert not team.surveyed
+    fly(team, "b", 340, 165, 1040.0)
+    assert {team.seat(name).phase for name in "ab"} == {"monitor"}
+
+
+def test_a_lap_of_its_own_ends_the_survey_though_bearings_are_unseen() -> None:
+    team = team_of(Told(), "a")
+    at_s = 1000.0
+    for bearing in range(365):
+        if not 90 < bearing < 120:  # smoke
+            look(team.seat("a"), "a", bearing, at_s)
+        team.seat("a").at(*place(bearing), at_s)
+        at_s += 2.0
+    assert not team.map.complete
+    assert team.surveyed
+
+
+def test_the_ring_is_the_front_in_metres() -> None:
+    rule = Told()
+    team = team_of(rule, "a", "b")
+    at_s = lap(team)
+    fly(team, "a", 0, 3, at_s)
+    ring = rule.rings[-1]
+    assert ring.step_m.shape == (BEARINGS,)
+    assert ring.step_m.sum() == pytest.approx(2 * np.pi * RADIUS * CELL_M, rel=0.08)
+    assert ring.visited_at_s[0] == pytest.approx(at_s + 6.0)
+    assert ring.visited_at_s[100] < 1300.0
+    assert np.median(ring.spread_rate_m_s) == pytest.approx(RADIUS * CELL_M / 1200.0, rel=0.2)
+
+
+def test_the_rule_decides_and_a_turn_is_flown_before_it_is_asked_again() -> None:
+    rule = Told()
+    team = team_of(rule, "a", "b")
+    at_s = lap(team)
+    asked = len(rule.fleets)
+    rule.clockwise = {0: False}
+    a = team.seat("a")
+    look(a, "a", 0, at_s)
+    decision = a.at(*place(0), at_s)
+    assert decision is not None
+    assert decision.reversed
+    assert not a.clockwise
+    assert a.reversals == 1
+    rule.clockwise = {0: True}
+    again = a.at(*place(358), at_s + 10.0)
+    assert again is not None
+    assert not again.reversed
+    assert len(rule.fleets) == asked + 1
+    later = a.at(*place(350), at_s + 31.0)
+    assert later is not None
+    assert later.reversed
+
+
+def test_who_has_left_is_out_of_the_fleet_at_the_next_decision_until_the_front_is_in_view() -> None:
+    rule = Told()
+    team = team_of(rule, "a", "b")
+    at_s = lap(team)
+    fly(team, "a", 0, 4, at_s)
+    assert rule.fleets[-1].seat.tolist() == [0, 1]
+    assert rule.fleets[-1].cell[0] in (3, 4)
+    team.seat("b").left(at_s)
+    look(team.seat("a"), "a", 8, at_s + 9.0)
+    assert team.seat("a").at(*place(8), at_s + 9.0) is not None
+    assert rule.fleets[-1].seat.tolist() == [0]
+    assert team.seat("b").at(*place(90), at_s + 9.0) is None
+    fly(team, "b", 90, 92, at_s + 10.0)
+    assert rule.fleets[-1].seat.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", TEAM)
+def test_every_rule_directs_a_team_that_loses_one_and_gets_it_back(name: str) -> None:
+    team = team_of(TEAM[name](load_scenario("team")), "a", "b", "c")  # type: ignore[arg-type]
+    at_s = lap(team)
+    places = {"a": 5, "b": 175, "c": 270}
+    decisions = 0
+    for second in range(240):
+        at_s += 1.0
+        if second == 60:
+            team.seat("c").left(at_s)
+        for each in "ab" if 60 <= second < 120 else "abc":
+            places[each] += 1 if team.seat(each).clockwise else -1
+            look(team.seat(each), each, places[each], at_s)
+            decision = team.seat(each).at(*place(places[each]), at_s)
+            decisions += decision is not None
+    assert decisions > 400
+
+
+def test_an_unknown_ignition_is_replaced_by_the_centre_of_what_was_seen() -> None:
+    team = team_of(Told(), "a", "b", ignition_known=False, centre=90.0)
+    lap(team)
+    assert team.surveyed
+    assert team.map.centre_row == pytest.approx(CENTRE, abs=1.0)
+    assert team.map.centre_col == pytest.approx(CENTRE, abs=1.0)
+    assert team.map.complete
+
+
+def test_a_path_leads_along_the_front_in_the_flying_direction() -> None:
+    team = team_of(Told(), "a", "b")
+    lap(team)
+    for name, side in (("a", 1.0), ("b", -1.0)):
+        path = team.seat(name).path(*place(90))
+        radii = np.hypot(path[:, 0] - CENTRE, path[:, 1] - CENTRE)
+        assert np.allclose(radii, RADIUS, atol=2.0)
+        assert side * (path[5, 0] - CENTRE) > 0.0
