@@ -21,6 +21,7 @@ from mission_service.experiments.front_walk import FrontWalk
 from mission_service.experiments.ideal_flight import look
 from mission_service.experiments.islam_hu import perimeter_planner
 from mission_service.experiments.predictive_flight import predictive_planner
+from mission_service.planners.balanced import Balanced
 from mission_service.planners.bent import LATER_PLANNERS, bent_rule
 from mission_service.planners.bent import PLANNERS as BENT_PLANNERS
 from mission_service.planners.protocol import Planner
@@ -45,7 +46,7 @@ UAVS = 4
 TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
     f"team.{name}": partial(bent_rule, name, "centre", "exponential")
     for name in (*BENT_PLANNERS, *LATER_PLANNERS)
-}
+} | {"team.balanced": partial(Balanced, "exponential")}
 
 
 def _told_the_wind(planner: Planner, burn: Burn) -> Planner:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mission_service.experiments.ring_flight import fly_team
 from mission_service.experiments.ring_history import EVERY_S, RingStep, ring_history
 from mission_service.experiments.team_fires import uneven
+from mission_service.planners.balanced import Balanced
 from mission_service.planners.bent import (
     BENCHMARKS,
     IMPORTANCES,
@@ -23,6 +24,7 @@ from mission_service.planners.bent import (
     PLANNERS,
     bent_rule,
 )
+from mission_service.planners.ring import TeamRule
 
 Floats = NDArray[np.float64]
 
@@ -89,6 +91,13 @@ def later_cases() -> list[Case]:
     ]
 
 
+def balanced_cases() -> list[Case]:
+    """team.balanced, beside them."""
+    return [
+        Case("balanced", None, importance, uavs) for importance in IMPORTANCES for uavs in SIZES
+    ]
+
+
 def team_size_cases() -> list[Case]:
     """What figure 5.3 shows besides: one vehicle."""
     return [Case("back-and-forth", "importance", "linear", 1)]
@@ -107,9 +116,16 @@ def _flown(case: Case) -> Run:
     return fly_case(case, *_shared)
 
 
+def rule_of(case: Case) -> TeamRule:
+    """The rule that a case flies."""
+    if case.planner == "balanced":
+        return Balanced("exponential" if case.importance == "exponential" else "linear")
+    return bent_rule(case.planner, case.negotiation, case.importance)
+
+
 def fly_case(case: Case, history: Sequence[RingStep], speed_m_s: float) -> Run:
     """Fly one case over the ring of a fire."""
-    rule = bent_rule(case.planner, case.negotiation, case.importance)
+    rule = rule_of(case)
     flight = fly_team(history, rule, case.uavs, speed_m_s)
     cost = flight.exponential if case.importance == "exponential" else flight.linear
     return Run(case, cost, flight.min_separation_m)
@@ -126,12 +142,14 @@ def run(out: Path | None, speed_m_s: float = SPEED_M_S) -> dict[str, Any]:
     burn = uneven()
     history = ring_history(burn)
     thesis, later, single = thesis_cases(), later_cases(), team_size_cases()
-    runs = fly_cases([*thesis, *later, *single], history, speed_m_s)
+    ours = balanced_cases()
+    runs = fly_cases([*thesis, *later, *ours, *single], history, speed_m_s)
     of_thesis, of_later = runs[: len(thesis)], runs[len(thesis) : len(thesis) + len(later)]
+    of_ours = runs[len(thesis) + len(later) : -len(single)]
     if out:
         from mission_service.experiments.bent_figures import draw
 
-        draw(out, of_thesis, runs[len(thesis) + len(later) :], EVERY_S)
+        draw(out, of_thesis, runs[-len(single) :], EVERY_S)
     return {
         "fire": burn.name,
         "speed_m_s": speed_m_s,
@@ -139,4 +157,5 @@ def run(out: Path | None, speed_m_s: float = SPEED_M_S) -> dict[str, Any]:
         "perimeter_km": [float(step.step_m.sum()) / 1e3 for step in (history[0], history[-1])],
         "runs": [one.told() for one in of_thesis],
         "later": [one.told() for one in of_later],
+        "balanced": [one.told() for one in of_ours],
     }
