@@ -77,6 +77,17 @@ def predictive(scenario: Scenario, section: VehicleSection, ground: Ground) -> P
     )
 
 
+def turn_back_s(section: VehicleSection) -> float:
+    """What turning back costs a vehicle."""
+    return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
+
+
+def balanced(scenario: Scenario) -> TeamRule:
+    """The team with the least mean cost."""
+    turns_s = [turn_back_s(section) for section in scenario.vehicles]
+    return Balanced(scenario.planner.importance, sum(turns_s) / len(turns_s))
+
+
 def bent(name: str) -> "RuleMaker":
     """One of Bent's planners in regions that are negotiated."""
     return lambda scenario: bent_rule(
@@ -96,7 +107,7 @@ ALONE: dict[str, AloneMaker] = {
 }
 # All vehicles in one team. A new rule is a line here.
 TEAM: dict[str, RuleMaker] = {
-    "team.balanced": lambda scenario: Balanced(scenario.planner.importance),
+    "team.balanced": balanced,
     "team.circling": lambda scenario: Circling(),
     "team.bumper": lambda scenario: Bumper(),
     **{f"team.{name}": bent(name) for name in (*PLANNERS, *LATER_PLANNERS)},
@@ -126,9 +137,7 @@ def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
         path=_path_settings(scenario, landscape.cell_size_m),
     )
     flyers = {
-        section.name: Flyer(
-            section.airspeed_m_s, TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
-        )
+        section.name: Flyer(section.airspeed_m_s, turn_back_s(section))
         for section in scenario.vehicles
     }
     team = Team(TEAM[rule](scenario), settings, flyers, landscape.shape, centre, burns_from_s)

@@ -44,7 +44,9 @@ Importance = Literal["linear", "exponential"]
 class Balanced:
     """A ``TeamRule``: any number of vehicles, which may come and go."""
 
-    def __init__(self, importance: Importance = "linear") -> None:
+    def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
+        """``turn_s`` is what turning back costs a vehicle."""
+        self._turn_s = turn_s
         self._linear = importance == "linear"
         self._moves = Moves(
             np.array(BACKS), np.array(SHIFTS), np.empty(LEGS, np.int64), np.empty(LEGS, np.int64)
@@ -133,7 +135,9 @@ class Balanced:
 
     def _settled(self, pattern: Pattern, fleet: Fleet) -> float:
         self.flown_ahead += 1
-        return settled_cost(pattern, self._parts, fleet.speed_m_s, room_for(PARTS, fleet.seat.size))
+        return settled_cost(
+            pattern, self._parts, fleet.speed_m_s, self._turn_s, room_for(PARTS, fleet.seat.size)
+        )
 
     def _try_patterns(self, fleet: Fleet) -> None:
         """Try one more pattern; all vehicles are planned anew if it is better."""
@@ -235,6 +239,7 @@ class Balanced:
             np.maximum(self._due_s - at_s, 0.0),
             self._heading,
             fleet.speed_m_s,
+            self._turn_s,
         )
         period_s, ahead, late_times = self._lap_s, AHEAD_LAPS, LATE_TIMES
         if self._pattern.length:
@@ -251,7 +256,7 @@ class Balanced:
 
     def _advance(self, which: int, ring: Ring, fleet: Fleet, at_s: float) -> bool:
         """Turn if it is time to, and go on by one cell."""
-        legs = self._legs[which]
+        legs, heading = self._legs[which], self._heading[which]
         while legs[0] == 0:
             self._heading[which] *= -1
             legs[:-1] = legs[1:].copy()
@@ -266,6 +271,8 @@ class Balanced:
         self._goal[which] = (cell + (1 if clockwise else -1)) % size
         step_m = ring.step_m[cell if clockwise else cell - 1]
         self._due_s[which] = at_s + step_m / fleet.speed_m_s[which]
+        if self._heading[which] != heading:
+            self._due_s[which] += self._turn_s
         return clockwise
 
 

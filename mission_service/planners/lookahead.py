@@ -38,6 +38,7 @@ class Start(NamedTuple):
     arrival_s: Floats  # and when
     heading: Integers  # 1 clockwise, -1 the other way
     speed_m_s: Floats
+    turn_s: float  # what it costs to turn back
 
 
 class Room(NamedTuple):
@@ -99,7 +100,7 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fly(nodes, speed_m_s, legs, room, until_s):  # type: ignore[no-untyped-def]
+def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
     """On until a time; the integrals of importance that visits end."""
     ended = 0.0
     count = room.node.size
@@ -115,6 +116,7 @@ def _fly(nodes, speed_m_s, legs, room, until_s):  # type: ignore[no-untyped-def]
         place = room.node[who]
         ended += _up_to(nodes, place, at_s - room.visited_s[place])
         room.visited_s[place] = at_s
+        heading = room.heading[who]
         while room.left[who] == 0:
             room.heading[who] = -room.heading[who]
             room.leg[who] = room.leg[who] + 1 if room.leg[who] + 1 < LEGS else LEGS - 2
@@ -126,7 +128,9 @@ def _fly(nodes, speed_m_s, legs, room, until_s):  # type: ignore[no-untyped-def]
         else:
             room.node[who] = place - 1 if place > 0 else size - 1
             step_m = nodes.step_m[room.node[who]]
-        room.arrival_s[who] = at_s + step_m / speed_m_s[who]
+        room.arrival_s[who] = at_s + step_m / start.speed_m_s[who]
+        if room.heading[who] != heading:
+            room.arrival_s[who] += start.turn_s
 
 
 @kernel
@@ -149,9 +153,9 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
     constant part, what the ages at the beginning have cost already, is in it.
     """
     _begin(nodes, start, legs, room)
-    cost = _fly(nodes, start.speed_m_s, legs, room, span.late_from_s)
+    cost = _fly(nodes, start, legs, room, span.late_from_s)
     cost -= span.late_times * _standing(nodes, room.visited_s, span.late_from_s)
-    late = _fly(nodes, start.speed_m_s, legs, room, span.end_s)
+    late = _fly(nodes, start, legs, room, span.end_s)
     late += _standing(nodes, room.visited_s, span.end_s)
     return cost + (1.0 + span.late_times) * late
 
@@ -160,9 +164,9 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
     """The mean over the last part of a roll-out of the importance of all nodes together."""
     _begin(nodes, start, legs, room)
-    _fly(nodes, start.speed_m_s, legs, room, span.late_from_s)
+    _fly(nodes, start, legs, room, span.late_from_s)
     late = -_standing(nodes, room.visited_s, span.late_from_s)
-    late += _fly(nodes, start.speed_m_s, legs, room, span.end_s)
+    late += _fly(nodes, start, legs, room, span.end_s)
     late += _standing(nodes, room.visited_s, span.end_s)
     return late / (span.end_s - span.late_from_s)
 

@@ -48,10 +48,12 @@ def repeated(first: int, second: int) -> Integers:
     return np.array([first, second] * (LEGS // 2), np.int64)
 
 
-def settled_cost(pattern: Pattern, nodes: Nodes, speed_m_s: Floats, room: Room) -> float:
+def settled_cost(
+    pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Room
+) -> float:
     """Mean over time of the importance of all nodes when a pattern is flown evenly spaced.
 
-    ``nodes`` are PARTS ones, ``speed_m_s`` (k) the vehicles'.
+    ``nodes`` are PARTS ones, ``speed_m_s`` (k) the vehicles', ``turn_s`` what turning back costs.
     """
     count = speed_m_s.size
     step_m = nodes.step_m
@@ -64,6 +66,7 @@ def settled_cost(pattern: Pattern, nodes: Nodes, speed_m_s: Floats, room: Room) 
     node = np.full(count, first % PARTS)
     arrival_s = np.empty(count)
     lapping = count - sweeping
+    arc_s += turn_s if length else 0.0
     period_s = lap_s + (2.0 * arc_s if sweeping == 0 else 0.0)
     for who in range(count):
         if who < lapping:
@@ -73,7 +76,7 @@ def settled_cost(pattern: Pattern, nodes: Nodes, speed_m_s: Floats, room: Room) 
         else:
             legs[who] = repeated(length, length)
             arrival_s[who] = 2.0 * arc_s * (who - lapping) / sweeping
-    start = Start(node, arrival_s, np.ones(count, np.int64), speed_m_s)
+    start = Start(node, arrival_s, np.ones(count, np.int64), speed_m_s, turn_s)
     span = Span((3.0 if sweeping == 0 else 4.0) * period_s, 1.5 * period_s, 0.0)
     if sweeping == 0:
         span = Span(2.0 * period_s + lap_s, period_s + lap_s, 0.0)
