@@ -192,10 +192,10 @@ class Core:
         if not isinstance(vehicle.planner, Seat):
             return []
         team = vehicle.planner.team
-        speed_m_s = team.fleet()[0].speed_m_s
-        if not self._adviser.is_due(speed_m_s.size, at_s):
+        if not self._adviser.is_due(team.flying, at_s):
             return []
-        news = self._adviser.at(team.ring(), speed_m_s, at_s)
+        ring = team.ring()
+        news = self._adviser.at(ring, team.fleet(ring, at_s)[0].speed_m_s, at_s)
         return [] if news is None else [_say(vehicle, f"team: {news[1]}", warning=news[0])]
 
     # To the fire and home ---------------------------------------------------------------------

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
+from mission_service.planners.dead_reckoning import Heard, fleet_of
 from mission_service.planners.following import (
     PathSettings,
     bearing_deg,
@@ -31,6 +32,8 @@ from mission_service.planners.ring import Fleet, Ring, TeamRule
 Floats = NDArray[np.float64]
 
 ROUND_AGAIN_DEG = 360.0
+FRESH_S = 2.0  # positions come several times a second
+LOST_AFTER_S = 30.0
 CARRIED_BACK = 30  # cells at most, while it turns back
 
 
@@ -114,16 +117,29 @@ class Team:
             visited_at_s,
         )
 
-    def fleet(self) -> tuple[Fleet, list[int]]:
-        """The vehicles that fly the front now, and the numbers of their seats."""
-        flying = [seat for seat in self._seats.values() if seat.flies]
-        numbers = [seat.number for seat in flying]
-        return Fleet(
-            np.array(numbers, dtype=np.int64),
-            np.array([seat.bearing for seat in flying], dtype=np.int64),
-            np.array([seat.clockwise for seat in flying], dtype=bool),
-            np.array([seat.flyer.speed_m_s for seat in flying]),
-        ), numbers
+    @property
+    def flying(self) -> int:
+        """How many fly the front, as far as is known."""
+        return sum(seat.flies for seat in self._seats.values())
+
+    def fleet(self, ring: Ring, at_s: float) -> tuple[Fleet, list[int]]:
+        """The vehicles that fly the front now, and the numbers of their seats.
+
+        One that has been silent is reckoned to have flown on, and after a while not to fly.
+        """
+        heard = [
+            Heard(
+                seat.number,
+                seat.bearing,
+                seat.clockwise,
+                seat.flyer.speed_m_s,
+                seat.heard_at_s if at_s - seat.heard_at_s > FRESH_S else at_s,
+            )
+            for seat in self._seats.values()
+            if seat.flies
+        ]
+        fleet = fleet_of(heard, ring, at_s, LOST_AFTER_S)
+        return fleet, fleet.seat.tolist()
 
 
 class Seat:
@@ -133,6 +149,7 @@ class Seat:
         self.number = number
         self.flyer = flyer
         self.flies = False  # in the air, heard, and the front was in view
+        self.heard_at_s = -np.inf
         self.bearing = 0  # the cell of the ring to which it has come
         # On the first lap neighbours by number fly opposite ways: half a lap shows all.
         self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
@@ -177,6 +194,7 @@ class Seat:
         it comes to a new cell when it has passed the one where it turned.
         """
         team = self._team
+        self.heard_at_s = at_s
         self.flies |= bool(self._in_view.any())
         if not self.flies:
             return None
@@ -207,7 +225,7 @@ class Seat:
         turn = False
         for _ in range(passed):
             self.bearing = (self.bearing + step) % BEARINGS
-            fleet, numbers = self._team.fleet()
+            fleet, numbers = self._team.fleet(ring, at_s)
             which = numbers.index(self.number)
             turn = bool(self._team.rule.decide(ring, fleet, which, at_s)) != self.clockwise
             if turn:

@@ -195,3 +195,18 @@ def test_a_path_leads_along_the_front_in_the_flying_direction() -> None:
         radii = np.hypot(path[:, 0] - CENTRE, path[:, 1] - CENTRE)
         assert np.allclose(radii, RADIUS, atol=2.0)
         assert side * (path[5, 0] - CENTRE) > 0.0
+
+
+def test_a_silent_one_is_reckoned_to_fly_on_and_then_as_lost() -> None:
+    rule = Told()
+    team = team_of(rule, "a", "b")
+    at_s = lap(team)
+    fly(team, "b", 180, 178, at_s)  # heard for the last time 4 s later, flying anticlockwise
+    fly(team, "a", 0, 12, at_s)
+    ring = rule.rings[-1]
+    flown_m = float(ring.step_m[158:178].sum())  # in 20 s at 15 m/s
+    assert flown_m > 300.0
+    b = int(rule.fleets[-1].cell[1])
+    assert float(ring.step_m[b:178].sum()) == pytest.approx(300.0, abs=2 * ring.step_m.max())
+    fly(team, "a", 13, 20, at_s + 26.0)
+    assert rule.fleets[-1].seat.tolist() == [0]
