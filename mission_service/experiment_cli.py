@@ -16,6 +16,10 @@ OUT = click.option(
 )
 
 
+def _progress(text: str) -> None:
+    click.echo(text, err=True)
+
+
 @click.group()
 def experiment() -> None:
     """The papers' experiments, their results beside ours."""
@@ -28,7 +32,7 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
     """One vehicle on six fires, section VI of Islam & Hu: reversals over alpha, distance error."""
     from mission_service.experiments.islam_hu import in_text, run
 
-    found = run(folder(out) if out else None)
+    found = run(folder(out) if out else None, progress=_progress)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -48,5 +52,5 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
     from mission_service.experiments.bent import run
     from mission_service.experiments.bent_tables import in_text
 
-    found = run(folder(out) if out else None, speed_m_s)
+    found = run(folder(out) if out else None, speed_m_s, _progress)
     click.echo(json.dumps(found) if as_json else in_text(found))

@@ -1,6 +1,6 @@
 """Bent's experiments (thesis, chapter 5): every planner with every negotiation, and benchmarks."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
@@ -29,6 +29,7 @@ from mission_service.planners.ring import TeamRule
 Floats = NDArray[np.float64]
 
 SIZES = (2, 3, 4, 5, 6)
+TOLD_EVERY = 20
 PROCESSES = 2
 # The thesis does not tell; its vehicles move as a model of firefighters does (2.3), and at this
 # speed its costs come out: 64 and 3,000 on average.
@@ -131,19 +132,33 @@ def fly_case(case: Case, history: Sequence[RingStep], speed_m_s: float) -> Run:
     return Run(case, cost, flight.min_separation_m)
 
 
-def fly_cases(cases: Iterable[Case], history: Sequence[RingStep], speed_m_s: float) -> list[Run]:
+def fly_cases(
+    cases: Sequence[Case],
+    history: Sequence[RingStep],
+    speed_m_s: float,
+    progress: Callable[[str], None] = lambda text: None,
+) -> list[Run]:
     """Fly many, in processes of their own; in the order of the cases."""
     with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _share, (history, speed_m_s)) as pool:
-        return list(pool.map(_flown, cases, chunksize=4))
+        found = []
+        for run in pool.map(_flown, cases, chunksize=4):
+            found.append(run)
+            if len(found) % TOLD_EVERY == 0:
+                progress(f"{len(found)} of {len(cases)} flights")
+        return found
 
 
-def run(out: Path | None, speed_m_s: float = SPEED_M_S) -> dict[str, Any]:
+def run(
+    out: Path | None,
+    speed_m_s: float = SPEED_M_S,
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
     """Everything the experiment tells; figures as PNG in ``out``, if given."""
     burn = uneven()
     history = ring_history(burn)
     thesis, later, single = thesis_cases(), later_cases(), team_size_cases()
     ours = balanced_cases()
-    runs = fly_cases([*thesis, *later, *ours, *single], history, speed_m_s)
+    runs = fly_cases([*thesis, *later, *ours, *single], history, speed_m_s, progress)
     of_thesis, of_later = runs[: len(thesis)], runs[len(thesis) : len(thesis) + len(later)]
     of_ours = runs[len(thesis) + len(later) : -len(single)]
     if out:

@@ -59,7 +59,11 @@ PLANNERS: dict[str, Callable[[Burn], Planner]] = {
 }
 
 
-def run(out: Path | None, names: tuple[str, ...] = tuple(ISLAM_HU)) -> dict[str, Any]:
+def run(
+    out: Path | None,
+    names: tuple[str, ...] = tuple(ISLAM_HU),
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
     """Fly all planners over all fires, on two cores; figures as PNG in ``out``, if given.
 
     Cells are 30 m. ``alpha_sweep`` is the damped rule; ``attention`` is its reversals and the
@@ -68,7 +72,9 @@ def run(out: Path | None, names: tuple[str, ...] = tuple(ISLAM_HU)) -> dict[str,
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
     cases = list(product(names, SCHEMES))
     with ProcessPoolExecutor(2) as pool:
-        for part in pool.map(on_one_fire, *zip(*cases, strict=True), [out] * len(cases)):
+        parts = pool.map(on_one_fire, *zip(*cases, strict=True), [out] * len(cases))
+        for number, ((name, scheme), part) in enumerate(zip(cases, parts, strict=True), 1):
+            progress(f"{name}, {scheme}: flown ({number} of {len(cases)})")
             for key, rows in part.items():
                 found[key] += rows
     return found
