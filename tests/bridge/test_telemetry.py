@@ -60,9 +60,10 @@ def test_no_estimate_of_the_wind_is_not_a_calm() -> None:
     assert Telemetry().events(mavlink.MAVLink_wind_message(-180.0, 0.0, 0.0), 7) == []
 
 
-def test_a_place_without_a_fix_is_no_place() -> None:
+@pytest.mark.parametrize("place", [(0, 0), (3155, 359)])  # degrees times 1e7
+def test_a_place_without_a_fix_is_no_place(place: tuple[int, int]) -> None:
     # ArduPlane 4.6.2 in its first seconds; the service ended with it.
-    nowhere = mavlink.MAVLink_global_position_int_message(9, 0, 0, -17000, 0, 0, 0, 0, 0)
+    nowhere = mavlink.MAVLink_global_position_int_message(9, *place, -80, -85, 0, 0, 0, 681)
     assert Telemetry().events(nowhere, 7) == []
 
 
@@ -107,7 +108,7 @@ def test_late_and_doubled_messages_are_dropped_for_each_kind() -> None:
         return len(telemetry.events(instruments.attitude(boot_ms, 0.0, 0.0, 0.0), 0))
 
     assert [attitude(ms) for ms in (0, 100, 100, 50, 200)] == [1, 1, 0, 0, 1]
-    at_150 = mavlink.MAVLink_global_position_int_message(150, 1, 0, 0, 0, 0, 0, 0, 0)
+    at_150 = mavlink.MAVLink_global_position_int_message(150, 360000000, 0, 0, 0, 0, 0, 0, 0)
     assert len(telemetry.events(at_150, 0)) == 1  # another kind may be behind
 
 
