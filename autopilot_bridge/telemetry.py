@@ -18,12 +18,18 @@ from autopilot_bridge.client_events import (
 from autopilot_bridge.codec import Message
 
 REBOOT_BACK_US = 5_000_000
+NO_PLACE_DEG_E7 = 1_000_000  # sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 
-def position(message: Message, at_us: int) -> Position:
-    """GLOBAL_POSITION_INT."""
+def position(message: Message, at_us: int) -> Position | None:
+    """GLOBAL_POSITION_INT; None near latitude 0, longitude 0, which ArduPilot tells before its fix.
+
+    It drifts there by dead reckoning: 35 m in the first seconds of one in simulation.
+    """
+    if max(abs(message.lat), abs(message.lon)) < NO_PLACE_DEG_E7:
+        return None
     return Position(
         at_us,
         message.time_boot_ms * 1000,
@@ -51,9 +57,12 @@ def speed(message: Message, at_us: int) -> Speed:
     return Speed(at_us, airspeed_m_s, message.groundspeed, message.climb, message.throttle)
 
 
-def wind(message: Message, at_us: int) -> Wind:
-    """WIND: where it comes from (ArduPilot)."""
-    return Wind(at_us, message.direction % 360.0, message.speed)
+def wind(message: Message, at_us: int) -> Wind | None:
+    """WIND: where it comes from (ArduPilot); None while there is no estimate.
+
+    ArduCopter 4.6 without parameters of its drag tells a wind of exactly 0 all the time.
+    """
+    return Wind(at_us, message.direction % 360.0, message.speed) if message.speed else None
 
 
 def wind_from_vector(message: Message, at_us: int) -> Wind:
@@ -118,7 +127,7 @@ def gps_fix(message: Message, at_us: int) -> GpsFix:
     return GpsFix(at_us, fix, satellites if satellites != 255 else None)
 
 
-_DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent], ...]] = {
+_DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent | None], ...]] = {
     "GLOBAL_POSITION_INT": (position,),
     "ATTITUDE": (attitude,),
     "VFR_HUD": (speed,),
@@ -163,6 +172,8 @@ class Telemetry:
             if decode is battery_of_system and self._has_battery_status:
                 continue
             event = decode(message, at_us)
+            if event is None:
+                continue
             if not isinstance(event, TOLD_ON_CHANGE) or self._changed(event):
                 found.append(event)
         return found

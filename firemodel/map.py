@@ -62,11 +62,14 @@ def start_map(
 
 
 def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = None) -> Frame:
-    """A square around the fire, and points (k, 2) besides, with a margin."""
+    """A square around the fire, and points (k, 2) besides, with a margin.
+
+    Points that are not finite (too far away for the projection) do not count.
+    """
     rows, cols = np.nonzero(np.isfinite(arrival_s))
     points = np.stack(land.xy_of(rows, cols), axis=1)
     if more_xy_m is not None and len(more_xy_m):
-        points = np.concatenate([points, more_xy_m])
+        points = np.concatenate([points, more_xy_m[np.isfinite(more_xy_m).all(axis=1)]])
     height, width = land.shape
     if not len(points):
         points = np.stack(land.xy_of(np.array([0, height - 1]), np.array([0, width - 1])), axis=1)

@@ -170,6 +170,7 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     """Distance of the front on each bearing and whether it is in view; ``burned`` is brought up."""
     front = _front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
+    beside = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
@@ -178,8 +179,14 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
             for aside in range(-spans[row, col], spans[row, col] + 1):
                 place = (bearing + aside) % BEARINGS
                 burned[place] = max(burned[place], distance)
+                if front[row, col]:
+                    beside[place] = max(beside[place], distance)
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
+    # A flank that runs outwards passes bearings whose own cells are nearer than a neighbour's:
+    # no island, for that one is front too.
+    flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
+    seen = np.where(flank, beside, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
     _fill_gaps(seen, in_view)
     return seen, in_view

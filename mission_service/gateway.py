@@ -29,14 +29,19 @@ RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
 }
 
+# A vehicle that stays so far behind mission time, for so long on our own clock, is set to it.
+BEHIND_US = 1_000_000
+BEHIND_FOR_US = 5_000_000
+
 
 class MissionClock:
     """Mission time, told by the autopilots' own clocks or by the wall clock.
 
     With the autopilots' clocks a simulation that runs faster than real time keeps fire and flight
     together; the first autopilot heard begins at ``start_us`` and each later one, or one that was
-    restarted, joins at the time reached so far. With the wall clock, mission time is the time
-    since the service began.
+    restarted, joins at the time reached so far. So does one whose clock is slower, or that others
+    had to wait for: who is behind is not seen by its team. With the wall clock, mission time is
+    the time since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
@@ -66,13 +71,15 @@ class Gateway:
         self.client = client
         self._clock = clock
         self._offset_us: int | None = None
+        self._least_behind_us = 0
+        self._watched_from_us = 0
         self._mission_of_transfer: dict[int, int] = {}
 
     def events(self, now_us: int) -> Iterator[AnyEvent]:
         """What happened since the last call, in the core's words, on mission time."""
         self._clock.wall_passed(now_us)
         while (event := self.client.next_event()) is not None:
-            translated = self._translate(event)
+            translated = self._translate(event, now_us)
             if translated is not None:
                 yield translated
 
@@ -91,21 +98,33 @@ class Gateway:
             case _:  # Decided and Announce are for people
                 pass
 
-    def _mission_us(self, boot_us: int) -> int:
+    def _mission_us(self, boot_us: int, now_us: int) -> int:
         if self._clock.wall:
             return self._clock.now_us
         if self._offset_us is None:
             self._offset_us = self._clock.now_us - boot_us
+            self._least_behind_us, self._watched_from_us = 0, now_us
         mission_us = self._offset_us + boot_us
         self._clock.autopilot_passed(mission_us)
+        self._watch_behind(self._clock.now_us - mission_us, now_us)
         return mission_us
 
-    def _translate(self, event: bridge.ClientEvent) -> AnyEvent | None:
+    def _watch_behind(self, behind_us: int, now_us: int) -> None:
+        # The least of a while: what is only delayed on its way is not behind.
+        self._least_behind_us = min(self._least_behind_us, behind_us)
+        if now_us - self._watched_from_us < BEHIND_FOR_US:
+            return
+        if self._least_behind_us > BEHIND_US and self._offset_us is not None:
+            self._offset_us += self._least_behind_us
+            behind_us -= self._least_behind_us
+        self._least_behind_us, self._watched_from_us = behind_us, now_us
+
+    def _translate(self, event: bridge.ClientEvent, link_us: int) -> AnyEvent | None:
         now_us, name = self._clock.now_us, self.name
         match event:
             case bridge.Position():
                 return Telemetry(
-                    self._mission_us(event.boot_us),
+                    self._mission_us(event.boot_us, link_us),
                     name,
                     event.lat_deg,
                     event.lon_deg,

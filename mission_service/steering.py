@@ -3,6 +3,7 @@
 The core flies by this, and ``decide`` runs it alone on a journal.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,7 +79,7 @@ class Steering:
                 return self._moved(presence, event)
             case Observed():
                 self.planners[name].observe(event)
-            case WindMeasured():
+            case WindMeasured() if presence.airborne:  # on the ground it is a guess
                 presence.wind_m_s = event.speed_m_s
                 self.planners[name].wind(event.speed_m_s, event.from_deg, at_s)
             case VehicleConnected() | LinkRestored():
@@ -112,6 +113,8 @@ class Steering:
 
     def _moved(self, presence: Presence, told: Telemetry) -> Decision | None:
         x_m, y_m = self._landscape.xy_of_lat_lon(told.lat_deg, told.lon_deg)
+        if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
+            return None
         row, col = (float(value) for value in self._landscape.row_col_of(x_m, y_m))
         at_s = told.at_us / 1e6
         velocity = (told.velocity_east_m_s, told.velocity_north_m_s)

@@ -48,6 +48,8 @@ class FireWorld:
         self.advance(telemetry.at_us)
         land = self.landscape
         x_m, y_m = land.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
+        if not math.isfinite(x_m + y_m):  # too far away for the landscape's projection
+            return None
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
         radius = camera.radius_m(height_m) / land.cell_size_m
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))

@@ -55,6 +55,18 @@ def test_a_south_wind_blows_north() -> None:
     assert told(mavlink.MAVLink_wind_message(-121.52, 5.35, 0.0)).from_deg == pytest.approx(238.48)
 
 
+def test_no_estimate_of_the_wind_is_not_a_calm() -> None:
+    # As ArduCopter 4.6.2 told it all through a flight in 6 m/s.
+    assert Telemetry().events(mavlink.MAVLink_wind_message(-180.0, 0.0, 0.0), 7) == []
+
+
+@pytest.mark.parametrize("place", [(0, 0), (3155, 359)])  # degrees times 1e7
+def test_a_place_without_a_fix_is_no_place(place: tuple[int, int]) -> None:
+    # ArduPlane 4.6.2 in its first seconds; the service ended with it.
+    nowhere = mavlink.MAVLink_global_position_int_message(9, *place, -80, -85, 0, 0, 0, 681)
+    assert Telemetry().events(nowhere, 7) == []
+
+
 def test_attitude_is_in_degrees_and_yaw_from_0_to_360() -> None:
     event = told(mavlink.MAVLink_attitude_message(1000, 0.5, -0.25, -math.pi / 2, 0, 0, 0))
     assert (event.boot_us, event.yaw_deg) == (1_000_000, pytest.approx(270.0))
@@ -96,7 +108,7 @@ def test_late_and_doubled_messages_are_dropped_for_each_kind() -> None:
         return len(telemetry.events(instruments.attitude(boot_ms, 0.0, 0.0, 0.0), 0))
 
     assert [attitude(ms) for ms in (0, 100, 100, 50, 200)] == [1, 1, 0, 0, 1]
-    at_150 = mavlink.MAVLink_global_position_int_message(150, 0, 0, 0, 0, 0, 0, 0, 0)
+    at_150 = mavlink.MAVLink_global_position_int_message(150, 360000000, 0, 0, 0, 0, 0, 0, 0)
     assert len(telemetry.events(at_150, 0)) == 1  # another kind may be behind
 
 

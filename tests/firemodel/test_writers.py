@@ -104,6 +104,8 @@ def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:
         path = tmp_path / f"{number}.png"
         draw_map(path, fire.landscape, arrival_s, "a fire")
         assert imread(path).std() > 0.05
+    nowhere = np.array([[np.inf, np.inf]])  # a place too far away for the projection
+    assert frame_around(fire.landscape, one, nowhere) == frame_around(fire.landscape, one)
     west, east, south, north = frame_around(fire.landscape, one)
     assert west < 0.135 < east  # the cell's centre in km
     assert south < 0.495 < north

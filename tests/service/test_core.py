@@ -19,7 +19,8 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.fire_setup import landscape_of
+from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.world import FireWorld, camera_of
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 
@@ -98,6 +99,17 @@ def test_a_flight_starts_by_itself_only_where_the_scenario_says_so(land: Landsca
         flight = Flight(load_scenario("default", overrides), land)
         (mission,) = uploads(flight.at_height(0.0))
         assert kinds(flight.finished(mission.mission_id, "accepted")) == expected
+
+
+def test_a_place_at_the_other_end_of_the_world_is_no_place(land: Landscape) -> None:
+    scenario = load_scenario("default")
+    flight = Flight(scenario, land)
+    there = Telemetry(flight.at_us, "hawk", 0.1, 0.1, 500.0, 100.0, 0.0, 12.0, 90.0)
+    assert not np.isfinite(land.xy_of_lat_lon(0.1, 0.1)).any()
+    assert flight.tell(there) == []
+    world = FireWorld(fire_of(scenario, land), land)
+    assert world.observe(there, camera_of(scenario.vehicles[0])) is None
+    assert uploads(flight.at_height(0.0))
 
 
 def test_only_one_upload_is_under_way(land: Landscape) -> None:

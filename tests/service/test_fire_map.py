@@ -107,3 +107,16 @@ def test_holes_on_the_circle_are_interpolated() -> None:
 def test_smoothing_keeps_the_mean(values: list[float], half_width: int) -> None:
     found = circular_mean(np.array(values), half_width)
     assert found.mean() == pytest.approx(np.mean(values), rel=1e-9, abs=1e-9)
+
+
+def test_a_flank_that_runs_outwards_is_no_island() -> None:
+    """A strip to the north, whose flank passes many cells on a bearing.
+
+    Found in flight: a cell counted as burned on its neighbours' bearings but as front only on its
+    own, so that such a flank grew old under the cameras and a team's planner went to and fro.
+    """
+    cells = np.full((60, 60), UNBURNED, np.uint8)
+    cells[10:51, 28:33] = BURNED
+    strip = FireMap((60, 60), 50.0, 30.0, 0.0, 600.0)
+    assert strip.observe(0, 0, cells, 100.0)[:12].all()
+    assert (np.diff(strip.outer[3:12]) <= 0.0).all()

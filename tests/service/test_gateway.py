@@ -27,6 +27,9 @@ class Client:
     def __getattr__(self, name: str) -> Any:
         return lambda now_us: self.orders.append(name)
 
+    def hears(self, event: bridge.ClientEvent) -> None:
+        self._events.append(event)
+
     def next_event(self) -> bridge.ClientEvent | None:
         return self._events.pop(0) if self._events else None
 
@@ -70,3 +73,50 @@ def test_simulated_vehicles_measure_the_wind_of_the_fire(stack: str, tmp_path: A
     ]
     assert 10 < len(winds) < 45
     assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(4.0, 45.0)}
+
+
+def at(boot_s: float) -> bridge.Position:
+    """A position told at a time of the autopilot's own clock."""
+    return bridge.Position(0, round(boot_s * 1e6), 36.0, -84.0, 500.0, 100.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> list[float]:
+    """How far swift is behind hawk each second; a link holds it back, and brings it all at once."""
+    clock = MissionClock(0, wall=False)
+    clients = {name: Client() for name in rates}
+    gateways = {name: Gateway(name, client, clock) for name, client in clients.items()}
+    found = []
+    for second in range(seconds):
+        reached_s = {}
+        for name, client in clients.items():
+            client.hears(at(100.0 + rates[name] * second))
+            held = name == "swift" and second in delay
+            for event in [] if held else gateways[name].events(second * 1_000_000):
+                reached_s[name] = event.at_us / 1e6
+        if len(reached_s) == 2:
+            found.append(reached_s["hawk"] - reached_s["swift"])
+    return found
+
+
+def test_who_is_slower_than_the_others_stays_with_them() -> None:
+    # Two simulators at 4 and 3.9 times real time; found with ArduCopter 13 s behind PX4.
+    found = behind_s({"hawk": 4.0, "swift": 3.9}, 300)
+    assert max(found) < 2.5
+    assert found[-1] >= 0.0
+
+
+def test_who_was_only_delayed_is_not_set_forward() -> None:
+    assert set(behind_s({"hawk": 1.0, "swift": 1.0}, 60, delay=range(20, 45))) == {0.0}
+
+
+def test_who_joined_while_another_was_not_heard_is_seen_by_it() -> None:
+    clock = MissionClock(0, wall=False)
+    hawk, swift = Client(), Client()
+    gateways = Gateway("hawk", hawk, clock), Gateway("swift", swift, clock)
+    for second in range(100):
+        if not 10 <= second < 70:
+            hawk.hears(at(500.0 + second))
+        if second >= 60:
+            swift.hears(at(20.0 + second))
+        told = [[*gateway.events(second * 1_000_000)] for gateway in gateways]
+    assert told[0][0].at_us - told[1][0].at_us == 0

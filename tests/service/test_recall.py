@@ -108,6 +108,13 @@ def test_wind_makes_the_way_home_longer(land: Landscape) -> None:
     assert returns(flight.at(150.0, later_s=705.0))
 
 
+def test_wind_told_on_the_ground_is_not_believed(land: Landscape) -> None:
+    flight = Flight(land)
+    flight.mode("hold", armed=False)
+    flight.tell(WindMeasured(flight.at_us, "hawk", 0.7, 0.0))
+    assert flight.planner.winds == []
+
+
 def test_a_refused_return_is_ordered_again(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.endurance_s=300")
     assert returns(flight.at(150.0, later_s=300.0))
