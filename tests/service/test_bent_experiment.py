@@ -65,7 +65,7 @@ def test_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool)
     monkeypatch.setattr(
         bent,
         "fly_cases",
-        lambda cases, history, speed: [bent.fly_case(case, history, speed) for case in cases],
+        lambda cases, history, speed, _: [bent.fly_case(case, history, speed) for case in cases],
     )
     options = ["--json"] if as_json else ["--out", str(tmp_path)]
     told = CliRunner().invoke(main, ["experiment", "bent", "--speed", "10", *options])

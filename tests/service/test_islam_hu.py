@@ -210,7 +210,7 @@ def test_the_command_prints_tables_or_json(as_json: bool, monkeypatch: pytest.Mo
             }
         ],
     }
-    monkeypatch.setattr(islam_hu, "run", lambda out: found)
+    monkeypatch.setattr(islam_hu, "run", lambda out, progress: found)
     result = CliRunner().invoke(
         main, ["experiment", "islam-hu", *(["--json"] if as_json else [])], catch_exceptions=False
     )
