@@ -15,7 +15,7 @@ demo: .venv/ready
 	$(BIN)/mission-service demo --out out
 
 test: .venv/ready lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: .venv/ready
 	$(BIN)/ruff check .
