@@ -1,0 +1,65 @@
+"""What UAVs tell each other. Data only; ``at_us`` is mission time, the sender's own.
+
+Cells are numbers ``row * cols + col`` of the landscape's grid, in rising order.
+"""
+
+import msgspec
+
+
+class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
+    """Said by the vehicle ``sender`` at mission time ``at_us``."""
+
+    at_us: int
+    sender: str
+
+
+class State(Message, frozen=True, tag=True):
+    """Where a UAV and its virtual agent are, and what it is about to fly (section 4, message 2).
+
+    ``orbit_*`` is the circle the UAV flies to or on: its intention, checked by the sender against
+    all it knew of. A negative radius is anticlockwise, as in MAVLink: the paper's orbit has -150.
+    """
+
+    x_m: float
+    y_m: float
+    altitude_amsl_m: float
+    velocity_x_m_s: float  # over the ground
+    velocity_y_m_s: float
+    agent_x_m: float
+    agent_y_m: float
+    orbit_x_m: float
+    orbit_y_m: float
+    orbit_radius_m: float
+    airspeed_m_s: float
+    settled: bool
+
+
+class FireUpdate(Message, frozen=True, tag=True):
+    """Cells that were seen to burn, and no longer to (section 4, message 1); for everybody."""
+
+    burning: tuple[int, ...]
+    cleared: tuple[int, ...] = ()
+
+
+class Digest(Message, frozen=True, tag=True):
+    """What the sender's fire map holds, a checksum a tile: (tile, checksum) for all not empty."""
+
+    tiles: tuple[tuple[int, int], ...]
+
+
+class Difference(Message, frozen=True, tag=True):
+    """All versioned cells of tiles that another's digest showed to differ.
+
+    ``cells`` are (cell, seen_at_us, burning).
+    """
+
+    cells: tuple[tuple[int, int, bool], ...]
+
+
+class Leaving(Message, frozen=True, tag=True):
+    """The sender goes home: its virtual agent is no more; it speaks again when it is back."""
+
+    why: str
+
+
+AnyMessage = State | FireUpdate | Digest | Difference | Leaving

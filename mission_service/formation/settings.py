@@ -1,0 +1,98 @@
+"""The constants of the formation: table 1 of the paper, and what it needs but does not print."""
+
+import math
+from dataclasses import dataclass
+
+PAPER_CELL_M = 10.0  # forces count distances in the paper's cells, whatever the map's are
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera on a gimbal that looks straight down; its footprint turns with the vehicle.
+
+    The paper's example has 1.047 rad across (eq. 3); along the track a 4:3 sensor is taken.
+    """
+
+    across_rad: float = 1.047
+    along_rad: float = 0.817
+
+    def width_m(self, height_m: float) -> float:
+        """Width of the footprint across the track from ``height_m`` above ground (eq. 3)."""
+        return 2.0 * max(height_m, 0.0) * math.tan(self.across_rad / 2.0)
+
+    def length_m(self, height_m: float) -> float:
+        """Length of the footprint along the track."""
+        return 2.0 * max(height_m, 0.0) * math.tan(self.along_rad / 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Airframe:
+    """What a fixed wing can do; speeds through the air.
+
+    The paper's thrust goes from 0.4 of the most to the most (eq. 16); here so does the airspeed.
+    """
+
+    least_airspeed_m_s: float = 10.0
+    most_airspeed_m_s: float = 25.0
+    bank_rad: float = 0.7
+    climb_m_s: float = 3.0
+
+    @property
+    def cruise_m_s(self) -> float:
+        """The airspeed of a vehicle that is in phase: 0.7 of the most (eq. 16)."""
+        return max(0.7 * self.most_airspeed_m_s, self.least_airspeed_m_s)
+
+    def turn_rate_rad_s(self, airspeed_m_s: float) -> float:
+        """Largest turn rate in level flight."""
+        return 9.80665 * math.tan(self.bank_rad) / airspeed_m_s
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """The eight tunable constants of section 5.2 (c1 to c5, e3, t1, t2)."""
+
+    c1: float = 2.0
+    c2: float = 15.0
+    c3: float = 1.0
+    c4: float = 18.0
+    c5: float = 5.0
+    e3: float = 1.0
+    t1: float = 1.0
+    t2: float = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Table 1, and below the line what the paper does not give a number for."""
+
+    monitoring_m: float = 350.0  # d_mon
+    altitude_agl_m: float = 300.0  # alt
+    loiter_radius_m: float = 150.0  # r_l, anticlockwise
+    agent_speed_m_s: float = 25.0  # vel_max of virtual agents
+    safety_radius_m: float = 30.0  # r_s: nearer than twice that is a collision
+    neighbourhood_m: float = 500.0  # d_n
+    # ---
+    range_m: float = 2000.0  # r_com: how far states are heard; fire updates reach all
+    begin_again_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
+    camera: Camera = Camera()
+    airframe: Airframe = Airframe()
+    constants: Constants = Constants()
+
+    @property
+    def coverage_radius_m(self) -> float:
+        """What a UAV sees on a full circle (eq. 2)."""
+        return self.loiter_radius_m + self.camera.width_m(self.altitude_agl_m) / 2.0
+
+    @property
+    def spacing_m(self) -> float:
+        """The distance below which virtual agents repel each other (eq. 8)."""
+        return 2.0 * self.coverage_radius_m / math.sqrt(2.0)
+
+    def augmentation_m(self, cell_m: float) -> float:
+        """No virtual agent nearer to fire than this: section 5.1, r_l and a cell."""
+        return self.loiter_radius_m + cell_m
+
+    @property
+    def agent_area_m(self) -> float:
+        """A virtual agent nearer to fire than this covers something useful (section 3.4)."""
+        return self.monitoring_m + self.coverage_radius_m
