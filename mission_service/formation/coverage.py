@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from mission_service.formation.coverage_kernels import (
-    NO_WAY,
     crowding,
     extent,
     find_ways,
+    first_leg,
     is_clear,
     is_free,
     sum_left_over,
@@ -37,23 +37,28 @@ from mission_service.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 
-WORTH = 80.0  # a move must gain so much: half a percent of what four cover
+# What a move must gain at once (half a percent of what four cover), and after some time in a place.
+WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 WAY_PER_M = 0.1  # what a metre of way costs
 # Others nearer than the spacing cost up to this, nearer than the second number up to the third.
 NEIGHBOUR, CROWD_M, CROWD = 100.0, 150.0, 5000.0
-LATTICE_M = 40.0
-MARGIN_M = 20.0  # a new place is so far from the augmented fire, to last for a while
+LATTICE_M = 60.0
+MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
 ARRIVED_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Errand:
-    """Where a virtual agent goes, and the place up to which it can go straight."""
+    """Where a virtual agent goes, and the place up to which it can go straight.
+
+    ``since_s`` is when it chose the goal.
+    """
 
     goal_x_m: float
     goal_y_m: float
     via_x_m: float
     via_y_m: float
+    since_s: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,8 +69,8 @@ class _Room:
     sums: NDArray[np.int32]  # (rows, cols + 1)
     ways: Floats
     before: NDArray[np.int64]
-    times: Floats
-    keys: NDArray[np.int64]
+    queue: NDArray[np.int64]
+    queued: NDArray[np.bool_]
     found: Floats
 
 
@@ -78,13 +83,14 @@ def _room(rows: int, cols: int, stride: int, radius: float) -> _Room:
         np.zeros((rows, cols + 1), dtype=np.int32),
         np.zeros(nodes),
         np.zeros(nodes, dtype=np.int64),
-        np.zeros(8 * nodes + 512),
-        np.zeros(8 * nodes + 512, dtype=np.int64),
+        np.zeros(nodes, dtype=np.int64),
+        np.zeros(nodes, dtype=np.bool_),
         np.zeros(4),
     )
 
 
 def next_errand(
+    at_s: float,
     x_m: float,
     y_m: float,
     errand: Errand | None,
@@ -107,9 +113,9 @@ def next_errand(
     row, col = grid.row_col_of(x_m, y_m)
     if not (-0.5 <= row < grid.rows - 0.5 and -0.5 <= col < grid.cols - 0.5):
         return None
-    goal_row, goal_col = (
-        grid.row_col_of(errand.goal_x_m, errand.goal_y_m) if errand else (row, col)
-    )
+    goal_row, goal_col = grid.row_col_of(errand.goal_x_m, errand.goal_y_m) if errand else (row, col)
+    since_s = errand.since_s if errand else at_s
+    patience = min(max(at_s - since_s, 0.0) / LATER_S, 1.0)
     stride = max(round(LATTICE_M / cell_m), 1)
     radius = settings.coverage_radius_m / cell_m
     room = _room(grid.rows, grid.cols, stride, radius)
@@ -125,22 +131,28 @@ def next_errand(
         augmentation,
         monitored,
         area,
-        cell_m,
+        WORTH + patience * (WORTH_LATER - WORTH),
+        WAY_PER_M * cell_m,
+        math.ceil(MARGIN_M / cell_m),
         radius,
         math.ceil(settings.monitoring_m / cell_m) + 1,
         math.ceil(settings.agent_area_m / cell_m) + 1,
         settings.spacing_m / cell_m,
+        CROWD_M / cell_m,
         stride,
         room.half_widths,
         room.sums,
         room.ways,
         room.before,
-        room.times,
-        room.keys,
+        room.queue,
+        room.queued,
         found,
     ):
         return None
-    return Errand(*grid.xy_of(*found[:2].tolist()), *grid.xy_of(*found[2:].tolist()))
+    goal_x_m, goal_y_m = grid.xy_of(*found[:2].tolist())
+    if errand is None or math.hypot(goal_x_m - errand.goal_x_m, goal_y_m - errand.goal_y_m) > 1e-6:
+        since_s = at_s
+    return Errand(goal_x_m, goal_y_m, *grid.xy_of(*found[2:].tolist()), since_s)
 
 
 def settled(x_m: float, y_m: float, errand: Errand) -> bool:
@@ -172,97 +184,92 @@ def _next_errand(  # type: ignore[no-untyped-def]
     augmentation,
     monitored,
     area,
-    cell_m,
+    worth,
+    way_cost,
+    margin,
     radius,
     monitored_reach,
     area_reach,
     spacing,
+    crowd_at,
     stride,
     half_widths,
     sums,
     ways,
     before,
-    times,
-    keys,
+    queue,
+    queued,
     found,
 ):
     """``next_errand`` in cells; ``found`` (4) is the goal and the via. False for None."""
     rows, cols = fire.shape
-    wide = (cols - 1) // stride + 1
     if area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
         return False
     burning = extent(fire)
     box = wider(burning, monitored_reach, fire.shape)
     sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums)
-    field = wider(burning, area_reach, fire.shape)
-    if not find_ways(row, col, augmentation, field, stride, ways, before, times, keys):
-        return False
-    margin = math.ceil(MARGIN_M / cell_m)
-    crowd_at = CROWD_M / cell_m
+    scene = (
+        augmentation,
+        margin,
+        half_widths,
+        box,
+        sums,
+        others_row,
+        others_col,
+        spacing,
+        crowd_at,
+    )
     # What there is already: the goal, unless the fire has come.
-    r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
     found[0], found[1] = goal_row, goal_col
-    node = nearest_node(r, c, stride, rows, cols)
-    least = -NO_WAY
+    r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
+    best, chosen_row, chosen_col = -math.inf, -1, -1
     if is_free(r, c, augmentation, 0):
-        least = WORTH + (
-            weight_within(r, c, half_widths, box, sums)
-            - crowding(r, c, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD)
-            - WAY_PER_M * cell_m * math.hypot(r - row, c - col)
-        )
-        if not is_clear(row, col, r, c, augmentation):
-            least -= WAY_PER_M * cell_m * (min(ways[node], 1e9) - math.hypot(r - row, c - col))
-    best, best_node = least, -1
-    for i in range((field[0] + stride - 1) // stride, (field[1] - 1) // stride + 1):
-        for j in range((field[2] + stride - 1) // stride, (field[3] - 1) // stride + 1):
-            way = ways[i * wide + j]
-            r, c = i * stride, j * stride
-            if way == NO_WAY or area[r, c] == 0 or not is_free(r, c, augmentation, margin):
-                continue
-            value = (
-                weight_within(r, c, half_widths, box, sums)
-                - crowding(r, c, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD)
-                - WAY_PER_M * cell_m * way
-            )
-            if value > best:
-                best, best_node = value, i * wide + j
-    if best_node >= 0:
-        node = best_node
-        r0, c0 = node // wide * stride, node % wide * stride
-        found[0], found[1] = r0, c0
-        # Between the nodes there may be better.
-        best = -NO_WAY
-        for r in range(r0 - stride + 1, r0 + stride):
-            for c in range(c0 - stride + 1, c0 + stride):
-                if is_free(r, c, augmentation, margin):
-                    value = weight_within(r, c, half_widths, box, sums) - crowding(
-                        r, c, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
-                    )
-                    if value > best:
-                        best, found[0], found[1] = value, r, c
-    elif least == -NO_WAY:
+        best = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+    field = wider(burning, area_reach, fire.shape)
+    for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
+        for c in range((field[2] + stride - 1) // stride * stride, field[3], stride):
+            if area[r, c] != 0 and augmentation[r, c] == 0:
+                new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+                if new > best:
+                    best, chosen_row, chosen_col = new, r, c
+    if chosen_row >= 0:
+        found[0], found[1] = climb(chosen_row, chosen_col, stride, scene)
+    elif best == -math.inf:
         return False
-    first_leg(row, col, node, augmentation, stride, wide, ways, before, found)
-    return True
-
-
-@kernel
-def nearest_node(row, col, stride, rows, cols):  # type: ignore[no-untyped-def]
-    """The number of the node nearest to a cell."""
-    high, wide = (rows - 1) // stride + 1, (cols - 1) // stride + 1
-    i = min((row + stride // 2) // stride, high - 1)
-    j = min((col + stride // 2) // stride, wide - 1)
-    return i * wide + j
-
-
-@kernel
-def first_leg(row, col, node, augmentation, stride, wide, ways, before, found):  # type: ignore[no-untyped-def]
-    """Put into ``found`` how far one can go straight towards the goal, which is next to a node."""
     found[2], found[3] = found[0], found[1]
-    if is_clear(row, col, found[0], found[1], augmentation) or ways[node] == NO_WAY:
-        return
-    while True:
-        found[2], found[3] = node // wide * stride, node % wide * stride
-        if before[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
-            return
-        node = before[node]
+    if is_clear(row, col, found[0], found[1], augmentation):
+        return True
+    if not find_ways(row, col, augmentation, field, stride, ways, before, queue, queued):
+        return False
+    return first_leg(row, col, augmentation, field, stride, ways, before, found)
+
+
+@kernel
+def value(row, col, scene):  # type: ignore[no-untyped-def]
+    """What a free cell is worth to an agent."""
+    augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
+    gain = weight_within(row, col, half_widths, box, sums) - crowding(
+        row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
+    )
+    return gain if is_free(row, col, augmentation, margin) else gain - TOUCHING
+
+
+@kernel
+def climb(row, col, step, scene):  # type: ignore[no-untyped-def]
+    """The best place near a cell: uphill with smaller and smaller steps."""
+    augmentation = scene[0]
+    best = value(row, col, scene)
+    while step > 1:
+        step = (step + 1) // 2
+        gained = True
+        while gained:
+            gained = False
+            for side in range(9):
+                r, c = row + step * (side // 3 - 1), col + step * (side % 3 - 1)
+                if is_free(r, c, augmentation, 0):
+                    new = value(r, c, scene)
+                    if new > best + 1e-9:
+                        best, next_row, next_col, gained = new, r, c, True
+            if gained:
+                row, col = next_row, next_col
+    return row, col

@@ -4,16 +4,19 @@ Lengths are in cells, places are float (row, col) of the grid with whole numbers
 cells. Boxes are (top, bottom, left, right), the second and last excluded. The lattice has a node at
 each cell whose row and column are multiples of ``stride``; node (i, j) has the number
 ``i * wide + j``.
+
+Indices of inner loops are unsigned: signed ones are tried for being negative each time.
 """
 
 import math
 
+import numpy as np
+
 from firemodel.compiled import kernel
-from firemodel.heap import drop_first, push
 
 NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
 RINGS = 8  # so far, in strides, the first free node is looked for
-NO_WAY = 1e18
+NO_WAY = math.inf
 
 
 @kernel
@@ -54,20 +57,27 @@ def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius,
     top, bottom, left, right = box
     for r in range(top, bottom):
         for c in range(left, right):
-            weight = 0
-            if monitored[r, c] != 0 and not fire[r, c]:
-                weight = NEAR if augmentation[r, c] != 0 else FAR
-            sums[r, c + 1] = weight
+            row, col = np.uint64(r), np.uint64(c)
+            weight = NEAR if augmentation[row, col] != 0 else FAR
+            if monitored[row, col] == 0 or fire[row, col]:
+                weight = 0
+            sums[row, np.uint64(c + 1)] = weight
     for k in range(others_row.size):
-        row, col = others_row[k], others_col[k]
-        for r in range(max(math.ceil(row - radius), top), min(math.floor(row + radius) + 1, bottom)):
-            half = math.sqrt(max(radius * radius - (r - row) ** 2, 0.0))
-            for c in range(max(math.ceil(col - half), left), min(math.floor(col + half) + 1, right)):
-                sums[r, c + 1] = 0
+        row_k, col_k = others_row[k], others_col[k]
+        for r in range(
+            max(math.ceil(row_k - radius), top), min(math.floor(row_k + radius) + 1, bottom)
+        ):
+            half = math.sqrt(max(radius * radius - (r - row_k) ** 2, 0.0))
+            for c in range(
+                max(math.ceil(col_k - half), left), min(math.floor(col_k + half) + 1, right)
+            ):
+                sums[np.uint64(r), np.uint64(c + 1)] = 0
     for r in range(top, bottom):
+        total = 0
         sums[r, left] = 0
         for c in range(left, right):
-            sums[r, c + 1] += sums[r, c]
+            total += sums[np.uint64(r), np.uint64(c + 1)]
+            sums[np.uint64(r), np.uint64(c + 1)] = total
 
 
 @kernel
@@ -77,10 +87,10 @@ def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-
     reach = half_widths.size // 2
     total = 0
     for r in range(max(row - reach, top), min(row + reach + 1, bottom)):
-        half = half_widths[r - row + reach]
+        half = half_widths[np.uint64(r - row + reach)]
         first, end = max(col - half, left), min(col + half + 1, right)
         if first < end:
-            total += sums[r, end] - sums[r, first]
+            total += sums[np.uint64(r), np.uint64(end)] - sums[np.uint64(r), np.uint64(first)]
     return total
 
 
@@ -105,13 +115,13 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
         return False
     if margin > 0:
         slant = math.ceil(margin * 0.7)
-        for side in range(8):
-            step = slant if side % 2 else margin
-            r = row + step * (1 - (side + 1) // 3 % 3 if side < 7 else 0)
-            c = col + step * (1 - (side + 3) // 3 % 3 if side < 7 else 0)
-            r, c = min(max(r, 0), rows - 1), min(max(c, 0), cols - 1)
-            if augmentation[r, c] != 0:
-                return False
+        for down in range(-1, 2):
+            for right in range(-1, 2):
+                step = slant if down != 0 and right != 0 else margin
+                r = min(max(row + step * down, 0), rows - 1)
+                c = min(max(col + step * right, 0), cols - 1)
+                if augmentation[r, c] != 0:
+                    return False
     return True
 
 
@@ -129,12 +139,12 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 
 
 @kernel
-def find_ways(row, col, augmentation, box, stride, ways, before, times, keys):  # type: ignore[no-untyped-def]
+def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):  # type: ignore[no-untyped-def]
     """The length of the way from (row, col) to each node in the box, ``NO_WAY`` where there is none.
 
     ``before`` is the node before it on that way, -1 for the first. The first ones are the free
     nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
-    whether there are any. ``times``, ``keys`` are room for eight entries a node.
+    whether there are any. ``queue``, ``queued`` are room for an entry a node.
     """
     rows, cols = augmentation.shape
     wide = (cols - 1) // stride + 1
@@ -142,8 +152,8 @@ def find_ways(row, col, augmentation, box, stride, ways, before, times, keys):  
     j_left, j_end = (box[2] + stride - 1) // stride, (box[3] - 1) // stride + 1
     for i in range(i_top, i_end):
         for j in range(j_left, j_end):
-            ways[i * wide + j] = NO_WAY
-    size = 0
+            ways[i * wide + j], queued[i * wide + j] = NO_WAY, False
+    first, count = 0, 0
     inside = not is_free(math.floor(row + 0.5), math.floor(col + 0.5), augmentation, 0)
     i0, j0 = math.floor(row / stride), math.floor(col / stride)
     for ring in range(RINGS):
@@ -155,22 +165,61 @@ def find_ways(row, col, augmentation, box, stride, ways, before, times, keys):  
                 ):
                     node = i * wide + j
                     ways[node], before[node] = math.hypot(r - row, c - col), -1
-                    size = push(times, keys, size, ways[node], node)
-        if size:
+                    queue[count], queued[node] = node, True
+                    count += 1
+        if count:
             break
-    if size == 0:
-        return False
-    while size:
-        way, node = times[0], keys[0]
-        size = drop_first(times, keys, size)
-        if way > ways[node]:
-            continue
+    found = count > 0
+    slant = stride * math.sqrt(2.0)
+    while count:
+        node = queue[np.uint64(first)]
+        first = (first + 1) % queue.size
+        count -= 1
+        queued[np.uint64(node)] = False
         i, j = node // wide, node % wide
         for a in range(max(i - 1, i_top), min(i + 2, i_end)):
             for b in range(max(j - 1, j_left), min(j + 2, j_end)):
-                longer = way + (stride if a == i or b == j else stride * math.sqrt(2.0))
-                other = a * wide + b
-                if longer < ways[other] and augmentation[a * stride, b * stride] == 0:
+                longer = ways[np.uint64(node)] + (stride if a == i or b == j else slant)
+                other = np.uint64(a * wide + b)
+                if (
+                    longer < ways[other] - 1e-9
+                    and augmentation[np.uint64(a * stride), np.uint64(b * stride)] == 0
+                ):
                     ways[other], before[other] = longer, node
-                    size = push(times, keys, size, longer, other)
-    return True
+                    if not queued[other]:
+                        queue[np.uint64((first + count) % queue.size)] = other
+                        queued[other] = True
+                        count += 1
+    return found
+
+
+@kernel
+def node_next_to(row, col, stride, box, wide, ways):  # type: ignore[no-untyped-def]
+    """The node around a cell over which the way to it is shortest, -1 if there is none; the way."""
+    best, best_node = NO_WAY, -1
+    for i in range(row // stride, row // stride + 2):
+        for j in range(col // stride, col // stride + 2):
+            r, c = i * stride, j * stride
+            if box[0] <= r < box[1] and box[2] <= c < box[3]:
+                way = ways[i * wide + j] + math.hypot(r - row, c - col)
+                if way < best:
+                    best, best_node = way, i * wide + j
+    return best_node, best
+
+
+@kernel
+def first_leg(row, col, augmentation, box, stride, ways, before, found):  # type: ignore[no-untyped-def]
+    """Put into ``found[2:]`` how far one can go straight on the way to ``found[:2]``.
+
+    Returns whether there is a way (``find_ways``).
+    """
+    wide = (augmentation.shape[1] - 1) // stride + 1
+    goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
+    node, _ = node_next_to(goal_row, goal_col, stride, box, wide, ways)
+    if node < 0:
+        return False
+    while True:
+        found[2], found[3] = node // wide * stride, node % wide * stride
+        if before[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
+            return True
+        node = before[node]
