@@ -243,9 +243,7 @@ class FormationWorld:
         )
         wind, bank_rad = self.rules.wind_m_s, self.settings.airframe.bank_rad
         headings_rad = np.empty(len(orbits))
-        wanted_headings(
-            self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad
-        )
+        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         if self.rules.avoidance == "rvo":
             for number, agent in enumerate(self.agents):
                 headings_rad[number] = self._clear_heading(number, agent, headings_rad[number])
@@ -268,9 +266,7 @@ class FormationWorld:
         wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         directions = np.column_stack([np.cos(headings_rad), np.sin(headings_rad)])
         wanted_m_s = self.motion[:, 1:] * directions + wind
-        self.safety.look(
-            self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m
-        )
+        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
         """The paper's avoidance, by what the agent has heard of the others."""

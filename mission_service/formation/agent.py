@@ -159,10 +159,7 @@ class Agent:
         """Eqs. 4 and 12: it begins ahead of its UAV, and moves as the forces have it."""
         settings = self.settings
         agent_m = self.agent_m
-        if (
-            agent_m is None
-            or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m
-        ):
+        if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m:
             yaw_rad = math.atan2(own.velocity_y_m_s, own.velocity_x_m_s)
             agent_m = (
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
