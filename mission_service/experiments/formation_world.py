@@ -207,6 +207,7 @@ class FormationWorld:
         looks = round(LOOK_EVERY_S / TICK_S)
         self.intentions = []
         for number, agent in enumerate(self.agents):
+            self._send_away(number, agent)
             if (self.ticks + number) % looks == 0:
                 self._look(number, agent, at_us)
             self.intentions.append(agent.step(self._own(number, at_us)))
@@ -214,6 +215,14 @@ class FormationWorld:
                 self.radio.send(number, message, self.at_s, self.places_m)
         self._fly()
         self._look_at_safety()
+
+    def _send_away(self, number: int, agent: Agent) -> None:
+        """To its base and back again, when it is time."""
+        from_s, until_s = self.rules.away_s.get(number, (math.inf, math.inf))
+        if from_s <= self.at_s < until_s and agent.home_m is None:
+            agent.go_home(*_start(number))
+        elif self.at_s >= until_s and agent.home_m is not None:
+            agent.come_back()
 
     def _own(self, number: int, at_us: int) -> Own:
         x_m, y_m = self.places_m[number].tolist()
@@ -254,13 +263,20 @@ class FormationWorld:
         self.heights_m[:] = [self.settings.altitude_agl_m + i.climb_m for i in self.intentions]
 
     def agents_m(self) -> Floats:
-        """Where the virtual agents are (n, 2)."""
+        """Where the virtual agents are (n, 2); not a number where there is none."""
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:
         """Conflicts are those of what eqs. 14 and 15 want: to circle the virtual agent."""
         radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
-        orbits = np.array([(i.agent_x_m, i.agent_y_m, radius_m) for i in self.intentions])
+        orbits = np.array(
+            [
+                (i.orbit_x_m, i.orbit_y_m, i.orbit_radius_m)
+                if math.isnan(i.agent_x_m)
+                else (i.agent_x_m, i.agent_y_m, radius_m)
+                for i in self.intentions
+            ]
+        )
         headings_rad = np.empty(len(orbits))
         bank_rad = self.settings.airframe.bank_rad
         wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
