@@ -70,13 +70,15 @@ class MonitoringArea:
         cell_m = self.grid.cell_m
         rows = (self.grid.north_m - agents_m[:, 1]) / cell_m - 0.5
         cols = (agents_m[:, 0] - self.grid.west_m) / cell_m - 0.5
-        return _near_agents(
+        share: float = _near_agents(
             self.cells, self.priorities, self.grid.cols, rows, cols, coverage_m / cell_m
         )
+        return share
 
     def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
         """Share of the priorities seen within the last so long; ``seen_s`` (y, x), see ``mark``."""
-        return _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
+        share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
+        return share
 
     def efficiency(self, views: Sequence[tuple[float, float, float, float, float]]) -> float:
         """Priorities of all views together over the sum of each one's; 1 where there are none.
