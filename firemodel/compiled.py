@@ -1,12 +1,14 @@
-"""How inner loops are compiled: once, and kept on disk until any source of this package changes.
+"""How inner loops are compiled: once, and kept on disk until what they are made of changes.
 
 Numba alone looks only at the file a function is in, so that a function would go on with old code of
-another file that it calls. Here the cache's folder is named after the content of all of them.
+another file that it calls. Here the cache's folder is named after the content of all files of this
+package and of the folder the function is in.
 """
 
 import hashlib
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,13 @@ NUMBA: Any = config
 PACKAGE = Path(__file__).parent
 
 
-def _cache_folder() -> Path:
-    """In the package or, if that cannot be written to, in the user's cache."""
+@cache
+def cache_folder(sources: Path = PACKAGE) -> Path:
+    """In this package or, if that cannot be written to, in the user's cache."""
     sha = hashlib.sha256()
-    for source in sorted(PACKAGE.glob("*.py")):
-        sha.update(source.read_bytes())
+    for folder in sorted({PACKAGE, sources}):
+        for source in sorted(folder.glob("*.py")):
+            sha.update(source.read_bytes())
     if NUMBA.CACHE_DIR:
         base = Path(NUMBA.CACHE_DIR)
     elif os.access(PACKAGE, os.W_OK):
@@ -31,12 +35,9 @@ def _cache_folder() -> Path:
     return base / f"kernels-{sha.hexdigest()[:16]}"
 
 
-CACHE_FOLDER = _cache_folder()
-
-
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
     given = NUMBA.CACHE_DIR
-    NUMBA.CACHE_DIR = str(CACHE_FOLDER)
+    NUMBA.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).parent))
     try:
         return njit(cache=True, error_model="numpy", **options)(function)
     finally:

@@ -47,9 +47,9 @@ class Burn:
         return enclosed_s(self.arrival_s)
 
 
-def flat(fuel: NDArray[np.int16]) -> Landscape:
+def flat(fuel: NDArray[np.int16], cell_m: float = CELL_M) -> Landscape:
     """A level landscape of these fuels (y, x)."""
-    return Landscape("EPSG:32611", 5e5, 4e6, CELL_M, fuel, np.zeros(fuel.shape, np.float32))
+    return Landscape("EPSG:32611", 5e5, 4e6, cell_m, fuel, np.zeros(fuel.shape, np.float32))
 
 
 def of_one_fuel(code: int) -> NDArray[np.int16]:
