@@ -116,8 +116,8 @@ class Agent:
         self._climb_m = 0.0
         self._told_orbit_m = (math.inf, math.inf)
         self._to_say: list[AnyMessage] = []
-        self.maps.set(*self.map.see(fire, NO_CELLS, at_us))
-        self.map.updates(at_us)  # all have been told
+        self.map.start(fire, at_us)
+        self.maps.set(fire, NO_CELLS)
 
     # What comes in ----------------------------------------------------------------------------
 
