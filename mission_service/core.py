@@ -195,7 +195,7 @@ class Core:
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        news = self._adviser.at(ring, team.fleet(ring, at_s)[0].speed_m_s, at_s)
+        news = self._adviser.at(ring, team.fleet(ring, at_s).speed_m_s, at_s)
         return [] if news is None else [_say(vehicle, f"team: {news[1]}", warning=news[0])]
 
     # To the fire and home ---------------------------------------------------------------------
