@@ -223,9 +223,10 @@ class SharedMap:
         self._give(count, self._slot_us())
 
     def _difference(self, at_us: int) -> list[MapMessage]:
-        due = sorted((due_us, cell) for cell, due_us in self._gives.items() if due_us <= at_us)
+        due = [cell for cell, due_us in self._gives.items() if due_us <= at_us]
+        due.sort(key=self._gives.__getitem__)
         stamps = self.stamps.ravel()
-        runs = _runs(np.array([cell for _, cell in due], dtype=np.int64), stamps)[:DIFFERENCE_RUNS]
+        runs = _runs(np.array(due, dtype=np.int64), stamps)[:DIFFERENCE_RUNS]
         for first, count, _, _ in runs:
             for cell in range(first, first + count):
                 del self._gives[cell]
