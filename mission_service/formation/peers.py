@@ -1,5 +1,7 @@
 """What a UAV last heard of each other one, as rows of numbers for the kernels."""
 
+import zlib
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,10 +11,15 @@ Floats = NDArray[np.float64]
 
 # Columns of a row.
 X, Y, ALTITUDE, VX, VY, AGENT_X, AGENT_Y = range(7)
-ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S = range(7, 12)
-COLUMNS = 12
+ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S, KEY = range(7, 13)
+COLUMNS = 13
 
 LOST_AFTER_S = 10.0
+
+
+def key_of(name: str) -> int:
+    """The same number for a name everywhere: who goes first."""
+    return zlib.crc32(name.encode())
 
 
 class Peers:
@@ -67,4 +74,5 @@ class Peers:
                 [self._heard_at_us, np.zeros_like(self._heard_at_us)]
             )
         self._heard_at_us[row] = np.iinfo(np.int64).min
+        self._rows[row, KEY] = key_of(name)
         return row

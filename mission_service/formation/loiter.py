@@ -1,0 +1,222 @@
+"""Circling a virtual agent (eqs. 14 and 15), one step of an ideal fixed wing, its path ahead.
+
+Kernels over scalars: metres, x east, y north; angles radians anticlockwise from east. A radius is
+signed as in MAVLink: negative is anticlockwise, the paper's way.
+
+What is steered is the course over the ground; in wind the heading crabs. The law looks at the place
+the vehicle comes to at the end of the step, not where it is, so that the circle flown has the
+radius asked for. Beyond the paper: eq. 14 counts only outside the orbit, because a vehicle that has
+its agent inside its own turning circle would turn for ever to get it to the other side.
+"""
+
+import math
+
+from firemodel.compiled import kernel
+
+GRAVITY_M_S2 = 9.80665
+ACCELERATION_M_S2 = 1.5  # of the airspeed, both ways
+
+
+@kernel
+def side_of_agent_m(x_m, y_m, course_rad, agent_x_m, agent_y_m):  # type: ignore[no-untyped-def]
+    """Eq. 14: how far to the left of a course the agent is; negative to the right."""
+    return math.cos(course_rad) * (agent_y_m - y_m) - math.sin(course_rad) * (agent_x_m - x_m)
+
+
+@kernel
+def wanted_course_rad(  # type: ignore[no-untyped-def]
+    x_m, y_m, agent_x_m, agent_y_m, radius_m
+):
+    """Eq. 15 as it should be: the polar angle seen from the agent, and 2 atan(d / r) on.
+
+    Far away it points at the agent, on the circle along it, in the middle outwards.
+    """
+    polar_rad = math.atan2(y_m - agent_y_m, x_m - agent_x_m)
+    distance_m = math.hypot(x_m - agent_x_m, y_m - agent_y_m)
+    sense = -1.0 if radius_m > 0.0 else 1.0
+    return polar_rad + sense * 2.0 * math.atan(distance_m / abs(radius_m))
+
+
+@kernel
+def most_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
+    """How far a level turn gets in a step; never more than half a turn."""
+    return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
+
+
+@kernel
+def next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s):  # type: ignore[no-untyped-def]
+    """The airspeed at the end of a step."""
+    most = ACCELERATION_M_S2 * step_s
+    return airspeed_m_s + min(max(wanted_m_s - airspeed_m_s, -most), most)
+
+
+@kernel
+def _aim(  # type: ignore[no-untyped-def]
+    x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+    wind_x_m_s, wind_y_m_s, step_s, clear_m,
+):  # fmt: skip
+    """The unit heading wanted at the end of a step, and 0, or the way (1 left) it must turn first.
+
+    Eq. 15 without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
+    """
+    sense = -1.0 if radius_m > 0.0 else 1.0
+    over_x = airspeed_m_s * head_x + wind_x_m_s
+    over_y = airspeed_m_s * head_y + wind_y_m_s
+    away_x = x_m + over_x * step_s - orbit_x_m
+    away_y = y_m + over_y * step_s - orbit_y_m
+    distance_m = math.sqrt(away_x * away_x + away_y * away_y)
+    first = 0.0
+    if distance_m > max(abs(radius_m), clear_m):
+        left = over_x * (orbit_y_m - y_m) - over_y * (orbit_x_m - x_m)  # eq. 14
+        if sense * left <= 0.0:
+            first = -sense
+    if distance_m > 1e-6:
+        radius = abs(radius_m)
+        share = 1.0 / ((radius * radius + distance_m * distance_m) * distance_m)
+        along = (radius * radius - distance_m * distance_m) * share
+        across = sense * 2.0 * radius * distance_m * share
+        course_x = along * away_x - across * away_y
+        course_y = along * away_y + across * away_x
+    else:
+        course_x, course_y = head_x, head_y
+    if wind_x_m_s == 0.0 and wind_y_m_s == 0.0:
+        return course_x, course_y, first
+    drift = (wind_y_m_s * course_x - wind_x_m_s * course_y) / airspeed_m_s
+    drift = min(max(drift, -1.0), 1.0)
+    ahead = math.sqrt(1.0 - drift * drift)
+    return ahead * course_x + drift * course_y, ahead * course_y - drift * course_x, first
+
+
+@kernel
+def _turned(head_x, head_y, aim_x, aim_y, first, cos, sin):  # type: ignore[no-untyped-def]
+    """The unit heading after turning towards another one, by the angle of cos, sin at most."""
+    if first == 0.0:
+        if head_x * aim_x + head_y * aim_y >= cos:
+            return aim_x, aim_y
+        first = 1.0 if head_x * aim_y - head_y * aim_x >= 0.0 else -1.0
+    sin *= first
+    return cos * head_x - sin * head_y, cos * head_y + sin * head_x
+
+
+@kernel
+def _moved(  # type: ignore[no-untyped-def]
+    x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
+):
+    """Where a step ends: with the heading of its middle."""
+    mid_x, mid_y = head_x + new_x, head_y + new_y
+    size2 = mid_x * mid_x + mid_y * mid_y
+    if size2 < 1e-12:
+        mid_x, mid_y, size2 = -head_y, head_x, 1.0
+    way_m = airspeed_m_s * step_s / math.sqrt(size2)
+    x_m += way_m * mid_x + wind_x_m_s * step_s
+    y_m += way_m * mid_y + wind_y_m_s * step_s
+    return x_m, y_m
+
+
+@kernel
+def clear_of_turn_m(airspeed_m_s, bank_rad):  # type: ignore[no-untyped-def]
+    """An agent at least this far away cannot be inside the vehicle's tightest turn."""
+    return 2.0 * airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
+
+
+@kernel
+def wanted_heading_rad(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+    wind_x_m_s, wind_y_m_s, step_s, bank_rad,
+):  # fmt: skip
+    """The heading that flies to and round an orbit, for the end of a step; for ``steered``."""
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    aim_x, aim_y, first = _aim(
+        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+        wind_x_m_s, wind_y_m_s, step_s, clear_of_turn_m(airspeed_m_s, bank_rad),
+    )  # fmt: skip
+    if first != 0.0:
+        return heading_rad + first * most_turn_rad(airspeed_m_s, bank_rad, step_s)
+    return math.atan2(aim_y, aim_x)
+
+
+@kernel
+def steered(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, wanted_rad, wanted_m_s, wind_x_m_s, wind_y_m_s,
+    step_s, bank_rad,
+):  # fmt: skip
+    """One step of the ideal fixed wing (eq. 1) towards a heading and an airspeed.
+
+    Returns x, y, heading, airspeed at its end.
+    """
+    airspeed_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
+    new_x, new_y = _turned(
+        head_x, head_y, math.cos(wanted_rad), math.sin(wanted_rad), 0.0,
+        math.cos(turn_rad), math.sin(turn_rad),
+    )  # fmt: skip
+    x_m, y_m = _moved(
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
+    )
+    return x_m, y_m, math.atan2(new_y, new_x), airspeed_m_s
+
+
+@kernel
+def flown(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
+    wind_x_m_s, wind_y_m_s, step_s, bank_rad,
+):  # fmt: skip
+    """One step of the ideal fixed wing (eq. 1) to or round an orbit, by eqs. 14 and 15.
+
+    Returns x, y, heading, airspeed at its end.
+    """
+    airspeed_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    aim_x, aim_y, first = _aim(
+        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+        wind_x_m_s, wind_y_m_s, step_s, clear_of_turn_m(airspeed_m_s, bank_rad),
+    )  # fmt: skip
+    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
+    new_x, new_y = _turned(
+        head_x, head_y, aim_x, aim_y, first, math.cos(turn_rad), math.sin(turn_rad)
+    )
+    x_m, y_m = _moved(
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
+    )
+    return x_m, y_m, math.atan2(new_y, new_x), airspeed_m_s
+
+
+@kernel
+def predict(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
+    wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
+):  # fmt: skip
+    """Fill ``path_m`` (n, 2): x, y after first_s, first_s + step_s and so on, as ``flown`` flies.
+
+    ``first_s`` may be the age of what is known of the vehicle, so that row 0 is now.
+    """
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    bits = math.ceil(first_s / step_s)
+    part_s = first_s / bits if bits > 0 else step_s
+    clear_m = clear_of_turn_m(max(airspeed_m_s, wanted_m_s), bank_rad)
+    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
+    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+    for row in range(1 - bits, path_m.shape[0]):
+        if row == 1:
+            part_s = step_s
+            turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
+            cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+        if row > 0 or bits > 0:
+            if airspeed_m_s != wanted_m_s:
+                airspeed_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, part_s)
+                turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
+                cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+            aim_x, aim_y, first = _aim(
+                x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+                wind_x_m_s, wind_y_m_s, part_s, clear_m,
+            )  # fmt: skip
+            new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, first, cos, sin)
+            x_m, y_m = _moved(
+                x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
+                wind_x_m_s, wind_y_m_s, part_s,
+            )  # fmt: skip
+            head_x, head_y = new_x, new_y
+        if row >= 0:
+            path_m[row, 0] = x_m
+            path_m[row, 1] = y_m
