@@ -1,4 +1,4 @@
-"""Avoidance that sees intentions: an orbit is adopted only if all paths ahead stay clear of its own.
+"""Avoidance that sees intentions: an orbit is adopted only if its path is clear of all others.
 
 Beyond the paper, whose vehicles see velocities only. Everybody tells the orbit it flies to
 (``State.orbit_*``) and flies it by eqs. 14 and 15, so that its path can be worked out by everybody.

@@ -192,7 +192,7 @@ def predict(  # type: ignore[no-untyped-def]
     ``first_s`` may be the age of what is known of the vehicle, so that row 0 is now.
     """
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    bits = int(math.ceil(first_s / step_s))
+    bits = math.ceil(first_s / step_s)
     part_s = first_s / bits if bits > 0 else step_s
     clear_m = clear_of_turn_m(max(airspeed_m_s, wanted_m_s), bank_rad)
     turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)

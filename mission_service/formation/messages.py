@@ -35,25 +35,35 @@ class State(Message, frozen=True, tag=True):
 
 
 class FireUpdate(Message, frozen=True, tag=True):
-    """Cells that were seen to burn, and no longer to (section 4, message 1); for everybody."""
+    """Cells that were seen to burn, and no longer to (section 4, message 1); for everybody.
+
+    ``at_us`` is when they were seen, and with that the version of these cells.
+    """
 
     burning: tuple[int, ...]
     cleared: tuple[int, ...] = ()
 
 
 class Digest(Message, frozen=True, tag=True):
-    """What the sender's fire map holds, a checksum a tile: (tile, checksum) for all not empty."""
+    """What the sender's fire map holds: (tile, checksum).
+
+    Tiles from ``first`` up to ``end`` that are not listed are empty there. Without such tiles it is
+    a question: others have more or other cells in the tiles listed; which?
+    """
 
     tiles: tuple[tuple[int, int], ...]
+    first: int = 0
+    end: int = 0
 
 
 class Difference(Message, frozen=True, tag=True):
-    """All versioned cells of tiles that another's digest showed to differ.
+    """Cells that others seem to lack, as runs: (first cell, how many, seen_at_us, burning).
 
-    ``cells`` are (cell, seen_at_us, burning).
+    Of the tiles in ``whole`` they are all that the sender knows.
     """
 
-    cells: tuple[tuple[int, int, bool], ...]
+    cells: tuple[tuple[int, int, int, bool], ...]
+    whole: tuple[int, ...] = ()
 
 
 class Leaving(Message, frozen=True, tag=True):
