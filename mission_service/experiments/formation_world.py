@@ -30,8 +30,11 @@ LOOK_EVERY_S = 1.0
 MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
 BASE_M = (-1400.0, -1400.0)  # the first in the queue, from the middle of the map
-QUEUE_M = 150.0  # between one and the next, and between queues
+QUEUE_M = 70.0  # between one and the next, and between queues
 QUEUE = 8  # so many in a queue
+# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
+# every turn, a hundred times for each collision, where the paper has two.
+CONFLICT_WITHIN_S = 5.0
 ANEW_S = 2.0  # a conflict that has been over for so long begins anew
 
 
@@ -149,7 +152,7 @@ def count_meetings(  # type: ignore[no-untyped-def]
             of_b = meets_after_s(
                 -x, -y, 2.0 * wanted_m_s[b, 0] - mean_x, 2.0 * wanted_m_s[b, 1] - mean_y, apart_m
             )
-            if min(of_a, of_b) < np.inf:
+            if min(of_a, of_b) < CONFLICT_WITHIN_S:
                 if at_s - in_conflict_s[a, b] > ANEW_S:
                     conflicts += 1
                 in_conflict_s[a, b] = at_s
@@ -207,6 +210,7 @@ class FormationWorld:
         looks = round(LOOK_EVERY_S / TICK_S)
         self.intentions = []
         for number, agent in enumerate(self.agents):
+            self._send_away(number, agent)
             if (self.ticks + number) % looks == 0:
                 self._look(number, agent, at_us)
             self.intentions.append(agent.step(self._own(number, at_us)))
@@ -214,6 +218,14 @@ class FormationWorld:
                 self.radio.send(number, message, self.at_s, self.places_m)
         self._fly()
         self._look_at_safety()
+
+    def _send_away(self, number: int, agent: Agent) -> None:
+        """To its base and back again, when it is time."""
+        from_s, until_s = self.rules.away_s.get(number, (math.inf, math.inf))
+        if from_s <= self.at_s < until_s and agent.home_m is None:
+            agent.go_home(*_start(number))
+        elif self.at_s >= until_s and agent.home_m is not None:
+            agent.come_back()
 
     def _own(self, number: int, at_us: int) -> Own:
         x_m, y_m = self.places_m[number].tolist()
@@ -243,9 +255,7 @@ class FormationWorld:
         )
         wind, bank_rad = self.rules.wind_m_s, self.settings.airframe.bank_rad
         headings_rad = np.empty(len(orbits))
-        wanted_headings(
-            self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad
-        )
+        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         if self.rules.avoidance == "rvo":
             for number, agent in enumerate(self.agents):
                 headings_rad[number] = self._clear_heading(number, agent, headings_rad[number])
@@ -256,21 +266,26 @@ class FormationWorld:
         self.heights_m[:] = [self.settings.altitude_agl_m + i.climb_m for i in self.intentions]
 
     def agents_m(self) -> Floats:
-        """Where the virtual agents are (n, 2)."""
+        """Where the virtual agents are (n, 2); not a number where there is none."""
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:
         """Conflicts are those of what eqs. 14 and 15 want: to circle the virtual agent."""
         radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
-        orbits = np.array([(i.agent_x_m, i.agent_y_m, radius_m) for i in self.intentions])
+        orbits = np.array(
+            [
+                (i.orbit_x_m, i.orbit_y_m, i.orbit_radius_m)
+                if math.isnan(i.agent_x_m)
+                else (i.agent_x_m, i.agent_y_m, radius_m)
+                for i in self.intentions
+            ]
+        )
         headings_rad = np.empty(len(orbits))
         bank_rad = self.settings.airframe.bank_rad
         wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         directions = np.column_stack([np.cos(headings_rad), np.sin(headings_rad)])
         wanted_m_s = self.motion[:, 1:] * directions + wind
-        self.safety.look(
-            self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m
-        )
+        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
         """The paper's avoidance, by what the agent has heard of the others."""

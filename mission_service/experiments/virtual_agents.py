@@ -1,7 +1,7 @@
 """The experiments of the "Virtual agents" paper, section 6: table 2, three seeds each."""
 
-from concurrent.futures import ProcessPoolExecutor
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -17,7 +17,15 @@ SEEDS = (1, 2, 3)
 PROCESSES = 2
 AT_END_S = 60.0
 # What the paper's text and figures have at the end, in percent; conflicts that end in collisions.
-PAPER = {"Exp1": 100, "Exp2": 67, "Exp2_1": 100, "Exp3": 83, "Exp3_1": 100, "Exp4": 100, "Exp5": 100}
+PAPER = {
+    "Exp1": 100,
+    "Exp2": 67,
+    "Exp2_1": 100,
+    "Exp3": 83,
+    "Exp3_1": 100,
+    "Exp4": 100,
+    "Exp5": 100,
+}
 
 
 def run(
@@ -67,3 +75,20 @@ def _row(name: str, runs: list[Flight]) -> dict[str, Any]:
         "va_coverage_best": round(max(float(run.series["va_coverage"].max()) for run in runs), 4),
         "flights": len(runs),
     }
+
+
+def in_text(found: dict[str, Any]) -> str:
+    """The result as a table for people."""
+    lines = [
+        "Coverage in the last minute; the best at any time; the paper's. Counts over all flights",
+        "            virtual agents       UAVs   efficiency   conflicts  collisions  cells wrong",
+        "            end   best  paper",
+    ]
+    for row in found["experiments"]:
+        lines.append(
+            f"  {row['name']:7}{row['va_coverage_final']:7.1%}{row['va_coverage_best']:7.1%}"
+            f"{PAPER[row['name']]:5} %{row['uav_coverage_final']:10.1%}"
+            f"{row['uav_coverage_efficiency_final']:13.2%}{row['conflicts']:12}"
+            f"{row['collisions']:12}{row['inaccuracy_mean_cells']:13.1f}"
+        )
+    return "\n".join(lines)

@@ -31,6 +31,7 @@ STATE_EVERY_US = 500_000
 NEWS_M = 20.0  # another orbit than was told is told at once
 LONGEST_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
+NOWHERE = (math.nan, math.nan)
 COOL_FOR_S = 20.0  # it stays up for so long after it was hot
 
 
@@ -54,8 +55,8 @@ class Own:
 class Intention:
     """What a UAV means to fly: an orbit, signed as in MAVLink, and an airspeed.
 
-    ``climb_m`` is how far above its normal altitude, to get away from heat; ``settled``: the
-    virtual agent has not moved for a while, nor has the orbit.
+    ``climb_m`` is how far above its normal altitude, to get away from heat; ``settled``: the UAV
+    has been on that orbit for a while. On the way home there is no virtual agent: not a number.
     """
 
     orbit_x_m: float
@@ -100,6 +101,7 @@ class Agent:
         self.avoidance = avoidance
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
+        self.home_m: tuple[float, float] | None = None  # where it is on its way to
         self._constants = as_array(settings.constants)
         self._rules = rules(settings)
         self._key = key_of(name)
@@ -114,8 +116,8 @@ class Agent:
         self._climb_m = 0.0
         self._told_orbit_m = (math.inf, math.inf)
         self._to_say: list[AnyMessage] = []
-        self.maps.set(*self.map.see(fire, NO_CELLS, at_us))
-        self.map.updates(at_us)  # all have been told
+        self.map.start(fire, at_us)
+        self.maps.set(fire, NO_CELLS)
 
     # What comes in ----------------------------------------------------------------------------
 
@@ -140,7 +142,8 @@ class Agent:
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
         peers = self.peers.rows(own.at_us)
-        self._move_agent(own, peers)
+        if self.home_m is None:
+            self._move_agent(own, peers)
         return self._intend(own, peers)
 
     def messages(self, at_us: int) -> list[AnyMessage]:
@@ -149,9 +152,17 @@ class Agent:
         return [*said, *self.map.messages(at_us)]
 
     def leave(self, at_us: int, why: str) -> None:
-        """The UAV goes home, or is lost: it has no virtual agent until it steps again."""
+        """The UAV is lost, or on the ground: the others need not mind it until it steps again."""
         self.agent_m = self._choice = None
         self._to_say.append(Leaving(at_us, self.name, why))
+
+    def go_home(self, x_m: float, y_m: float) -> None:
+        """From now on it flies to a circle there, without a virtual agent, and minds the others."""
+        self.home_m, self.agent_m = (x_m, y_m), None
+
+    def come_back(self) -> None:
+        """It has a virtual agent again, which begins where the UAV is."""
+        self.home_m = None
 
     # The virtual agent ------------------------------------------------------------------------
 
@@ -190,7 +201,6 @@ class Agent:
     # What it flies ----------------------------------------------------------------------------
 
     def _intend(self, own: Own, peers: Floats) -> Intention:
-        assert self.agent_m is not None
         orbit, conflict = self._orbit(own, peers), False
         if self.avoidance == "intent":
             heading_rad = math.atan2(
@@ -216,7 +226,7 @@ class Agent:
             orbit.airspeed_m_s,
             self._climb(own),
             self._is_settled(own, orbit),
-            *self.agent_m,
+            *(self.agent_m or NOWHERE),
             conflict,
         )
         self._tell(own, intention)
@@ -224,14 +234,15 @@ class Agent:
 
     def _orbit(self, own: Own, peers: Floats) -> Orbit:
         """Round the virtual agent, in phase with the others (section 5.3.2)."""
-        assert self.agent_m is not None
         airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
+        centre_m = self.home_m or self.agent_m
+        assert centre_m is not None
         airspeed_m_s = airframe.cruise_m_s
         if self.synchronises:
             airspeed_m_s = airspeed_in_phase_m_s(
                 own.x_m,
                 own.y_m,
-                *self.agent_m,
+                *centre_m,
                 radius_m,
                 self._key,
                 peers,
@@ -240,7 +251,7 @@ class Agent:
                 airframe.most_airspeed_m_s,
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
-        return Orbit(*self.agent_m, radius_m, airspeed_m_s)
+        return Orbit(*centre_m, radius_m, airspeed_m_s)
 
     def _climb(self, own: Own) -> float:
         """Away from heat, and down again when it has been cool for a while (section 5.3.3)."""

@@ -71,7 +71,8 @@ def disc(reach_cells: float) -> Cells:
     reach2 = reach_cells * reach_cells + 1e-9  # 160 m are 16 cells of 10 m
     k = math.isqrt(int(reach2))
     rows = np.arange(-k, k + 1)
-    return np.floor(np.sqrt(reach2 - rows * rows)).astype(np.int64)
+    half_widths: Cells = np.floor(np.sqrt(reach2 - rows * rows)).astype(np.int64)
+    return half_widths
 
 
 def no_counts(shape: tuple[int, int], half_widths: Cells) -> Counts:
@@ -93,7 +94,7 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
 @kernel
 def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type: ignore[no-untyped-def]
     """Set cells to fire or not; add the discs of those that change, or take them away."""
-    rows, cols = fire.shape
+    cols = fire.shape[1]
     sign = 1 if burns else -1
     for i in range(cells.size):
         row, col = cells[i] // cols, cells[i] % cols

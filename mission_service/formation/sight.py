@@ -87,7 +87,7 @@ def first_row_and_end(row, course_rad, across, along, rows):  # type: ignore[no-
     high = abs(along * math.sin(course_rad)) + abs(across * math.cos(course_rad)) + EDGE
     # Clipped as floats: a view may be far off the map.
     first = math.ceil(min(max(row - high, 0.0), rows + 0.0))
-    return int(first), int(math.floor(min(max(row + high, -1.0), rows - 1.0))) + 1
+    return first, math.floor(min(max(row + high, -1.0), rows - 1.0)) + 1
 
 
 @kernel
@@ -100,7 +100,7 @@ def first_col_and_end(r, row, col, course_rad, across, along, cols):  # type: ig
     low, high = _within(low, high, -sin, north * cos, across)
     if low > high:
         return 0, 0
-    return int(math.ceil(col + low - EDGE)), int(math.floor(col + high + EDGE)) + 1
+    return math.ceil(col + low - EDGE), math.floor(col + high + EDGE) + 1
 
 
 @kernel
