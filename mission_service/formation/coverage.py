@@ -32,6 +32,8 @@ from mission_service.formation.coverage_kernels import (
     weight_within,
     wider,
 )
+from mission_service.formation.fire_maps import AgentMaps
+from mission_service.formation.forces import as_array, velocity_of_forces
 from mission_service.formation.grid import Grid
 from mission_service.formation.settings import Settings
 
@@ -45,6 +47,7 @@ NEIGHBOUR, CROWD_M, CROWD = 20.0, 150.0, 5000.0
 LATTICE_M = 60.0
 MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
 ARRIVED_M = 0.5
+DECIDE_EVERY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +109,8 @@ def next_errand(
     """Where the agent at (x, y) goes now; None outside its area, where forces must bring it.
 
     ``errand`` is what this said last (None at first), ``others_*`` (n) the places of the other
-    agents. Maps are (rows, cols), not 0 within their distances of fire (``AgentMaps``):
-    ``monitored`` is d_mon. To be asked every few seconds; between, see ``velocity``.
+    agents, nan for one that has none. Maps are (rows, cols), not 0 within their distances of fire
+    (``AgentMaps``): ``monitored`` is d_mon. To be asked every few seconds (``Mover``).
     """
     cell_m = grid.cell_m
     row, col = grid.row_col_of(x_m, y_m)
@@ -116,6 +119,8 @@ def next_errand(
     goal_row, goal_col = grid.row_col_of(errand.goal_x_m, errand.goal_y_m) if errand else (row, col)
     since_s = errand.since_s if errand else at_s
     patience = min(max(at_s - since_s, 0.0) / LATER_S, 1.0)
+    known = np.isfinite(others_x_m)
+    others_x_m, others_y_m = others_x_m[known], others_y_m[known]
     stride = max(round(LATTICE_M / cell_m), 1)
     radius = settings.coverage_radius_m / cell_m
     room = _room(grid.rows, grid.cols, stride, radius)
@@ -155,21 +160,97 @@ def next_errand(
     return Errand(goal_x_m, goal_y_m, *grid.xy_of(*found[2:].tolist()), since_s)
 
 
-def settled(x_m: float, y_m: float, errand: Errand) -> bool:
-    """Whether the agent has nowhere to go."""
-    return math.hypot(errand.goal_x_m - x_m, errand.goal_y_m - y_m) < ARRIVED_M
-
-
 def velocity(
     x_m: float, y_m: float, errand: Errand, most_m_s: float, step_s: float
 ) -> tuple[float, float]:
     """East and north in m/s with which the agent goes on for a step; it stops where it must."""
     east, north = errand.via_x_m - x_m, errand.via_y_m - y_m
     way_m = math.hypot(east, north)
-    if way_m < 1e-6:
+    if way_m < ARRIVED_M or step_s <= 0.0:
         return 0.0, 0.0
     speed_m_s = min(most_m_s, way_m / step_s)
     return east / way_m * speed_m_s, north / way_m * speed_m_s
+
+
+class Mover:
+    """Moves one virtual agent: by this rule within its area, by the paper's forces up to there.
+
+    With ``placement`` "forces" of the settings it moves by the paper's forces alone.
+    """
+
+    def __init__(self, settings: Settings, grid: Grid, tie_rad: float) -> None:
+        self.settings, self.grid = settings, grid
+        self.errand: Errand | None = None
+        self._constants = as_array(settings.constants)
+        self._tie_rad = tie_rad
+        self._due_s: float | None = None
+
+    def velocity(
+        self,
+        at_s: float,
+        x_m: float,
+        y_m: float,
+        others_x_m: Floats,
+        others_y_m: Floats,
+        maps: AgentMaps,
+        step_s: float,
+    ) -> tuple[float, float]:
+        """East and north in m/s for the next ``step_s``; times only rise. No fire, no move.
+
+        ``others_*`` (n) are the other virtual agents in range, nan for one that has none.
+        """
+        settings, grid = self.settings, self.grid
+        centre = maps.centre_row_col
+        if centre is None:
+            return 0.0, 0.0
+        if self._due_s is None:  # not all at once
+            self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
+        if settings.placement == "coverage" and (
+            at_s >= self._due_s or (self.errand and self._is_at_via(x_m, y_m))
+        ):
+            self._due_s = at_s + DECIDE_EVERY_S
+            self.errand = next_errand(
+                at_s,
+                x_m,
+                y_m,
+                self.errand,
+                others_x_m,
+                others_y_m,
+                maps.fire,
+                maps.augmentation,
+                maps.monitored,
+                maps.area,
+                grid,
+                settings,
+            )
+        if self.errand is not None:
+            return velocity(x_m, y_m, self.errand, settings.agent_speed_m_s, step_s)
+        east_m_s, north_m_s = velocity_of_forces(
+            x_m,
+            y_m,
+            others_x_m,
+            others_y_m,
+            *grid.xy_of(*centre),
+            maps.augmentation,
+            maps.area,
+            grid.west_m,
+            grid.north_m,
+            grid.cell_m,
+            self._constants,
+            settings.spacing_m,
+            settings.agent_speed_m_s,
+            self._tie_rad,
+        )
+        return float(east_m_s), float(north_m_s)
+
+    def _is_at_via(self, x_m: float, y_m: float) -> bool:
+        """At a corner of its way, before the goal."""
+        errand = self.errand
+        assert errand is not None
+        return (
+            math.dist((x_m, y_m), (errand.via_x_m, errand.via_y_m)) < ARRIVED_M
+            and math.dist((x_m, y_m), (errand.goal_x_m, errand.goal_y_m)) >= ARRIVED_M
+        )
 
 
 @kernel
@@ -202,7 +283,6 @@ def _next_errand(  # type: ignore[no-untyped-def]
     found,
 ):
     """``next_errand`` in cells; ``found`` (4) is the goal and the via. False for None."""
-    rows, cols = fire.shape
     if area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
         return False
     burning = extent(fire)

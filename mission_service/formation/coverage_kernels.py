@@ -140,14 +140,13 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 
 @kernel
 def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):  # type: ignore[no-untyped-def]
-    """The length of the way from (row, col) to each node in the box, ``NO_WAY`` where there is none.
+    """The way's length from (row, col) to each node in the box, ``NO_WAY`` where there is none.
 
     ``before`` is the node before it on that way, -1 for the first. The first ones are the free
     nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
     whether there are any. ``queue``, ``queued`` are room for an entry a node.
     """
-    rows, cols = augmentation.shape
-    wide = (cols - 1) // stride + 1
+    wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
     j_left, j_end = (box[2] + stride - 1) // stride, (box[3] - 1) // stride + 1
     for i in range(i_top, i_end):
