@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from firemodel.probabilistic import ProbabilisticFire
 from firemodel.weather import WeatherStream
 from mission_service.experiments.fires import flat, wind
-from mission_service.experiments.static_placement import coverage
+from mission_service.experiments.static_placement import coverage, weights_of
 from mission_service.formation.fire_maps import AgentMaps
 from mission_service.formation.forces import tie_rad
 from mission_service.formation.grid import Grid
@@ -29,7 +29,7 @@ CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
 ABREAST_M = 150.0  # between agents as they come
-PENALTY = 10.0  # for each virtual agent that came so near to fire that its UAV flies over it
+PENALTY = 10.0  # for virtual agents always so near to fire that UAVs fly over it
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,6 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
     near = AgentMaps(grid.shape, CELL_M, settings.loiter_radius_m, 0.0)
     maps.set(fire, no_cells)
     near.set(fire, no_cells)
-    weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
-    weights[maps.fire] = 0.0
     side_rad = rng.uniform(0.0, 2.0 * math.pi)
     abreast_m = ABREAST_M * (np.arange(kind.agents) - (kind.agents - 1) / 2.0)
     away_m = 0.45 * size_m
@@ -91,7 +89,7 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
             away_m * math.sin(side_rad) + abreast_m * math.cos(side_rad),
         ]
     )
-    return Scenario(kind, grid, maps, near.augmentation, weights, agents_m)
+    return Scenario(kind, grid, maps, near.augmentation, weights_of(maps), agents_m)
 
 
 def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -115,8 +113,8 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
     return np.isfinite(fire.arrival_time_s)
 
 
-def flown(scenario: Scenario, constants: Floats) -> tuple[float, int]:
-    """The final coverage, and how many virtual agents came too near to fire on the way.
+def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
+    """The final coverage, and for which share of the time virtual agents were too near to fire.
 
     ``constants`` (8) as in ``forces.as_array``.
     """
@@ -143,11 +141,13 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, int]:
     )
     rows, cols = grid.row_col_of(agents_m[0], agents_m[1])
     places = np.stack([rows, cols], axis=1)
-    return coverage(scenario.weights, places, settings.coverage_radius_m / grid.cell_m), touched
+    return coverage(scenario.weights, places, settings.coverage_radius_m / grid.cell_m), touched / (
+        scenario.kind.steps * scenario.kind.agents
+    )
 
 
 def fitness(genes: tuple[float, ...], seed: int) -> float:
     """Mean final coverage over the scenarios of a seed, less the penalties."""
     constants = np.array(genes, dtype=np.float64)
     results = [flown(scenario, constants) for scenario in scenarios(seed)]
-    return sum(covered - PENALTY * touched for covered, touched in results) / len(results)
+    return sum(covered - PENALTY * too_near for covered, too_near in results) / len(results)

@@ -139,11 +139,12 @@ def test_a_team_comes_and_spreads_and_none_goes_where_it_burns() -> None:
     assert unrolled(agents_m, 600) == 0
     away = np.hypot(agents_m[0] - MIDDLE_M, agents_m[1] - MIDDLE_M)
     assert (away > 170.0).all()
-    assert (away < 450.0).all()
+    assert (away < 600.0).all()
     apart = np.hypot(*(agents_m[:, :, None] - agents_m[:, None, :])) + 1e9 * np.eye(4)
     assert apart.min() > 250.0
 
 
-def test_who_comes_too_near_to_the_fire_is_counted_once() -> None:
+def test_steps_too_near_to_the_fire_are_counted() -> None:
     agents_m = np.array([[MIDDLE_M, 100.0], [MIDDLE_M + 10.0, 800.0]])
-    assert unrolled(agents_m, 20) == 1
+    assert unrolled(agents_m.copy(), 20) == 5  # 16 m/s from 10 m to beyond 100 m
+    assert unrolled(agents_m, 3) == 3
