@@ -22,7 +22,7 @@ def tune() -> None:
 )
 @click.option("--population", type=click.IntRange(4), default=50, show_default=True)
 @click.option("--generations", type=click.IntRange(1), default=200, show_default=True)
-@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--seed", type=int, default=3, show_default=True)
 @click.option(
     "--workers",
     type=click.IntRange(1),

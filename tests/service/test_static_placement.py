@@ -28,7 +28,7 @@ MIDDLE_M = CELLS * CELL_M / 2.0
 RADIUS_CELLS = SETTINGS.coverage_radius_m / CELL_M
 ROW, COL = np.mgrid[:CELLS, :CELLS]
 NO_CELLS = np.empty(0, dtype=np.int64)
-STEP_S = 0.5
+STEP_S = 1.0
 
 Floats = NDArray[np.float64]
 
@@ -199,8 +199,8 @@ def test_an_agent_goes_round_the_fire_never_through_it() -> None:
         [[-400.0, 500.0], [-400.0, 0.0], [-400.0, -500.0], [0.0, 750.0], [0.0, -750.0]]
     )
     errand, gone_m = None, 0.0
-    for tick in range(400):
-        if tick % 4 == 0:
+    for tick in range(200):
+        if tick % 2 == 0:
             errand = next_errand(
                 tick * STEP_S, x_m, y_m, errand, others_m[:, 0].copy(), others_m[:, 1].copy(),
                 maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
