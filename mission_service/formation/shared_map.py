@@ -242,6 +242,7 @@ class SharedMap:
             if checksum != self._sums[tile]:
                 runs += more
                 whole.append(tile)
+                self._asks.pop(tile, None)  # who knows more says so
         if not runs and not whole:
             return []
         self._difference_at_us = at_us + AGAIN_US

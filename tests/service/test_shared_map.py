@@ -144,6 +144,24 @@ def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
     assert exchange([one, other], 3 * S, 20.0) < 15.0
 
 
+def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is_newer() -> None:
+    one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
+    for shared, new in ((one, (400, 401, 402, 403)), (other, (405, 406, 407, 409))):
+        shared.start(np.arange(400), 0)
+        shared.hear(FireUpdate(50, "x", new))
+    said: list[MapMessage] = []
+    for tick in range(24):
+        for speaker, hearer in ((one, other), (other, one)):
+            for message in speaker.messages(tick * TICK_US):
+                said.append(message)
+                hearer.hear(message)
+    assert np.array_equal(one.stamps, other.stamps)
+    differences = [message for message in said if isinstance(message, Difference)]
+    assert [message.whole for message in differences if message.whole] == [(0,)]
+    of_whole = 8 * 16 + 4
+    assert sum(run[1] for message in differences for run in message.cells) == of_whole + 4
+
+
 def test_nobody_says_what_another_said_meanwhile() -> None:
     team = [SharedMap(f"uav{k}", SHAPE) for k in range(9)]
     for shared in team:
@@ -179,7 +197,7 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
             new = order[2600 + 5 * k : 2605 + 5 * k]
             shared.hear(FireUpdate(6_300_000 * k, "x", tuple(new.tolist())))
     assert exchange(team[1:], 1000 * S, 10.0) < 10.0
-    assert exchange(team, 1010 * S, 15.0) <= 6.0
+    assert exchange(team, 1010 * S, 15.0) <= 2.0
     assert team[0].fire.sum() == 3400
 
 
