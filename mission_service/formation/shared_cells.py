@@ -93,6 +93,31 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
 
 
 @kernel
+def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
+    """How many cells runs have: (n, 4), see ``Difference``.
+
+    -1 - place for one that is not on a map of ``size`` cells.
+    """
+    count = 0
+    for i in range(runs.shape[0]):
+        if runs[i, 0] < 0 or runs[i, 1] < 1 or runs[i, 0] + runs[i, 1] > size:
+            return -1 - i
+        count += runs[i, 1]
+    return count
+
+
+@kernel
+def unroll(runs, cells, stamps):  # type: ignore[no-untyped-def]
+    """Fill in the cells of runs, and their stamps."""
+    count = 0
+    for i in range(runs.shape[0]):
+        for cell in range(runs[i, 0], runs[i, 0] + runs[i, 1]):
+            cells[count] = cell
+            stamps[count] = 2 * runs[i, 2] + runs[i, 3]
+            count += 1
+
+
+@kernel
 def differing(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
     """Tiles of which another has other checksums: ``listed`` (n, 2), 0 for the rest of a range.
 

@@ -24,12 +24,14 @@ from mission_service.errors import MissionServiceError
 from mission_service.formation.messages import Difference, Digest, FireUpdate
 from mission_service.formation.shared_cells import (
     TILE,
+    cells_of_runs,
     differing,
     known,
     lacked,
     merge,
     newer,
     sight,
+    unroll,
 )
 
 Cells = NDArray[np.int64]
@@ -187,17 +189,16 @@ class SharedMap:
     def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
         """All cells of its runs, and their stamps."""
         runs = np.array(difference.cells, dtype=np.int64).reshape(-1, 4)
-        first, count = runs[:, 0], runs[:, 1]
-        # Checked before they are made into cells: a wrong one could fill the memory.
-        wrong = np.flatnonzero((first < 0) | (count < 1) | (first + count > self.fire.size))
-        if len(wrong):
+        count = cells_of_runs(runs, self.fire.size)
+        if count < 0:
+            first, of_run, *_ = runs[-1 - count].tolist()
             raise MissionServiceError(
-                f"difference of {difference.sender}: {count[wrong[0]]} cells from "
-                f"{first[wrong[0]]} on are not on {self._map}"
+                f"difference of {difference.sender}: {of_run} cells from {first} on are not on "
+                f"{self._map}"
             )
-        before = np.cumsum(count) - count
-        cells = np.repeat(first - before, count) + np.arange(count.sum())
-        return cells, np.repeat(2 * runs[:, 2] + runs[:, 3], count)
+        cells, stamps = np.empty((2, count), dtype=np.int64)
+        unroll(runs, cells, stamps)
+        return cells, stamps
 
     def _merge(self, cells: Cells, stamps: Cells, sender: str) -> tuple[Cells, Cells]:
         changed: Cells = np.empty(len(cells), dtype=np.int64)
