@@ -35,6 +35,21 @@ class Return(Command, frozen=True, tag=True):
     """Fly home: the time in the air is nearly over."""
 
 
+class Orbit(Command, frozen=True, tag=True):
+    """Circle a place from now on, anticlockwise with a negative radius; not by the mission."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+    radius_m: float
+
+
+class ChangeSpeed(Command, frozen=True, tag=True):
+    """Fly this airspeed until told otherwise."""
+
+    airspeed_m_s: float
+
+
 class Decided(Command, frozen=True, tag=True):
     """One decision of a planner; importances are 0 where its rule has none."""
 
@@ -53,4 +68,4 @@ class Announce(Command, frozen=True, tag=True):
     level: Literal["info", "warning"] = "info"
 
 
-AnyCommand = UploadMission | StartMission | Hold | Return | Decided | Announce
+AnyCommand = UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce

@@ -12,6 +12,7 @@ from autopilot_bridge.link import parse_link
 from mission_service.config_sections import (
     KEY_SOURCE,
     FireSection,
+    FormationSection,
     Ignition,
     LandscapeSection,
     LinkSection,
@@ -50,6 +51,7 @@ class Scenario(Section):
     ignition: tuple[Ignition, ...] = ()
     vehicles: tuple[VehicleSection, ...] = ()
     planner: PlannerSection = PlannerSection()
+    formation: FormationSection = FormationSection()
     mission: MissionSection = MissionSection()
     link: LinkSection = LinkSection()
 
@@ -63,12 +65,28 @@ class Scenario(Section):
         if not (self.ignition or self.fire.perimeter or self.fire.arrival):
             raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
         _refuse_shared_ports(self.vehicles)
+        if self.fire.initial_cells is not None and not self.ignition:
+            raise ValueError("fire.initial_cells needs an ignition to grow from")
+        if self.planner.rule == "formation":
+            _refuse_other_than_planes(self.vehicles)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and be later one by one")
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
         return self
+
+
+def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
+    """Raise ValueError unless all vehicles can fly in a formation."""
+    for vehicle in vehicles:
+        if vehicle.kind != "plane":
+            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not a copter')
+        if vehicle.backend != "native":
+            raise ValueError(
+                f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
+                "vehicles fly missions only, no orbits"
+            )
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:

@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.default_landscape import jacksboro
-from firemodel.fire import Burning, Fire
+from firemodel.fire import BURNING, Burning, Fire
 from firemodel.fire import Ignition as CellIgnition
 from firemodel.fuels import NON_BURNABLE
 from firemodel.landscape import Landscape
@@ -100,6 +100,8 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     from firemodel.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
+    if section.initial_cells is not None:
+        return _grown(scenario, landscape, section.initial_cells)
     if section.perimeter is not None:
         from firemodel.readers.shapes import read_shapes
 
@@ -114,6 +116,37 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
         )
         return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
     return None
+
+
+def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
+    """A fire of at least so many cells, which the automaton has grown by the scenario's seed."""
+    from firemodel.burning import burning_from_arrival
+    from firemodel.probabilistic import ProbabilisticFire
+
+    section = scenario.fire
+    fire = ProbabilisticFire(
+        landscape,
+        weather_of(scenario),
+        [
+            (row, col, 0.0)
+            for each in scenario.ignition
+            for row, col in cells_of_ignition(each, landscape)
+        ],
+        p_spread=section.p_spread,
+        step_s=1.0,
+        rng=np.random.default_rng((scenario.seed, 1)),
+    )
+    before = 0
+    while (burned := int(np.count_nonzero(fire.burned()))) < cells:
+        if burned == before and not (fire.state_at(fire.time_s) == BURNING).any():
+            raise ScenarioError(
+                f"fire.initial_cells = {cells}: nothing is left to burn after {burned} cells; take "
+                "fewer, or another ignition"
+            )
+        before = burned
+        fire.advance(fire.time_s + 1.0)  # an update
+    arrival_s = np.where(fire.burned(), section.burning_at_s, np.inf)
+    return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
 
 
 def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
@@ -152,6 +185,7 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
         for row, col in cells_of_ignition(ignition, landscape)
+        if section.initial_cells is None  # else they have burned already
     ]
     burning = burning_of(scenario, landscape)
     if section.scheme == "probabilistic":

@@ -6,7 +6,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
-from mission_service.commands import AnyCommand, Hold, Return, StartMission, UploadMission
+from mission_service.commands import (
+    AnyCommand,
+    ChangeSpeed,
+    Hold,
+    Orbit,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -95,6 +103,11 @@ class Gateway:
                 self.client.hold(now_us)
             case Return():
                 self.client.return_home(now_us)
+            case Orbit():
+                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
+                self.client.orbit(*place, command.radius_m, now_us)
+            case ChangeSpeed():
+                self.client.change_speed(command.airspeed_m_s, now_us)
             case _:  # Decided and Announce are for people
                 pass
 
