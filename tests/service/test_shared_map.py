@@ -201,6 +201,21 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
     assert team[0].fire.sum() == 3400
 
 
+def test_fire_goes_from_neighbour_to_neighbour_where_not_all_hear_all() -> None:
+    line = [SharedMap(f"uav{k}", SHAPE) for k in range(5)]
+    quiet(*line)
+    line[0].see(cells(*range(100, 110)), NONE, S)
+    for tick in range(4, 120):
+        for k, shared in enumerate(line):
+            for message in shared.messages(tick * TICK_US):
+                for hearer in line[max(k - 1, 0) : k + 2]:
+                    hearer.hear(message)
+        if fire_of(line[4]) == list(range(100, 110)):
+            break
+    assert tick < 100
+    assert all(np.array_equal(shared.stamps, line[0].stamps) for shared in line)
+
+
 def shattered(share: float, shape: tuple[int, int], seed: int) -> FireUpdate:
     """Fire all over the map, in single cells."""
     some = np.flatnonzero(np.random.default_rng(seed).random(shape) < share)
