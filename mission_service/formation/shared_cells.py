@@ -89,7 +89,17 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
             elif way < 0:
                 off += 1
                 changed[cells.size - off] = cell
-    return on, off, off_map
+    # A cell that is in a message twice may have been both.
+    kept_on, kept_off = 0, 0
+    for i in range(on):
+        if fire[changed[i] // cols, changed[i] % cols]:
+            changed[kept_on] = changed[i]
+            kept_on += 1
+    for i in range(cells.size - 1, cells.size - off - 1, -1):
+        if not fire[changed[i] // cols, changed[i] % cols]:
+            kept_off += 1
+            changed[cells.size - kept_off] = changed[i]
+    return kept_on, kept_off, off_map
 
 
 @kernel

@@ -118,7 +118,7 @@ class SharedMap:
         changed = self._merge(cells, stamps, message.sender)
         if isinstance(message, Difference):
             for tile in message.whole:
-                self._answer(tile, cells, stamps, message.sender)
+                self._answer(tile, cells, stamps)
         return changed
 
     def messages(self, at_us: int) -> list[MapMessage]:
@@ -188,6 +188,11 @@ class SharedMap:
 
     def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
         """All cells of its runs, and their stamps."""
+        if difference.whole and max(difference.whole) >= len(self._sums):
+            raise MissionServiceError(
+                f"difference of {difference.sender}: tile {max(difference.whole)} is not on "
+                f"{self._map}"
+            )
         runs = np.array(difference.cells, dtype=np.int64).reshape(-1, 4)
         count = cells_of_runs(runs, self.fire.size)
         if count < 0:
@@ -214,10 +219,8 @@ class SharedMap:
         if off_map >= 0:
             raise MissionServiceError(f"{where}: cell {cells[off_map]} is not on {self._map}")
 
-    def _answer(self, tile: int, cells: Cells, stamps: Cells, sender: str) -> None:
+    def _answer(self, tile: int, cells: Cells, stamps: Cells) -> None:
         """Somebody said all it knows of a tile: say what is newer here."""
-        if not 0 <= tile < len(self._sums):
-            raise MissionServiceError(f"difference of {sender}: tile {tile} is not on {self._map}")
         self._tells.pop(tile, None)
         self._shares[:] = 0
         count = newer(tile, cells, stamps, self.stamps, self._shares, self._found)

@@ -92,6 +92,18 @@ def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
         assert fire_of(shared) == expected, order
 
 
+def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> None:
+    shared = SharedMap("one", SHAPE)
+    shared.start(cells(5, 6), 0)
+    runs = ((5, 1, 10, False), (5, 1, 20, True), (6, 1, 10, False), (7, 1, 30, True))
+    on, off = shared.hear(Difference(40, "x", (*runs, (8, 1, 10, True), (8, 1, 20, False))))
+    assert fire_of(shared) == [5, 7]
+    assert set(on.tolist()) <= {5, 7}
+    assert 7 in on
+    assert set(off.tolist()) <= {6, 8}
+    assert 6 in off
+
+
 def test_what_one_sees_itself_is_later_than_all_it_heard_whatever_the_clocks_say() -> None:
     shared = SharedMap("one", SHAPE)
     quiet(shared)
@@ -264,12 +276,9 @@ SIGHTS = st.tuples(
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    st.lists(st.one_of(SIGHTS, st.integers(0, 2**30)), max_size=40),
-    st.randoms(use_true_random=False),
-)
+@given(st.lists(st.one_of(SIGHTS, st.integers(0, 2**30)), max_size=40))
 def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
-    schedule: list[tuple[int, np.ndarray, np.ndarray] | int], chance: np.random.Generator
+    schedule: list[tuple[int, np.ndarray, np.ndarray] | int],
 ) -> None:
     """Sights, and in between messages to some of the UAVs, late, twice, or not at all."""
     shape = (20, 20)
@@ -288,7 +297,7 @@ def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
                     team[bit % 4].hear(under_way[(event >> 12) * (bit + 1) % len(under_way)])
             if event % 5 == 0:
                 under_way.clear()
-    assert exchange(team, at_us + TICK_US, 40.0) <= 20.0
+    assert exchange(team, at_us + TICK_US, 40.0) <= 15.0
     for shared in team:
         assert np.array_equal(shared.fire, shared.stamps % 2 == 1)
 
@@ -378,7 +387,7 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) 
         Difference(5, "x", ((3, 1, 0, True), (1999, 2, 0, True))),
         Difference(5, "x", ((3, 0, 0, True),)),
         Difference(5, "x", ((3, 2**40 - 1, 0, True),)),
-        Difference(5, "x", (), (12,)),
+        Difference(5, "x", ((3, 1, 9, True),), (0, 12)),
         Digest(5, "x", ((12, 1),)),
         Digest(5, "x", (), 0, 13),
         Digest(5, "x", (), 7, 6),
