@@ -53,8 +53,13 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def is_own_turn(own, peers, slot):  # type: ignore[no-untyped-def]
-    """Whether nobody who is, or soon may be, near goes first."""
+def is_own_turn(at_s, own, peers, turn_s):  # type: ignore[no-untyped-def]
+    """Whether nobody who is, or soon may be, near goes first, and all of them have been heard.
+
+    Heard since the slot began: what they adopted before is known, and now they may not.
+    """
+    slot = math.floor(at_s / turn_s)
+    into_s = at_s - slot * turn_s + 1e-6
     own_rank = rank(own[OWN_KEY], slot)
     over_x = own[OWN_AIRSPEED] * math.cos(own[HEADING]) + own[WIND_X]
     over_y = own[OWN_AIRSPEED] * math.sin(own[HEADING]) + own[WIND_Y]
@@ -67,7 +72,7 @@ def is_own_turn(own, peers, slot):  # type: ignore[no-untyped-def]
         away_x += rel_x * after_s
         away_y += rel_y * after_s
         if away_x * away_x + away_y * away_y < NEAR_M * NEAR_M and (
-            rank(peers[row, KEY], slot) > own_rank
+            rank(peers[row, KEY], slot) > own_rank or peers[row, AGE_S] > into_s
         ):
             return False
     return True
@@ -257,7 +262,7 @@ def think(  # type: ignore[no-untyped-def]
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _is_other(wanted, held):
         return False, False, held_s
-    if held_s > HASTE_S and not is_own_turn(own, peers, slot):
+    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3]):
         return False, other, held_s
     _copy(wanted, adopted)
     clear_s = _try(own, wanted, frame, path, paths, notes, count, APART)
