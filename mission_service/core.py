@@ -123,29 +123,9 @@ class Core:
         if not presence.airborne:
             return self._on_the_ground(vehicle, here)
         if vehicle.pending is None and self._must_return(vehicle, here):
-            return [*commands, *self._send_home(vehicle, here)]
-        aside = self._out_of_the_way(vehicle, here)
-        if aside is not None:
-            return [*commands, *aside]
-        if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
-            vehicle.due = "another flies close below"
-        if vehicle.due == "turn back" and not self.spacing.may_turn_back(vehicle.name):
-            return commands
-        if vehicle.due or at_s >= vehicle.not_before_s:
-            vehicle.not_before_s = at_s + CHECK_EVERY_S
-            commands += self._follow(vehicle, here)
-        return commands
-
-    def _advise(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Tell a team's user what it can keep up with, when that has changed."""
-        if not isinstance(vehicle.planner, Seat):
-            return []
-        team = vehicle.planner.team
-        if not self._adviser.is_due(team.flying, at_s):
-            return []
-        ring = team.ring()
-        news = self._adviser.at(ring, team.fleet(ring, at_s).speed_m_s, at_s)
-        return [] if news is None else [_say(vehicle, f"team: {news[1]}", warning=news[0])]
+            led_home = self.leader.way_home(vehicle, here)
+            return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
+        return [*commands, *self.leader.lead(vehicle, here)]
 
     # To the fire and home ---------------------------------------------------------------------
 

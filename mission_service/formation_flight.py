@@ -55,6 +55,7 @@ SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
 SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 AGAIN_AFTER_S = 5.0
+HOME_WITHIN_M = 500.0  # from here its autopilot flies home
 UNANSWERED_S = 30.0  # an order that nobody speaks of any more
 TAKES_EFFECT_S = 15.0  # a change of mode so soon after an orbit was ordered comes from it
 # The mode in which a stack flies orbits that were ordered.
@@ -78,6 +79,7 @@ class Led:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
+    goes_home_until_s: float | None = None  # led by its agent, at most until then
     sending: Circle | None = None  # what a mission under way ends in
     loiter: Circle | None = None  # what the mission on board ends in
 
@@ -133,6 +135,7 @@ class FormationFlight:
         self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float
     ) -> list[AnyCommand]:
         if not event.armed:
+            self.formation.seats[vehicle.name].agent.come_back()
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
         led.mode, led.airspeed_m_s = event.mode, None  # both stacks forget the speed with the mode
@@ -241,6 +244,20 @@ class FormationFlight:
         else:
             commands += self._speed(vehicle, led, intention, here)
         return [*commands, *self._renew(vehicle, led, here)]
+
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """Led by its agent, which minds the others, until it is near home."""
+        led = self._led[vehicle.name]
+        away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
+        if away_m < HOME_WITHIN_M or not led.taken_over:
+            return None
+        if led.goes_home_until_s is None:
+            slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
+            led.goes_home_until_s = here.at_s + away_m / slow_m_s
+            self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
+            words = "its time is nearly over: led home"
+            return [say(vehicle, words), *self.lead(vehicle, here)]
+        return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None
 
     def _takes_over(self, vehicle: Vehicle, led: Led, here: Here) -> bool:
         """Whether it is clear of its home and of the ground."""

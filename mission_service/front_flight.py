@@ -57,6 +57,10 @@ class FrontFlight:
         """Always."""
         return True
 
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """The autopilot's own."""
+        return None
+
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
         """To where the fire is said to be; it finds the front on its way."""
         return approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
@@ -83,7 +87,7 @@ class FrontFlight:
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        news = self._adviser.at(ring, team.fleet(ring, at_s)[0].speed_m_s, at_s)
+        news = self._adviser.at(ring, team.fleet(ring, at_s).speed_m_s, at_s)
         return [] if news is None else [say(vehicle, f"team: {news[1]}", warning=news[0])]
 
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:

@@ -64,6 +64,9 @@ class Leader(Protocol):
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """What the vehicle is to do now; it flies, and has time left."""
 
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
+
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
         """Where its first mission leads: (n, 2) x, y in metres."""
 
