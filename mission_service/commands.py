@@ -75,4 +75,6 @@ class Say(Command, frozen=True, tag=True):
     message: AnyMessage
 
 
-AnyCommand = UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce | Say
+AnyCommand = (
+    UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce | Say
+)

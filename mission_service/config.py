@@ -80,6 +80,13 @@ class Scenario(Section):
             raise ValueError("duration_s must be later than start_s")
         return self
 
+    @property
+    def flown(self) -> tuple[VehicleSection, ...]:
+        """The vehicles that this process flies."""
+        if self.only is None:
+            return self.vehicles
+        return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
+
 
 def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
     """Raise ValueError unless all vehicles can fly in a formation."""
@@ -91,13 +98,6 @@ def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
                 f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
                 "vehicles fly missions only, no orbits"
             )
-
-    @property
-    def flown(self) -> tuple[VehicleSection, ...]:
-        """The vehicles that this process flies."""
-        if self.only is None:
-            return self.vehicles
-        return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:

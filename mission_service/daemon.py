@@ -21,7 +21,7 @@ from mission_service.config_sections import VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.formation.messages import AnyMessage
-from mission_service.formation_mqtt import Channel, exchange_on
+from mission_service.formation_mqtt import Channel, Exchange
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
@@ -89,7 +89,8 @@ async def serve(
         )
         stack.callback(journal.close)
         core = Core(scenario, landscape)
-        exchange = None if channel is None else exchange_on(channel, scenario, landscape)
+        latest_us = round(scenario.duration_s * 1e6)
+        exchange = None if channel is None else Exchange(channel, gateways, latest_us)
         say = unheard if exchange is None else exchange.say
         service = Service(scenario, core, world, journal, record, gateways, say)
         silence = Silence(scenario, gateways, connections)

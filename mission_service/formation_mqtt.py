@@ -16,10 +16,8 @@ from typing import Any, Protocol
 import aiomqtt
 import msgspec
 
-from firemodel.landscape import Landscape
-from mission_service.config import Scenario
 from mission_service.errors import MissionServiceError
-from mission_service.formation.messages import AnyMessage, Difference, Digest, FireUpdate, State
+from mission_service.formation.messages import AnyMessage, Difference, Digest, State
 
 PREFIX = "mission-service"
 VERSION = "v1"
@@ -32,6 +30,7 @@ MOST_UNREAD = 2000
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S = 1.0, 0.1
 BEHIND_US = 500_000
+AHEAD_US = 60_000_000  # of one who talks, others may be
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(AnyMessage).decode
@@ -98,10 +97,10 @@ def encoded(message: AnyMessage) -> tuple[str, bytes]:
     return type(message).__name__.lower(), _encode(message)
 
 
-def decoded(vehicle: str, payload: bytes, cells: int, latest_us: int) -> AnyMessage:
-    """What ``vehicle`` has said, of a grid with so many cells, at ``latest_us`` at the latest.
+def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
+    """What ``vehicle`` has said, at ``latest_us`` of mission time at the latest.
 
-    Raises UnfitError for what no vehicle of this formation can have said.
+    Raises UnfitError for what it cannot have said. Whether cells are on the map, the map looks.
     """
     try:
         message: AnyMessage = _decode(payload)
@@ -109,19 +108,12 @@ def decoded(vehicle: str, payload: bytes, cells: int, latest_us: int) -> AnyMess
         raise UnfitError(f"a message that cannot be read: {error}") from None
     if message.sender != vehicle:
         raise UnfitError(f"a message of {message.sender}")
-    if not 0 <= message.at_us <= latest_us:
+    if message.at_us > latest_us:
         raise UnfitError(f"a message of mission time {message.at_us / 1e6:.0f} s")
-    match message:
-        case FireUpdate():
-            named: Collection[int] = (*message.burning, *message.cleared)
-        case Difference():
-            named = [cell for cell, _, _ in message.cells]
-            if any(not 0 <= seen_us <= latest_us for _, seen_us, _ in message.cells):
-                raise UnfitError("cells that were seen at no time of this mission")
-        case _:
-            named = ()
-    if named and not (min(named) >= 0 and max(named) < cells):
-        raise UnfitError("cells that are not on this grid (do all fly the same scenario?)")
+    if isinstance(message, Difference):
+        seen_us = max((at_us for _, _, at_us, _ in message.cells), default=0)
+        if seen_us > message.at_us + AHEAD_US:
+            raise UnfitError(f"cells seen at {seen_us / 1e6:.0f} s, which is later")
     return message
 
 
@@ -193,16 +185,16 @@ class Ears(Protocol):
 class Exchange:
     """Sends what this process's vehicles (``own``) say, and hears those of other processes.
 
-    ``cells`` is the size of their common grid, ``latest_us`` the latest mission time there can be.
+    ``latest_us`` is the latest mission time there can be.
     """
 
-    def __init__(self, channel: Channel, own: Collection[str], cells: int, latest_us: int) -> None:
+    def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
         self.channel = channel
         self.connected = False
         self.sent: Counter[str] = Counter()  # by kind
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
-        self._cells, self._latest_us = cells, latest_us
+        self._latest_us = latest_us
         self._outbox = Outbox()
         self._time_due = asyncio.Event()
 
@@ -268,7 +260,7 @@ class Exchange:
                 if kind == TIME:
                     self._hear_time(decoded_time(payload, self._latest_us), ears)
                 else:
-                    ears.hear(decoded(vehicle, payload, self._cells, self._latest_us))
+                    ears.hear(decoded(vehicle, payload, self._latest_us))
             except UnfitError as problem:
                 if not self.refused[vehicle]:
                     ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
@@ -278,13 +270,6 @@ class Exchange:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
         ears.passed(mission_us)
-
-
-def exchange_on(channel: Channel, scenario: Scenario, landscape: Landscape) -> Exchange:
-    """The exchange for the vehicles of a scenario that this process flies."""
-    own = [section.name for section in scenario.flown]
-    rows, cols = landscape.shape
-    return Exchange(channel, own, rows * cols, round(scenario.duration_s * 1e6))
 
 
 def _first(error: BaseException) -> BaseException:

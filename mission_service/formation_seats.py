@@ -185,7 +185,10 @@ class Formation:
         self._hand_on(seat, at_us)
 
     def hear(self, name: str, message: AnyMessage) -> None:
-        """A vehicle hears one that another process flies."""
+        """A vehicle hears one that another process flies.
+
+        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
+        """
         seat = self.seats[name]
         if isinstance(message, State) and seat.here is not None:
             here_m = (seat.here.x_m, seat.here.y_m)

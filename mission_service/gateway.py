@@ -70,7 +70,6 @@ class MissionClock:
         """An autopilot's clock has reached this mission time."""
         self.now_us = max(self.now_us, mission_us)
 
-
     def others_passed(self, mission_us: int, wall_us: int) -> None:
         """Another process has reached this mission time: who joins late, joins there."""
         self.now_us = max(self.now_us, mission_us)
