@@ -24,7 +24,8 @@ VERSION = "v1"
 PORT = 1883
 LEAST_WAIT_S, MOST_WAIT_S = 0.25, 8.0  # before the next attempt to reach the broker
 KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
-TIMEOUT_S = 15.0  # longer than that takes
+ANSWER_S = 3.0  # a broker has for an answer ...
+TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
@@ -204,29 +205,45 @@ class Exchange:
 
     async def run(self, ears: Ears) -> None:
         """Talk until cancelled, whatever becomes of the broker."""
-        broker, wait_s = self.channel.broker, LEAST_WAIT_S
-        while True:
+        broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
+        while not ends:
             try:
-                async with self._client() as client, asyncio.TaskGroup() as group:
-                    await client.subscribe(self.channel.topic("+", "+"), qos=0)
-                    ears.tell(f"talks to others over {broker}", False)
-                    self.connected, wait_s = True, LEAST_WAIT_S
-                    for talk in (self._hear, self._send, self._tell_time):
-                        group.create_task(talk(client, ears))
-            except* aiomqtt.MqttError as errors:
+                async with self._client() as client:
+                    try:
+                        await client.subscribe(self.channel.topic("+", "+"), qos=0)
+                        ears.tell(f"talks to others over {broker}", False)
+                        self.connected, wait_s = True, LEAST_WAIT_S
+                        await self._talk(client, ears)
+                    except asyncio.CancelledError:
+                        ends = True  # even if the broker takes no farewell
+                        raise
+            except aiomqtt.MqttError as error:
                 if self.connected or wait_s == LEAST_WAIT_S:  # told once
-                    text = f"no broker at {broker} ({_first(errors)}); on its own until there is"
+                    text = f"no broker at {broker} ({error}); on its own until there is"
                     ears.tell(text, True)
                 self.connected = False
-            await asyncio.sleep(wait_s)
+            if not ends:
+                await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MOST_WAIT_S)
+        raise asyncio.CancelledError
+
+    async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """Until the broker is gone; raises what ends it."""
+        talks = (self._hear, self._send, self._tell_time)
+        tasks = {asyncio.create_task(talk(client, ears)) for talk in talks}
+        try:
+            ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await _end(tasks)
+        for task in ended:
+            task.result()
 
     def _client(self) -> aiomqtt.Client:
         return aiomqtt.Client(
             self.channel.broker.host,
             self.channel.broker.port,
             keepalive=KEEPALIVE_S,
-            timeout=TIMEOUT_S,
+            timeout=ANSWER_S,
             queue_type=Newest,
             max_queued_incoming_messages=MOST_UNREAD,
         )
@@ -237,7 +254,8 @@ class Exchange:
             message = self._outbox.take()
             if message is not None:
                 kind, payload = encoded(message)
-                await client.publish(self.channel.topic(message.sender, kind), payload, qos=0)
+                topic = self.channel.topic(message.sender, kind)
+                await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
 
     async def _tell_time(self, client: aiomqtt.Client, ears: Ears) -> None:
@@ -245,10 +263,11 @@ class Exchange:
         topic = self.channel.topic(min(self._own), TIME)
         while True:
             self._time_due.clear()
-            await client.publish(topic, str(ears.mission_us).encode(), qos=0)
+            await client.publish(topic, str(ears.mission_us).encode(), qos=0, timeout=TAKE_S)
             await asyncio.sleep(TIME_LEAST_S)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._time_due.wait(), TIME_EVERY_S)
+                async with asyncio.timeout(TIME_EVERY_S):
+                    await self._time_due.wait()
 
     async def _hear(self, client: aiomqtt.Client, ears: Ears) -> None:
         async for told in client.messages:
@@ -272,7 +291,13 @@ class Exchange:
         ears.passed(mission_us)
 
 
-def _first(error: BaseException) -> BaseException:
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
+async def _end(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they are: before Python 3.12 ``wait_for`` may swallow a cancellation."""
+    left = tasks
+    while left:
+        for task in left:
+            task.cancel()
+        _, left = await asyncio.wait(left, timeout=0.1)
+    for task in tasks:
+        if not task.cancelled():
+            task.exception()  # seen; one of them is raised
