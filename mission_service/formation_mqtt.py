@@ -6,26 +6,32 @@ vehicle flies on with what it knows.
 """
 
 import asyncio
+import contextlib
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import aiomqtt
 import msgspec
 
 from mission_service.errors import MissionServiceError
-from mission_service.formation.messages import AnyMessage, Difference, Digest, FireUpdate, State
+from mission_service.formation.messages import AnyMessage, Difference, Digest, State
 
 PREFIX = "mission-service"
 VERSION = "v1"
 PORT = 1883
 LEAST_WAIT_S, MOST_WAIT_S = 0.25, 8.0  # before the next attempt to reach the broker
 KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
-TIMEOUT_S = 15.0  # longer than that takes
+ANSWER_S = 3.0  # a broker has for an answer ...
+TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
+TIME = "time"  # a kind of its own: mission time of a process, in microseconds
+TIME_EVERY_S, TIME_LEAST_S = 1.0, 0.1
+BEHIND_US = 500_000
+AHEAD_US = 60_000_000  # of one who talks, others may be
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(AnyMessage).decode
@@ -51,9 +57,17 @@ def read_broker(text: str) -> Broker:
     return Broker(found[1].strip("[]"), port)
 
 
-def topic_of(prefix: str, site: str, vehicle: str, kind: str) -> str:
-    """Where messages of one kind from one vehicle are to be heard; both may be ``+``."""
-    return f"{prefix}/{VERSION}/{site}/formation/{vehicle}/{kind}"
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Where the vehicles of one site meet."""
+
+    broker: Broker
+    prefix: str
+    site: str
+
+    def topic(self, vehicle: str, kind: str) -> str:
+        """Where messages of one kind from one vehicle are to be heard; both may be ``+``."""
+        return f"{self.prefix}/{VERSION}/{self.site}/formation/{vehicle}/{kind}"
 
 
 def site_of(scenario_name: str) -> str:
@@ -70,36 +84,45 @@ def check_prefix(prefix: str) -> str:
     return prefix
 
 
+class UnfitError(Exception):
+    """A message that none of this formation's vehicles can have sent."""
+
+
+def channel_of(broker: str, prefix: str, scenario_name: str) -> Channel:
+    """Where the vehicles of a scenario meet. Raises MissionServiceError for what is none."""
+    return Channel(read_broker(broker), check_prefix(prefix), site_of(scenario_name))
+
+
 def encoded(message: AnyMessage) -> tuple[str, bytes]:
     """A message as it is sent: its kind, the last level of its topic, and JSON."""
     return type(message).__name__.lower(), _encode(message)
 
 
-def decoded(vehicle: str, payload: bytes, cells: int, latest_us: int) -> AnyMessage:
-    """What ``vehicle`` has said, of a grid with so many cells, at ``latest_us`` at the latest.
+def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
+    """What ``vehicle`` has said, at ``latest_us`` of mission time at the latest.
 
-    Raises ValueError, in words, for what no vehicle of this formation can have said.
+    Raises UnfitError for what it cannot have said. Whether cells are on the map, the map looks.
     """
     try:
         message: AnyMessage = _decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"cannot be read: {error}") from None
+        raise UnfitError(f"a message that cannot be read: {error}") from None
     if message.sender != vehicle:
-        raise ValueError(f"is said to be from {message.sender}")
-    if not 0 <= message.at_us <= latest_us:
-        raise ValueError(f"is of mission time {message.at_us / 1e6:.0f} s")
-    match message:
-        case FireUpdate():
-            named: Collection[int] = (*message.burning, *message.cleared)
-        case Difference():
-            named = [cell for cell, _, _ in message.cells]
-            if any(not 0 <= seen_us <= latest_us for _, seen_us, _ in message.cells):
-                raise ValueError("has cells that were seen at no time of this mission")
-        case _:
-            named = ()
-    if named and not (min(named) >= 0 and max(named) < cells):
-        raise ValueError("has cells that are not on this grid; do all fly the same scenario?")
+        raise UnfitError(f"a message of {message.sender}")
+    if message.at_us > latest_us:
+        raise UnfitError(f"a message of mission time {message.at_us / 1e6:.0f} s")
+    if isinstance(message, Difference):
+        seen_us = max((at_us for _, _, at_us, _ in message.cells), default=0)
+        if seen_us > message.at_us + AHEAD_US:
+            raise UnfitError(f"cells seen at {seen_us / 1e6:.0f} s, which is later")
     return message
+
+
+def decoded_time(payload: bytes, latest_us: int) -> int:
+    """Mission time as another process has it. Raises UnfitError for what is none."""
+    if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
+        raise UnfitError("a time that is none of this mission")
+    return int(payload)
 
 
 class Outbox:
@@ -143,96 +166,138 @@ class Newest(asyncio.Queue[Any]):
         super().put_nowait(item)
 
 
-class Exchange:
-    """Sends what this process's vehicles say, and delivers what others do.
+class Ears(Protocol):
+    """What takes in all that others say."""
 
-    ``deliver`` takes what was heard, ``tell`` a line for the user. ``latest_us`` is the latest
-    mission time there can be.
+    @property
+    def mission_us(self) -> int:
+        """Mission time here."""
+
+    def passed(self, mission_us: int) -> None:
+        """Mission time has come so far elsewhere."""
+
+    def hear(self, message: AnyMessage) -> None:
+        """A vehicle that is flown elsewhere has said something."""
+
+    def tell(self, text: str, warning: bool) -> None:
+        """A line for the user."""
+
+
+class Exchange:
+    """Sends what this process's vehicles (``own``) say, and hears those of other processes.
+
+    ``latest_us`` is the latest mission time there can be.
     """
 
-    def __init__(
-        self,
-        broker: Broker,
-        prefix: str,
-        site: str,
-        own: Collection[str],
-        cells: int,
-        latest_us: int,
-        deliver: Callable[[AnyMessage], None],
-        tell: Callable[[str], None],
-    ) -> None:
-        self.broker = broker
+    def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
+        self.channel = channel
         self.connected = False
         self.sent: Counter[str] = Counter()  # by kind
-        self.heard: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()  # by vehicle
-        self._topic = (prefix, site)
         self._own = frozenset(own)
-        self._cells, self._latest_us = cells, latest_us
-        self._deliver, self._tell = deliver, tell
+        self._latest_us = latest_us
         self._outbox = Outbox()
+        self._time_due = asyncio.Event()
 
     def say(self, message: AnyMessage) -> None:
-        """Send a message when the broker takes it."""
+        """Send a message as soon as the broker takes it."""
         self._outbox.put(message)
 
-    async def run(self) -> None:
+    async def run(self, ears: Ears) -> None:
         """Talk until cancelled, whatever becomes of the broker."""
-        wait_s = LEAST_WAIT_S
-        while True:
+        broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
+        while not ends:
             try:
-                async with self._client() as client, asyncio.TaskGroup() as group:
-                    await client.subscribe(topic_of(*self._topic, "+", "+"), qos=0)
-                    self._tell(f"talks to others over {self.broker}")
-                    self.connected, wait_s = True, LEAST_WAIT_S
-                    group.create_task(self._send(client))
-                    group.create_task(self._hear(client))
-            except* aiomqtt.MqttError as errors:
-                if self.connected or wait_s == LEAST_WAIT_S:
-                    reason = _first(errors)
-                    self._tell(f"no broker at {self.broker} ({reason}); flies on by itself")
+                async with self._client() as client:
+                    try:
+                        await client.subscribe(self.channel.topic("+", "+"), qos=0)
+                        ears.tell(f"talks to others over {broker}", False)
+                        self.connected, wait_s = True, LEAST_WAIT_S
+                        await self._talk(client, ears)
+                    except asyncio.CancelledError:
+                        ends = True  # even if the broker takes no farewell
+                        raise
+            except aiomqtt.MqttError as error:
+                if self.connected or wait_s == LEAST_WAIT_S:  # told once
+                    text = f"no broker at {broker} ({error}); on its own until there is"
+                    ears.tell(text, True)
                 self.connected = False
-            await asyncio.sleep(wait_s)
+            if not ends:
+                await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MOST_WAIT_S)
+        raise asyncio.CancelledError
+
+    async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """Until the broker is gone; raises what ends it."""
+        talks = (self._hear, self._send, self._tell_time)
+        tasks = {asyncio.create_task(talk(client, ears)) for talk in talks}
+        try:
+            ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await _end(tasks)
+        for task in ended:
+            task.result()
 
     def _client(self) -> aiomqtt.Client:
         return aiomqtt.Client(
-            self.broker.host,
-            self.broker.port,
+            self.channel.broker.host,
+            self.channel.broker.port,
             keepalive=KEEPALIVE_S,
-            timeout=TIMEOUT_S,
+            timeout=ANSWER_S,
             queue_type=Newest,
             max_queued_incoming_messages=MOST_UNREAD,
         )
 
-    async def _send(self, client: aiomqtt.Client) -> None:
-        outbox = self._outbox
+    async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:
         while True:
-            await outbox.is_not_empty.wait()
-            message = outbox.take()
-            if message is None:
-                continue
-            kind, payload = encoded(message)
-            await client.publish(topic_of(*self._topic, message.sender, kind), payload, qos=0)
-            self.sent[kind] += 1
+            await self._outbox.is_not_empty.wait()
+            message = self._outbox.take()
+            if message is not None:
+                kind, payload = encoded(message)
+                topic = self.channel.topic(message.sender, kind)
+                await client.publish(topic, payload, qos=0, timeout=TAKE_S)
+                self.sent[kind] += 1
 
-    async def _hear(self, client: aiomqtt.Client) -> None:
+    async def _tell_time(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """Now and then, and to who is behind: mission time is the latest there is anywhere."""
+        topic = self.channel.topic(min(self._own), TIME)
+        while True:
+            self._time_due.clear()
+            await client.publish(topic, str(ears.mission_us).encode(), qos=0, timeout=TAKE_S)
+            await asyncio.sleep(TIME_LEAST_S)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(TIME_EVERY_S):
+                    await self._time_due.wait()
+
+    async def _hear(self, client: aiomqtt.Client, ears: Ears) -> None:
         async for told in client.messages:
             *_, vehicle, kind = str(told.topic).split("/")
-            if vehicle in self._own or not isinstance(told.payload, bytes):
+            if vehicle in self._own:
                 continue
+            payload = told.payload if isinstance(told.payload, bytes) else b""
             try:
-                message = decoded(vehicle, told.payload, self._cells, self._latest_us)
-            except ValueError as error:
+                if kind == TIME:
+                    self._hear_time(decoded_time(payload, self._latest_us), ears)
+                else:
+                    ears.hear(decoded(vehicle, payload, self._latest_us))
+            except UnfitError as problem:
                 if not self.refused[vehicle]:
-                    self._tell(f"{told.topic}: a message {error}; such messages are left out")
+                    ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
                 self.refused[vehicle] += 1
-                continue
-            self.heard[kind] += 1
-            self._deliver(message)
+
+    def _hear_time(self, mission_us: int, ears: Ears) -> None:
+        if mission_us < ears.mission_us - BEHIND_US:
+            self._time_due.set()
+        ears.passed(mission_us)
 
 
-def _first(error: BaseException) -> BaseException:
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
+async def _end(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they are: before Python 3.12 ``wait_for`` may swallow a cancellation."""
+    left = tasks
+    while left:
+        for task in left:
+            task.cancel()
+        _, left = await asyncio.wait(left, timeout=0.1)
+    for task in tasks:
+        if not task.cancelled():
+            task.exception()  # seen; one of them is raised
