@@ -192,5 +192,5 @@ def test_the_shipped_constants_beat_those_set_by_hand_on_fires_never_seen() -> N
     assert run["seed"] not in UNSEEN
     tuned, by_hand = tuple(as_array(Constants())), tuple(as_array(BY_HAND))
     gains = [fitness(tuned, seed) - fitness(by_hand, seed) for seed in UNSEEN]
-    assert np.mean(gains) > 0.02
-    assert np.mean([gain > 0.0 for gain in gains]) > 0.7
+    assert np.mean(gains) > 0.2
+    assert min(gains) > 0.0
