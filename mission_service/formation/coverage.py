@@ -43,10 +43,11 @@ Floats = NDArray[np.float64]
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 WAY_PER_M = 0.03  # what a metre of way costs
 # Others nearer than the spacing cost up to this, nearer than the second number up to the third.
-NEIGHBOUR, CROWD_M, CROWD = 20.0, 150.0, 5000.0
+NEIGHBOUR, CROWD_M, CROWD = 250.0, 150.0, 5000.0
 LATTICE_M = 60.0
 MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
 ARRIVED_M = 0.5
+STILL_M = 5.0  # another that went farther since the last decision is on its way
 DECIDE_EVERY_S = 2.0
 
 
@@ -106,10 +107,10 @@ def next_errand(
     grid: Grid,
     settings: Settings,
 ) -> Errand | None:
-    """Where the agent at (x, y) goes now; None outside its area, where forces must bring it.
+    """Where the agent at (x, y) goes now; None outside its area, to which forces must bring it.
 
     ``errand`` is what this said last (None at first), ``others_*`` (n) the places of the other
-    agents, nan for one that has none. Maps are (rows, cols), not 0 within their distances of fire
+    agents. Maps are (rows, cols), not 0 within their distances of fire
     (``AgentMaps``): ``monitored`` is d_mon. To be asked every few seconds (``Mover``).
     """
     cell_m = grid.cell_m
@@ -119,8 +120,6 @@ def next_errand(
     goal_row, goal_col = grid.row_col_of(errand.goal_x_m, errand.goal_y_m) if errand else (row, col)
     since_s = errand.since_s if errand else at_s
     patience = min(max(at_s - since_s, 0.0) / LATER_S, 1.0)
-    known = np.isfinite(others_x_m)
-    others_x_m, others_y_m = others_x_m[known], others_y_m[known]
     stride = max(round(LATTICE_M / cell_m), 1)
     radius = settings.coverage_radius_m / cell_m
     room = _room(grid.rows, grid.cols, stride, radius)
@@ -128,6 +127,7 @@ def next_errand(
     if not _next_errand(
         row,
         col,
+        errand is not None,
         goal_row,
         goal_col,
         (grid.north_m - others_y_m) / cell_m - 0.5,
@@ -184,6 +184,7 @@ class Mover:
         self._constants = as_array(settings.constants)
         self._tie_rad = tie_rad
         self._due_s: float | None = None
+        self._others_m: Floats = np.empty((0, 2))  # when it decided last
 
     def velocity(
         self,
@@ -206,23 +207,11 @@ class Mover:
         if self._due_s is None:  # not all at once
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
-            at_s >= self._due_s or (self.errand and self._is_at_via(x_m, y_m))
+            at_s >= self._due_s or (self.errand and self._is_at_via(x_m, y_m, self.errand))
         ):
             self._due_s = at_s + DECIDE_EVERY_S
-            self.errand = next_errand(
-                at_s,
-                x_m,
-                y_m,
-                self.errand,
-                others_x_m,
-                others_y_m,
-                maps.fire,
-                maps.augmentation,
-                maps.monitored,
-                maps.area,
-                grid,
-                settings,
-            )
+            others_m = np.stack([others_x_m, others_y_m], axis=1)
+            self._decide(at_s, x_m, y_m, others_m[np.isfinite(others_x_m)], maps)
         if self.errand is not None:
             return velocity(x_m, y_m, self.errand, settings.agent_speed_m_s, step_s)
         east_m_s, north_m_s = velocity_of_forces(
@@ -243,20 +232,51 @@ class Mover:
         )
         return float(east_m_s), float(north_m_s)
 
-    def _is_at_via(self, x_m: float, y_m: float) -> bool:
-        """At a corner of its way, before the goal."""
-        errand = self.errand
-        assert errand is not None
-        return (
-            math.dist((x_m, y_m), (errand.via_x_m, errand.via_y_m)) < ARRIVED_M
-            and math.dist((x_m, y_m), (errand.goal_x_m, errand.goal_y_m)) >= ARRIVED_M
+    def _decide(
+        self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
+    ) -> None:
+        """A new errand. Who stands still does not give way to others that are only passing."""
+        before_m, self._others_m = self._others_m, others_m
+        errand = self._next(at_s, x_m, y_m, others_m, maps)
+        if self.errand and errand and errand.since_s == at_s and self._is_at(x_m, y_m, self.errand):
+            away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (before, now)
+            still_m = others_m[(away_m < STILL_M).any(axis=0)]
+            alone = self._next(at_s, x_m, y_m, still_m, maps)
+            errand = errand if alone is None or alone.since_s == at_s else self.errand
+        self.errand = errand
+
+    def _next(
+        self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
+    ) -> Errand | None:
+        return next_errand(
+            at_s,
+            x_m,
+            y_m,
+            self.errand,
+            others_m[:, 0].copy(),
+            others_m[:, 1].copy(),
+            maps.fire,
+            maps.augmentation,
+            maps.monitored,
+            maps.area,
+            self.grid,
+            self.settings,
         )
+
+    def _is_at(self, x_m: float, y_m: float, errand: Errand) -> bool:
+        return math.dist((x_m, y_m), (errand.goal_x_m, errand.goal_y_m)) < ARRIVED_M
+
+    def _is_at_via(self, x_m: float, y_m: float, errand: Errand) -> bool:
+        """At a corner of its way, before the goal."""
+        at_via = math.dist((x_m, y_m), (errand.via_x_m, errand.via_y_m)) < ARRIVED_M
+        return at_via and not self._is_at(x_m, y_m, errand)
 
 
 @kernel
 def _next_errand(  # type: ignore[no-untyped-def]
     row,
     col,
+    has_goal,
     goal_row,
     goal_col,
     others_row,
@@ -283,7 +303,7 @@ def _next_errand(  # type: ignore[no-untyped-def]
     found,
 ):
     """``next_errand`` in cells; ``found`` (4) is the goal and the via. False for None."""
-    if area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
+    if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
         return False
     burning = extent(fire)
     box = wider(burning, monitored_reach, fire.shape)
@@ -305,7 +325,7 @@ def _next_errand(  # type: ignore[no-untyped-def]
     least, best = -math.inf, -math.inf
     if is_free(r, c, augmentation, 0):
         least = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
-        near_row, near_col = climb(r, c, stride, scene)
+        near_row, near_col = climb(r, c, stride, area, scene)
         way = math.hypot(near_row - row, near_col - col)
         best = value(near_row, near_col, scene) - way_cost * way
         if best > least:
@@ -320,7 +340,7 @@ def _next_errand(  # type: ignore[no-untyped-def]
                 if new > on_lattice:
                     on_lattice, node_row, node_col = new, r, c
     if node_row >= 0:
-        r, c = climb(node_row, node_col, stride, scene)
+        r, c = climb(node_row, node_col, stride, area, scene)
         new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
         if new > max(best, least):
             found[0], found[1] = r, c
@@ -345,8 +365,8 @@ def value(row, col, scene):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def climb(row, col, step, scene):  # type: ignore[no-untyped-def]
-    """The best place near a cell: uphill with smaller and smaller steps."""
+def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
+    """The best place near a cell, in the area: uphill with smaller and smaller steps."""
     augmentation = scene[0]
     best = value(row, col, scene)
     while step > 1:
@@ -356,7 +376,7 @@ def climb(row, col, step, scene):  # type: ignore[no-untyped-def]
             gained = False
             for side in range(9):
                 r, c = row + step * (side // 3 - 1), col + step * (side % 3 - 1)
-                if is_free(r, c, augmentation, 0):
+                if is_free(r, c, augmentation, 0) and area[r, c] != 0:
                     new = value(r, c, scene)
                     if new > best + 1e-9:
                         best, next_row, next_col, gained = new, r, c, True

@@ -142,7 +142,7 @@ def test_discs_that_cannot_be_placed_are_named() -> None:
     ("count", "along_m", "across_m", "side_rad"),
     [(2, 160.0, 160.0, 0.3), (3, 330.0, 330.0, 2.0), (4, 330.0, 330.0, 4.0),
      (4, 500.0, 150.0, 1.0), (6, 330.0, 330.0, 0.0), (8, 330.0, 330.0, 5.0),
-     (8, 600.0, 120.0, 0.5), (16, 330.0, 330.0, 3.0)],
+     (8, 600.0, 120.0, 0.5), (16, 330.0, 330.0, 3.0), (32, 330.0, 330.0, 3.0)],
 )  # fmt: skip
 def test_agents_come_within_four_percent_of_the_best_placement_and_then_stand_still(
     count: int, along_m: float, across_m: float, side_rad: float
@@ -238,11 +238,28 @@ def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_f
 def test_others_without_a_virtual_agent_do_not_count() -> None:
     maps = maps_of(ellipse(160.0, 160.0))
 
-    def asked(others_x_m: Floats, others_y_m: Floats) -> object:
-        return next_errand(
-            0.0, MIDDLE_M - 500.0, MIDDLE_M, None, others_x_m, others_y_m,
-            maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
-        )  # fmt: skip
+    def errand(others_x_m: Floats, others_y_m: Floats) -> object:
+        mover = Mover(SETTINGS, GRID, 0.0)
+        mover.velocity(0.0, MIDDLE_M - 500.0, MIDDLE_M, others_x_m, others_y_m, maps, STEP_S)
+        return mover.errand
 
     nowhere = np.array([math.nan])
-    assert asked(nowhere, nowhere) == asked(np.empty(0), np.empty(0))
+    assert errand(nowhere, nowhere) == errand(np.empty(0), np.empty(0)) is not None
+
+
+def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
+    maps = maps_of(ellipse(330.0, 330.0))
+    team = Team(4, 0.0)
+    for _ in team.fly(maps, 400.0):
+        pass
+    mover, (x_m, y_m) = team.movers[0], team.agents_m[0]
+    stays = mover.errand
+    assert stays is not None
+    goals = set()
+    for tick in range(40):  # 25 m/s, 20 m beside it
+        passing_m = np.delete(team.agents_m, 0, axis=0)
+        passing_m = np.vstack([passing_m, [x_m - 500.0 + 25.0 * tick, y_m + 20.0]])
+        at_s = team.time_s + tick
+        mover.velocity(at_s, x_m, y_m, passing_m[:, 0].copy(), passing_m[:, 1].copy(), maps, STEP_S)
+        goals.add((mover.errand.goal_x_m, mover.errand.goal_y_m))  # type: ignore[union-attr]
+    assert goals == {(stays.goal_x_m, stays.goal_y_m)}
