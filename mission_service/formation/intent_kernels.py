@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.formation.loiter import GRAVITY_M_S2, predict
+from mission_service.formation.loiter import at_fork, predict, tightest_m
 from mission_service.formation.peers import (
     AGE_S,
     AIRSPEED,
@@ -29,6 +29,7 @@ NEAR_M = 200.0  # who comes nearer than this within NEAR_S takes turns
 NEAR_S = 5.0
 FRESH_S = 1.0  # news no older is not late
 HASTE_S = 8.0  # a path clear for less is left at once, whoever's turn it is
+SMALL_M = 40.0  # radius of circles to wait on, at least
 WORTH_M = 40.0  # another way round is taken if it leads so much nearer
 NOTES = 6  # of a peer whose path is known: west, east, south, north, least distance, of the held
 
@@ -168,8 +169,13 @@ def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[
 
 @kernel
 def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """How long the path to and round an orbit would be clear."""
+    """How long the path to and round an orbit would be clear; 0 if others cannot tell the path."""
     _, most_m_s, bank_rad = frame
+    if apart_at == APART and at_fork(
+        own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
+        own[WIND_X], own[WIND_Y],
+    ):  # fmt: skip
+        return 0.0
     predict(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
         orbit[0], orbit[1], orbit[2], orbit[3],
@@ -200,12 +206,20 @@ KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 
 
 @kernel
+def slow_of(own, frame):  # type: ignore[no-untyped-def]
+    """The airspeed to wait at: between cruise and the least, over the wind in any case."""
+    least_m_s, most_m_s, _ = frame
+    slow_m_s = 0.5 * (least_m_s + max(0.7 * most_m_s, least_m_s))
+    return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), most_m_s)
+
+
+@kernel
 def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
     """Fill in the orbit of one of KINDS ways: other airspeeds, waiting, ways round."""
     least_m_s, most_m_s, _ = frame
     sense = 1.0 if wanted[2] > 0.0 else -1.0
     least_m_s = max(least_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
-    cruise_m_s = min(max(0.7 * most_m_s, least_m_s), most_m_s)
+    slow_m_s = slow_of(own, frame)
     _copy(wanted, orbit)
     if number < AIRSPEEDS:  # as wanted, at another airspeed
         orbit[3] = least_m_s + (most_m_s - least_m_s) * number / (AIRSPEEDS - 1)
@@ -216,7 +230,7 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
         orbit[3] = least_m_s + (most_m_s - least_m_s) * number / (AIRSPEEDS - 1)
         return
     number -= AIRSPEEDS
-    orbit[3] = cruise_m_s
+    orbit[3] = slow_m_s
     if number < 3:  # waiting in the middle of the orbit
         orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(wanted[2]))
         return
@@ -232,7 +246,7 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
     number -= 2 * ROUND  # a circle that begins here, to the left and to the right
     radius_m = small_m * (1.0 + number // 4)
     left = number % 2 == 0
-    orbit[3] = cruise_m_s if number // 2 % 2 == 0 else least_m_s
+    orbit[3] = slow_m_s if number // 2 % 2 == 0 else least_m_s
     off_m = radius_m if left else -radius_m
     orbit[0] = own[OWN_X] - off_m * math.sin(own[HEADING])
     orbit[1] = own[OWN_Y] + off_m * math.cos(own[HEADING])
@@ -268,16 +282,16 @@ def think(  # type: ignore[no-untyped-def]
     clear_s = _try(own, wanted, frame, path, paths, notes, count, APART)
     if clear_s >= horizon_s:
         return _is_other(wanted, held), False, clear_s
-    most_m_s, bank_rad = frame[1], frame[2]
-    cruise_m_s = max(0.7 * most_m_s, frame[0])
-    small_m = 1.3 * cruise_m_s * cruise_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
+    wind_m_s = math.hypot(own[WIND_X], own[WIND_Y])
+    small_m = max(1.2 * tightest_m(slow_of(own, frame), wind_m_s, frame[2]), SMALL_M)
     twist = mixed(own[OWN_KEY], slot) / 4294967296.0
     best_m = _cost_m(held, wanted) - WORTH_M if held_s >= horizon_s else np.inf
     best, best_s, best_kind = False, clear_s, -1
     for kind in range(KINDS):
         _way(kind, own, wanted, held, frame, small_m, twist, adopted)
         cost_m = _cost_m(adopted, wanted)
-        if cost_m >= best_m:
+        tightest = 1.05 * tightest_m(adopted[3], wind_m_s, frame[2])
+        if cost_m >= best_m or abs(adopted[2]) < min(tightest, abs(wanted[2])):
             continue
         clear_s = _try(own, adopted, frame, path, paths, notes, count, APART)
         if clear_s >= horizon_s:
