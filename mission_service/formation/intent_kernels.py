@@ -24,10 +24,11 @@ from mission_service.formation.peers import (
 )
 
 STEP_S = 1.0
-REACH_M = 450.0  # ways round lead no farther away from the vehicle and its orbits
+REACH_M = 600.0  # ways round lead no farther from the vehicle, nor do those it meets there
 NEAR_M = 200.0  # who comes nearer than this within NEAR_S takes turns
 NEAR_S = 5.0
 FRESH_S = 1.0  # news no older is not late
+LATE_M = 45.0  # what is added to a margin for late news, at most
 HASTE_S = 8.0  # a path clear for less is left at once, whoever's turn it is
 SMALL_M = 40.0  # radius of circles to wait on, at least
 WORTH_M = 40.0  # another way round is taken if it leads so much nearer
@@ -80,17 +81,23 @@ def is_own_turn(at_s, own, peers, turn_s):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _box(path, more_m):  # type: ignore[no-untyped-def]
+    """West, east, south, north of a path, and some more."""
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for row in range(path.shape[0]):
+        west, east = min(west, path[row, 0]), max(east, path[row, 0])
+        south, north = min(south, path[row, 1]), max(north, path[row, 1])
+    return west - more_m, east + more_m, south - more_m, north + more_m
+
+
+@kernel
 def clear_for_s(path, paths, notes, count, apart_at, most_m_s):  # type: ignore[no-untyped-def]
     """How long a path (rows, 2) stays clear of the first ``count`` of ``paths`` (n, rows, 2).
 
     ``apart_at`` is the note (APART or HELD_APART) of how far apart is clear.
     """
-    last = path.shape[0] - 1
-    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
-    for row in range(last + 1):
-        west, east = min(west, path[row, 0]), max(east, path[row, 0])
-        south, north = min(south, path[row, 1]), max(north, path[row, 1])
-    first = last
+    west, east, south, north = _box(path, 0.0)
+    first = path.shape[0] - 1
     for peer in range(count):
         apart_m = notes[peer, apart_at]
         if (
@@ -124,23 +131,30 @@ def clear_for_s(path, paths, notes, count, apart_at, most_m_s):  # type: ignore[
 
 
 @kernel
-def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[no-untyped-def]
-    """Paths and notes of all peers that may come near; returns how many."""
+def _meets(row, peers, box):  # type: ignore[no-untyped-def]
+    """Whether a peer's way to and round its orbit touches a box: west, east, south, north."""
+    west, east, south, north = box
+    span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
+    return (
+        min(peers[row, X], peers[row, ORBIT_X]) - span_m < east
+        and max(peers[row, X], peers[row, ORBIT_X]) + span_m > west
+        and min(peers[row, Y], peers[row, ORBIT_Y]) - span_m < north
+        and max(peers[row, Y], peers[row, ORBIT_Y]) + span_m > south
+    )
+
+
+@kernel
+def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
+    """Add the paths and notes of peers that may come into a box, and were not in ``seen``.
+
+    Returns how many there are now.
+    """
     apart_m, margin_m, margin_m_s, _, layers_m = rule
-    _, _, bank_rad = frame
-    count = 0
-    reach_m = REACH_M + apart_m + margin_m
-    west = min(own[OWN_X], wanted[0], held[0]) - reach_m
-    east = max(own[OWN_X], wanted[0], held[0]) + reach_m
-    south = min(own[OWN_Y], wanted[1], held[1]) - reach_m
-    north = max(own[OWN_Y], wanted[1], held[1]) + reach_m
+    bank_rad = frame[2]
     for row in range(peers.shape[0]):
-        span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
         if (
-            min(peers[row, X], peers[row, ORBIT_X]) - span_m > east
-            or max(peers[row, X], peers[row, ORBIT_X]) + span_m < west
-            or min(peers[row, Y], peers[row, ORBIT_Y]) - span_m > north
-            or max(peers[row, Y], peers[row, ORBIT_Y]) + span_m < south
+            not _meets(row, peers, box)
+            or _meets(row, peers, seen)
             or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
         ):
             continue
@@ -151,15 +165,12 @@ def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[
             peers[row, ORBIT_X], peers[row, ORBIT_Y], peers[row, RADIUS], peers[row, AIRSPEED],
             own[WIND_X], own[WIND_Y], bank_rad, peers[row, AGE_S], STEP_S, paths[count],
         )  # fmt: skip
-        west_m, east_m, south_m, north_m = np.inf, -np.inf, np.inf, -np.inf
-        for at in range(paths.shape[1]):
-            west_m, east_m = min(west_m, paths[count, at, 0]), max(east_m, paths[count, at, 0])
-            south_m, north_m = min(south_m, paths[count, at, 1]), max(north_m, paths[count, at, 1])
-        notes[count, WEST], notes[count, EAST] = west_m, east_m
-        notes[count, SOUTH], notes[count, NORTH] = south_m, north_m
+        notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
+            paths[count], 0.0
+        )
         # Who is too near already must not come nearer.
         now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
-        late_m = margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0)
+        late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
         least_m = max(apart_m + 1.0, now_m - 2.0)
         notes[count, APART] = min(apart_m + margin_m + late_m, least_m)
         notes[count, HELD_APART] = min(apart_m + margin_m / 3.0, least_m)
@@ -168,20 +179,36 @@ def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[
 
 
 @kernel
+def _joined(one, other):  # type: ignore[no-untyped-def]
+    """The box around two."""
+    return (
+        min(one[0], other[0]),
+        max(one[1], other[1]),
+        min(one[2], other[2]),
+        max(one[3], other[3]),
+    )
+
+
+@kernel
+def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
+    """The path to and round an orbit."""
+    predict(
+        own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
+        orbit[0], orbit[1], orbit[2], orbit[3],
+        own[WIND_X], own[WIND_Y], frame[2], 0.0, STEP_S, path,
+    )  # fmt: skip
+
+
+@kernel
 def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
     """How long the path to and round an orbit would be clear; 0 if others cannot tell the path."""
-    _, most_m_s, bank_rad = frame
     if apart_at == APART and at_fork(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
         own[WIND_X], own[WIND_Y],
     ):  # fmt: skip
         return 0.0
-    predict(
-        own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
-        orbit[0], orbit[1], orbit[2], orbit[3],
-        own[WIND_X], own[WIND_Y], bank_rad, 0.0, STEP_S, path,
-    )  # fmt: skip
-    return clear_for_s(path, paths, notes, count, apart_at, most_m_s)
+    _ahead(own, orbit, frame, path)
+    return clear_for_s(path, paths, notes, count, apart_at, frame[1])
 
 
 @kernel
@@ -269,19 +296,31 @@ def think(  # type: ignore[no-untyped-def]
     """Whether another orbit is adopted (then in ``adopted``), whether it, or the one kept, is not
     the one wanted, and how long it is clear.
     """
-    count = _look(own, wanted, held, peers, rule, frame, paths, notes)
+    near_m = rule[0] + rule[1] + LATE_M
+    nowhere = (np.inf, -np.inf, np.inf, -np.inf)
+    _ahead(own, held, frame, path)
+    box = _box(path, near_m)
+    count = _look(own, peers, rule, frame, box, nowhere, 0, paths, notes)
     horizon_s = (path.shape[0] - 1) * STEP_S
-    held_s = _try(own, held, frame, path, paths, notes, count, HELD_APART)
+    held_s = clear_for_s(path, paths, notes, count, HELD_APART, frame[1])
     other = _cost_m(held, wanted) > WORTH_M
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _is_other(wanted, held):
         return False, False, held_s
     if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3]):
         return False, other, held_s
+    _ahead(own, wanted, frame, path)
+    wider = _joined(_box(path, near_m), box)
+    count = _look(own, peers, rule, frame, wider, box, count, paths, notes)
     _copy(wanted, adopted)
     clear_s = _try(own, wanted, frame, path, paths, notes, count, APART)
     if clear_s >= horizon_s:
         return _is_other(wanted, held), False, clear_s
+    reach = (own[OWN_X] - REACH_M, own[OWN_X] + REACH_M, own[OWN_Y] - REACH_M, own[OWN_Y] + REACH_M)
+    adopted[3] = frame[1]
+    _ahead(own, adopted, frame, path)
+    widest = _joined(_joined(_box(path, near_m), reach), wider)
+    count = _look(own, peers, rule, frame, widest, wider, count, paths, notes)
     wind_m_s = math.hypot(own[WIND_X], own[WIND_Y])
     small_m = max(1.2 * tightest_m(slow_of(own, frame), wind_m_s, frame[2]), SMALL_M)
     twist = mixed(own[OWN_KEY], slot) / 4294967296.0

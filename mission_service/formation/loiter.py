@@ -7,10 +7,10 @@ What is steered is the course over the ground; in wind the heading crabs. The la
 the vehicle comes to at the end of the step, not where it is, so that the circle flown has the
 radius asked for.
 
-Eq. 14 (turn right, anticlockwise, until the agent is on the left) decides where it matters: far
-from the agent, when the course wanted is nearly behind. Elsewhere eq. 15 turns the same way, or
-the rule does harm: a vehicle that has its agent inside its own turning circle would turn for ever.
-Near the agent a turn about goes the way of the orbit. So nobody wavers, and others can tell.
+Eq. 14 (turn right, anticlockwise, until the agent is on the left) is here to the letter, but eq. 15
+leads there by itself, and the rule does harm: a vehicle that has its agent inside its own turning
+circle turns for ever. In its place, who has to turn about does it the way of the orbit: nobody
+wavers between left and right, and others can tell the path.
 """
 
 import math
@@ -19,7 +19,6 @@ from firemodel.compiled import kernel
 
 GRAVITY_M_S2 = 9.80665
 ACCELERATION_M_S2 = 1.5  # of the airspeed, both ways
-FAR = 2.5  # radii from the agent: there its side decides (eq. 14) which way to turn about
 ABOUT = -0.7  # cosine of the angle from which on a turn is about
 FORK = 0.15  # nearer to where the way of turning changes than this is at the fork
 
@@ -51,6 +50,20 @@ def wanted_course_rad(  # type: ignore[no-untyped-def]
 
 
 @kernel
+def literal_course_rad(  # type: ignore[no-untyped-def]
+    x_m, y_m, course_rad, agent_x_m, agent_y_m, radius_m, turn_rad
+):
+    """Eqs. 14 and 15 to the letter: turn on until the agent is on the right side, then eq. 15.
+
+    Anticlockwise that is to the right until it is on the left. Nothing here flies by it, see above.
+    """
+    sense = sense_of(radius_m)
+    if sense * side_of_agent_m(x_m, y_m, course_rad, agent_x_m, agent_y_m) <= 0.0:
+        return course_rad - sense * turn_rad
+    return wanted_course_rad(x_m, y_m, agent_x_m, agent_y_m, radius_m)
+
+
+@kernel
 def most_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
     """How far a level turn gets in a step; never more than half a turn."""
     return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
@@ -68,7 +81,7 @@ def _aim(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
     wind_x_m_s, wind_y_m_s, step_s,
 ):  # fmt: skip
-    """The unit heading wanted at the end of a step, and the way (1 left) to turn if it is about.
+    """The unit heading wanted at the end of a step.
 
     Eq. 15 without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
     """
@@ -80,10 +93,6 @@ def _aim(  # type: ignore[no-untyped-def]
     away_y = y_m + over_y * step_s - orbit_y_m
     distance2 = away_x * away_x + away_y * away_y
     distance_m = math.sqrt(distance2)
-    if distance_m > FAR * radius_m:  # eq. 14
-        about = 1.0 if over_y * away_x > over_x * away_y else -1.0
-    else:
-        about = sense
     if distance_m > 1e-6:
         # The step is an arc: what it goes along the circle does not lead away from it.
         round_m = (away_x * over_y - away_y * over_x) * step_s / distance_m
@@ -96,22 +105,25 @@ def _aim(  # type: ignore[no-untyped-def]
     else:
         course_x, course_y = head_x, head_y
     if wind_x_m_s == 0.0 and wind_y_m_s == 0.0:
-        return course_x, course_y, about
+        return course_x, course_y
     drift = (wind_y_m_s * course_x - wind_x_m_s * course_y) / airspeed_m_s
     drift = min(max(drift, -1.0), 1.0)
     ahead = math.sqrt(1.0 - drift * drift)
-    return ahead * course_x + drift * course_y, ahead * course_y - drift * course_x, about
+    return ahead * course_x + drift * course_y, ahead * course_y - drift * course_x
 
 
 @kernel
-def _turned(head_x, head_y, aim_x, aim_y, about, cos, sin):  # type: ignore[no-untyped-def]
-    """The unit heading after turning towards another one, by the angle of cos, sin at most."""
+def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-untyped-def]
+    """The unit heading after turning towards another one, by the angle of cos, sin at most.
+
+    If that is about, it is turned the way of ``sense``, or with 0 the shorter one.
+    """
     along = head_x * aim_x + head_y * aim_y
     if along >= cos:
         return aim_x, aim_y
     left = head_x * aim_y - head_y * aim_x >= 0.0
-    if along < ABOUT and about != 0.0:
-        left = about > 0.0
+    if along < ABOUT and sense != 0.0:
+        left = sense > 0.0
     if not left:
         sin = -sin
     return cos * head_x - sin * head_y, cos * head_y + sin * head_x
@@ -146,12 +158,12 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """The heading that flies to and round an orbit, for the end of a step; for ``steered``."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y, about = _aim(
+    aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
         wind_x_m_s, wind_y_m_s, step_s,
     )  # fmt: skip
     if head_x * aim_x + head_y * aim_y < ABOUT:
-        return heading_rad + about * most_turn_rad(airspeed_m_s, bank_rad, step_s)
+        return heading_rad + sense_of(radius_m) * most_turn_rad(airspeed_m_s, bank_rad, step_s)
     return math.atan2(aim_y, aim_x)
 
 
@@ -161,19 +173,13 @@ def at_fork(  # type: ignore[no-untyped-def]
 ):
     """Whether a little more or less decides which way the vehicle turns to an orbit."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y, about = _aim(
+    aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
         wind_x_m_s, wind_y_m_s, 0.0,
     )  # fmt: skip
     along = head_x * aim_x + head_y * aim_y
     left = head_x * aim_y - head_y * aim_x
-    if along < ABOUT + FORK:
-        away_x, away_y = orbit_x_m - x_m, orbit_y_m - y_m
-        distance_m = math.hypot(away_x, away_y)
-        if distance_m > FAR * abs(radius_m):  # the agent is right behind
-            return abs(head_x * away_y - head_y * away_x) < FORK * distance_m
-        return along > ABOUT - FORK and left * about < 0.0
-    return False
+    return abs(along - ABOUT) < FORK and left * sense_of(radius_m) < 0.0
 
 
 @kernel
@@ -212,13 +218,13 @@ def flown(  # type: ignore[no-untyped-def]
     new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
     airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y, about = _aim(
+    aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
         wind_x_m_s, wind_y_m_s, step_s,
     )  # fmt: skip
     turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
     new_x, new_y = _turned(
-        head_x, head_y, aim_x, aim_y, about, math.cos(turn_rad), math.sin(turn_rad)
+        head_x, head_y, aim_x, aim_y, sense_of(radius_m), math.cos(turn_rad), math.sin(turn_rad)
     )
     x_m, y_m = _moved(
         x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
@@ -239,6 +245,7 @@ def predict(  # type: ignore[no-untyped-def]
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     bits = math.ceil(first_s / step_s)
     part_s = first_s / bits if bits > 0 else step_s
+    sense = sense_of(radius_m)
     turns_at_m_s, cos, sin = 0.0, 1.0, 0.0
     for row in range(min(1 - bits, 0), path_m.shape[0]):
         if row == 1:
@@ -250,11 +257,11 @@ def predict(  # type: ignore[no-untyped-def]
                 turns_at_m_s = airspeed_m_s
                 turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
                 cos, sin = math.cos(turn_rad), math.sin(turn_rad)
-            aim_x, aim_y, about = _aim(
+            aim_x, aim_y = _aim(
                 x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
                 wind_x_m_s, wind_y_m_s, part_s,
             )  # fmt: skip
-            new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, about, cos, sin)
+            new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin)
             x_m, y_m = _moved(
                 x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
                 wind_x_m_s, wind_y_m_s, part_s,

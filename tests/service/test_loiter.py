@@ -72,18 +72,25 @@ def test_speed_changes_take_time() -> None:
     assert states[-1, 3] == pytest.approx(25.0)
 
 
-def test_an_agent_to_the_right_is_turned_to_by_the_right() -> None:
-    """Eq. 14: anticlockwise, with the agent in the right half-plane, behind."""
-    states = fly((0.0, 0.0, 0.0, 17.5), (-500.0, -100.0, -150.0, 17.5), (0.0, 0.0), 1.0)
-    assert states[-1, 2] < -0.3
-    mirrored = fly((0.0, 0.0, 0.0, 17.5), (-500.0, 100.0, 150.0, 17.5), (0.0, 0.0), 1.0)
-    assert mirrored[-1, 2] == pytest.approx(-states[-1, 2])
+def test_to_the_letter_an_agent_on_the_wrong_side_is_turned_to_first() -> None:
+    literal = loiter.literal_course_rad
+    assert literal(0.0, 0.0, 0.0, 500.0, -1.0, -150.0, 0.1) == pytest.approx(-0.1)
+    assert literal(0.0, 0.0, 0.0, 500.0, 1.0, 150.0, 0.1) == pytest.approx(0.1)
+    wanted_rad = loiter.wanted_course_rad(0.0, 0.0, 500.0, 1.0, -150.0)
+    assert literal(0.0, 0.0, 0.0, 500.0, 1.0, -150.0, 0.1) == wanted_rad
 
 
 def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_ever() -> None:
-    """By eq. 14 alone it would be: 30 m to the right of a vehicle that turns within 37 m."""
-    states = fly((0.0, 0.0, 0.0, 17.5), (0.0, -30.0, -150.0, 17.5), (0.0, 0.0), 60.0)
+    """To the letter it would be: 30 m to the right of a vehicle that turns within 37 m."""
+    start = (0.0, 0.0, 0.0, 17.5)
+    states = fly(start, (0.0, -30.0, -150.0, 17.5), (0.0, 0.0), 60.0)
     assert math.hypot(states[-1, 0], states[-1, 1] + 30.0) == pytest.approx(150.0, rel=0.02)
+    literal = start
+    turn_rad = loiter.most_turn_rad(17.5, BANK, STEP_S)
+    for _ in range(1000):
+        course_rad = loiter.literal_course_rad(*literal[:3], 0.0, -30.0, -150.0, turn_rad)
+        literal = loiter.steered(*literal, course_rad, 17.5, 0.0, 0.0, STEP_S, BANK)
+        assert math.hypot(literal[0], literal[1] + 30.0) < 75.0
 
 
 def test_who_must_turn_about_turns_the_way_of_the_orbit() -> None:
@@ -133,10 +140,10 @@ def test_news_of_some_age_is_carried_on_to_now() -> None:
 
 
 def test_where_left_or_right_is_a_matter_of_little_is_known() -> None:
-    behind = (-600.0, 5.0, -150.0, 0.0, 0.0)
-    assert loiter.at_fork(0.0, 0.0, 0.0, 17.5, *behind)
-    assert not loiter.at_fork(0.0, 0.0, math.pi, 17.5, *behind)
-    inside = (0.0, 0.0, -150.0, 0.0, 0.0)
-    wanted_rad = loiter.wanted_course_rad(20.0, 0.0, 0.0, 0.0, -150.0)
-    assert loiter.at_fork(20.0, 0.0, wanted_rad + math.acos(loiter.ABOUT), 17.5, *inside)
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad + 1.0, 17.5, *inside)
+    orbit = (0.0, 0.0, -150.0, 0.0, 0.0)
+    wanted_rad = loiter.wanted_course_rad(20.0, 0.0, *orbit[:3])
+    about_rad = math.acos(loiter.ABOUT)
+    assert loiter.at_fork(20.0, 0.0, wanted_rad + about_rad, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, wanted_rad - about_rad, 17.5, *orbit)  # left anyway
+    assert not loiter.at_fork(20.0, 0.0, wanted_rad + math.pi, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, wanted_rad + 1.0, 17.5, *orbit)
