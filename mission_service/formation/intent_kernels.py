@@ -293,8 +293,8 @@ def _is_other(orbit, than):  # type: ignore[no-untyped-def]
 def think(  # type: ignore[no-untyped-def]
     at_s, own, wanted, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Whether another orbit is adopted (then in ``adopted``), whether it, or the one kept, is not
-    the one wanted, and how long it is clear.
+    """Whether another orbit is adopted (then in ``adopted``); whether the one wanted is not flown,
+    because somebody is in the way; how long the one adopted or kept is clear.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)
@@ -342,5 +342,5 @@ def think(  # type: ignore[no-untyped-def]
             _copy(wanted, adopted)
         else:
             _way(best_kind, own, wanted, held, frame, small_m, twist, adopted)
-        return True, _cost_m(adopted, wanted) > WORTH_M, best_s
-    return False, other, held_s
+        return True, best_kind >= 0, best_s
+    return False, True, held_s

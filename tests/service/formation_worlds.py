@@ -341,3 +341,10 @@ def home_and_back(count: int, spacing_m: float, seed: int, **more: object) -> Wo
         settled_on(places), [(0.0, places), (60.0, home), (260.0, places)],
         seed=seed, **more,  # type: ignore[arg-type]
     )  # fmt: skip
+
+
+def swap(count: int, spacing_m: float, **more: object) -> World:
+    """Agents of a ring change to the opposite side."""
+    places = ring(count, spacing_m)
+    opposite = np.roll(places, count // 2, axis=0)
+    return World(settled_on(places), [(0.0, places), (60.0, opposite)], **more)  # type: ignore[arg-type]

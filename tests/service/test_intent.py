@@ -11,13 +11,11 @@ from mission_service.formation import peers
 from mission_service.formation.intent import Choice, Flying, Orbit, Rules, choose, rules
 from mission_service.formation.settings import Settings
 from tests.service.formation_worlds import (
-    World,
     deployment,
     fly,
     home_and_back,
-    ring,
-    settled_on,
     shuffle,
+    swap,
 )
 
 RULES = rules(Settings())
@@ -82,10 +80,9 @@ def test_near_ones_take_turns_and_a_turn_needs_news() -> None:
     other = on_orbit(160.0, 0.0)
     mine = [think(wanted, other, at_s).orbit == wanted for at_s in seconds]
     assert 8 < sum(mine) < 56
-    swapped = dataclasses.replace(RULES)
     theirs = [
         choose(
-            at_s, OWN._replace(key=3), wanted, Choice(HERE), on_orbit(160.0, 0.0, key=7), swapped
+            at_s, OWN._replace(key=3), wanted, Choice(HERE), on_orbit(160.0, 0.0, key=7), RULES
         ).orbit
         == wanted
         for at_s in seconds
@@ -113,9 +110,9 @@ WORLDS = {
     "deploy 16, wind": (deployment(16, 280.0, 120.0, 1, wind_m_s=WIND), 400.0),
     "deploy 16, lost": (deployment(16, 350.0, 130.0, 1, delay_s=0.5, lost=0.3), 400.0),
     "deploy 32": (deployment(32, 280.0, 120.0, 1), 560.0),
-    "swap 8": (World(settled_on(ring(8, 280.0)), [(0.0, ring(8, 280.0)), (60.0, np.roll(ring(8, 280.0), 4, axis=0))]), 400.0),
+    "swap 8": (swap(8, 280.0), 400.0),
     "home and back 16": (home_and_back(16, 280.0, 1, wind_m_s=WIND), 700.0),
-    "shuffle 16, lost": (shuffle(16, 280.0, 1, delay_s=0.5, lost=0.3), 700.0),
+    "shuffle 16, lost": (shuffle(16, 280.0, 1, delay_s=0.5, lost=0.3), 800.0),
 }  # fmt: skip
 
 
@@ -130,10 +127,10 @@ def test_nobody_meets_anybody_and_all_arrive(name: str) -> None:
         assert np.all(np.isfinite(outcome.settled_s))
         begun_s = world.places[-1][0]
         took_s, alone_s = outcome.settled_s.mean() - begun_s, without.settled_s.mean() - begun_s
-        assert took_s < 1.5 * alone_s
+        assert took_s < (1.3 if name.startswith(("deploy", "home")) else 2.5) * alone_s
         assert outcome.on_orbit > 0.97
         assert outcome.spread_rad < math.radians(10.0)
-    assert outcome.changes_per_s < 0.5
+    assert outcome.changes_per_s < 0.6
 
 
 def test_without_avoidance_the_same_worlds_have_collisions_and_with_the_papers_fewer() -> None:
