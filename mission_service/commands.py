@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
+from mission_service.formation.messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
 
@@ -68,4 +69,12 @@ class Announce(Command, frozen=True, tag=True):
     level: Literal["info", "warning"] = "info"
 
 
-AnyCommand = UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce
+class Say(Command, frozen=True, tag=True):
+    """Tell the UAVs that other processes fly."""
+
+    message: AnyMessage
+
+
+AnyCommand = (
+    UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce | Say
+)

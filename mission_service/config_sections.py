@@ -222,6 +222,7 @@ class FormationSection(Section):
     range_m: Positive = 2000.0
     avoidance: Literal["intent", "rvo", "none"] = "intent"
     synchronises: bool = True
+    talks: bool = False  # to UAVs that other processes fly
 
 
 class MissionSection(Section):

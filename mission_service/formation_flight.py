@@ -18,15 +18,18 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, ChangeSpeed, Orbit, StartMission
 from mission_service.config import Scenario
+from mission_service.errors import MissionServiceError
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
+    Heard,
     LinkRestored,
     ModeChanged,
     UploadFinished,
     VehicleRebooted,
 )
 from mission_service.formation.agent import Intention
+from mission_service.formation.messages import AnyMessage
 from mission_service.formation_seats import Formation
 from mission_service.missions_sent import MissionsSent
 from mission_service.orbits import (
@@ -96,12 +99,14 @@ class FormationFlight:
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._number = {section.name: n for n, section in enumerate(scenario.vehicles)}
         self._safety_m = scenario.formation.safety_radius_m
+        self._not_understood: set[str] = set()
 
     # What comes in ----------------------------------------------------------------------------
 
     def heard(self, vehicle: Vehicle, event: AnyEvent) -> list[AnyCommand]:
-        """Take note of outcomes, modes, restarts."""
+        """Take note of outcomes, modes, restarts; say what is to be said."""
         led, at_s = self._led[vehicle.name], event.at_us / 1e6
+        commands: list[AnyCommand] = []
         match event:
             case CommandFinished():
                 self._finished(led, event, at_s)
@@ -112,9 +117,21 @@ class FormationFlight:
             case VehicleRebooted():
                 self._led[vehicle.name] = Led()
             case ModeChanged():
-                return self._mode_changed(vehicle, led, event, at_s)
+                commands += self._mode_changed(vehicle, led, event, at_s)
+            case Heard():
+                commands += self._hear(vehicle, event.message)
             case _:
                 pass
+        return [*commands, *self.formation.said()]
+
+    def _hear(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
+        """What is not of this map is left out, and told once of each who says it."""
+        try:
+            self.formation.hear(vehicle.name, message)
+        except MissionServiceError as error:
+            if message.sender not in self._not_understood:
+                self._not_understood.add(message.sender)
+                return [say(vehicle, f"left out: {error}", warning=True)]
         return []
 
     def _finished(self, led: Led, event: CommandFinished, at_s: float) -> None:

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
+from mission_service.commands import Say
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire_setup import burning_of
 from mission_service.formation.agent import Agent, Intention, Own
 from mission_service.formation.grid import grid_of
-from mission_service.formation.messages import State
+from mission_service.formation.messages import AnyMessage, State
 from mission_service.formation.settings import Airframe, Camera, Settings
 from mission_service.planners.protocol import Decision
 from mission_service.planning import fire_position
@@ -124,6 +125,8 @@ class Formation:
         self._cos, self._sin = math.cos(turn), math.sin(turn)
         told = scenario.formation
         self._range_m = told.range_m
+        self._talks = told.talks
+        self._said: list[Say] = []
         at_us = round(scenario.start_s * 1e6)
         self.seats: dict[str, Seat] = {
             section.name: Seat(
@@ -138,7 +141,7 @@ class Formation:
                 ),
                 self,
             )
-            for section in scenario.vehicles
+            for section in scenario.flown
         }
 
     def burns(self, cells: Cells) -> None:
@@ -181,9 +184,28 @@ class Formation:
         seat.agent.leave(at_us, "left")
         self._hand_on(seat, at_us)
 
+    def hear(self, name: str, message: AnyMessage) -> None:
+        """A vehicle hears one that another process flies.
+
+        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
+        """
+        seat = self.seats[name]
+        if isinstance(message, State) and seat.here is not None:
+            here_m = (seat.here.x_m, seat.here.y_m)
+            if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
+                return
+        seat.agent.hear(message)
+
+    def said(self) -> list[Say]:
+        """What those of other processes are to be told since the last call."""
+        said, self._said = self._said, []
+        return said
+
     def _hand_on(self, seat: Seat, at_us: int) -> None:
         """Everybody hears everything, but of states only those within range."""
         for message in seat.agent.messages(at_us):
+            if self._talks:
+                self._said.append(Say(seat.agent.name, message))
             for other in self.seats.values():
                 if other is not seat and (
                     not isinstance(message, State) or self._is_in_range(seat, other)

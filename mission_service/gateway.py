@@ -70,6 +70,13 @@ class MissionClock:
         """An autopilot's clock has reached this mission time."""
         self.now_us = max(self.now_us, mission_us)
 
+    def others_passed(self, mission_us: int, wall_us: int) -> None:
+        """Another process has reached this mission time: who joins late, joins there."""
+        self.now_us = max(self.now_us, mission_us)
+        self.wall_passed(wall_us)
+        if self._began_us is not None:
+            self._began_us = min(self._began_us, wall_us - (mission_us - self._start_us))
+
 
 class Gateway:
     """Translates one client's events and carries out the core's commands for its vehicle."""

@@ -30,8 +30,11 @@ LOOK_EVERY_S = 1.0
 MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
 BASE_M = (-1400.0, -1400.0)  # the first in the queue, from the middle of the map
-QUEUE_M = 150.0  # between one and the next, and between queues
+QUEUE_M = 70.0  # between one and the next, and between queues
 QUEUE = 8  # so many in a queue
+# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
+# every turn, a hundred times for each collision, where the paper has two.
+CONFLICT_WITHIN_S = 5.0
 ANEW_S = 2.0  # a conflict that has been over for so long begins anew
 
 
@@ -149,7 +152,7 @@ def count_meetings(  # type: ignore[no-untyped-def]
             of_b = meets_after_s(
                 -x, -y, 2.0 * wanted_m_s[b, 0] - mean_x, 2.0 * wanted_m_s[b, 1] - mean_y, apart_m
             )
-            if min(of_a, of_b) < np.inf:
+            if min(of_a, of_b) < CONFLICT_WITHIN_S:
                 if at_s - in_conflict_s[a, b] > ANEW_S:
                     conflicts += 1
                 in_conflict_s[a, b] = at_s

@@ -3,13 +3,19 @@
 Cells are numbers ``row * cols + col`` of the landscape's grid, in rising order.
 """
 
+from typing import Annotated
+
 import msgspec
+
+# Checked where messages are decoded: kernels reckon with 64 bits.
+Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell, of a tile, of how many
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """Said by the vehicle ``sender`` at mission time ``at_us``."""
 
-    at_us: int
+    at_us: Us
     sender: str
 
 
@@ -40,8 +46,8 @@ class FireUpdate(Message, frozen=True, tag=True):
     ``at_us`` is when they were seen, and with that the version of these cells.
     """
 
-    burning: tuple[int, ...]
-    cleared: tuple[int, ...] = ()
+    burning: tuple[Number, ...]
+    cleared: tuple[Number, ...] = ()
 
 
 class Digest(Message, frozen=True, tag=True):
@@ -51,9 +57,9 @@ class Digest(Message, frozen=True, tag=True):
     a question: others have more or other cells in the tiles listed; which?
     """
 
-    tiles: tuple[tuple[int, int], ...]
-    first: int = 0
-    end: int = 0
+    tiles: tuple[tuple[Number, Number], ...]
+    first: Number = 0
+    end: Number = 0
 
 
 class Difference(Message, frozen=True, tag=True):
@@ -62,8 +68,8 @@ class Difference(Message, frozen=True, tag=True):
     Of the tiles in ``whole`` they are all that the sender knows.
     """
 
-    cells: tuple[tuple[int, int, int, bool], ...]
-    whole: tuple[int, ...] = ()
+    cells: tuple[tuple[Number, Number, Us, bool], ...]
+    whole: tuple[Number, ...] = ()
 
 
 class Leaving(Message, frozen=True, tag=True):

@@ -39,8 +39,11 @@ class MonitoringArea:
         self._views: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self._view = 0
         self.priority: Floats = np.zeros(grid.shape)
-        self.cells: Cells = np.empty(0, dtype=np.int64)
-        self.priorities: Floats = np.empty(0)
+        self._cells: Cells = np.empty(grid.rows * grid.cols, dtype=np.int64)
+        self._priorities: Floats = np.empty(grid.rows * grid.cols)
+        self.cells, self.priorities = self._cells[:0], self._priorities[:0]
+        # What fire can give a priority: first row and column, and where they end.
+        self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
         """Take in what burns at ``at_s`` by the true fire's arrival times (y, x)."""
@@ -61,9 +64,20 @@ class MonitoringArea:
             self._far_fire,
             self._sums,
         )
-        _priorities(self.fire, self._near_fire, self._far_fire, self.priority)
-        self.cells = np.flatnonzero(self.priority)
-        self.priorities = self.priority.ravel()[self.cells]
+        rows, cols = np.divmod(cells, self.grid.cols)
+        k = len(self._far) // 2
+        self._window[:2] = np.minimum(self._window[:2], (rows.min() - k, cols.min() - k))
+        self._window[2:] = np.maximum(self._window[2:], (rows.max() + k + 1, cols.max() + k + 1))
+        count = _priorities(
+            self.fire,
+            self._near_fire,
+            self._far_fire,
+            self._window,
+            self.priority,
+            self._cells,
+            self._priorities,
+        )
+        self.cells, self.priorities = self._cells[:count], self._priorities[:count]
 
     def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:
         """Share of the priorities within ``coverage_m`` of a virtual agent; ``agents_m`` (n, 2)."""
@@ -111,14 +125,21 @@ def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bo
 
 
 @kernel
-def _priorities(fire, near_fire, far_fire, priority):  # type: ignore[no-untyped-def]
+def _priorities(  # type: ignore[no-untyped-def]
+    fire, near_fire, far_fire, window, priority, cells, priorities
+):
+    """Priorities of a window; fills ``cells`` and ``priorities``, returns how many are above 0."""
     rows, cols = fire.shape
-    for r in range(rows):
-        for c in range(cols):
+    count = 0
+    for r in range(max(window[0], 0), min(window[2], rows)):
+        for c in range(max(window[1], 0), min(window[3], cols)):
             if fire[r, c] or far_fire[r, c] == 0:
                 priority[r, c] = 0.0
-            else:
-                priority[r, c] = NEAR if near_fire[r, c] else FAR
+                continue
+            priority[r, c] = priorities[count] = NEAR if near_fire[r, c] else FAR
+            cells[count] = r * cols + c
+            count += 1
+    return count
 
 
 @kernel

@@ -20,18 +20,24 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from mission_service.errors import MissionServiceError
-from mission_service.formation.fire_maps import check_cells
 from mission_service.formation.messages import Difference, Digest, FireUpdate
+from mission_service.formation.shared_cells import (
+    TILE,
+    cells_of_runs,
+    differing,
+    known,
+    lacked,
+    merge,
+    newer,
+    sight,
+    unroll,
+)
 
 Cells = NDArray[np.int64]
 MapMessage = FireUpdate | Digest | Difference
 
-TILE = 16  # cells to a side
-CHECKSUM = 2**40 - 1  # so many values; less than 2**53, which is as far as JSON's numbers are safe
-
-DIGEST_EVERY_US = 4_000_000  # up to eight UAVs; with more each speaks less, all together the same
+DIGEST_EVERY_US = 4_000_000  # up to eight UAVs; of more each speaks less, all together the same
 TEAM = 8
 PEER_FOR_US = 120_000_000  # who said nothing for longer is not counted
 SLOT_US = 250_000
@@ -50,7 +56,8 @@ class SharedMap:
         self.name = name
         self.fire: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
         self.stamps: Cells = np.zeros(shape, dtype=np.int64)
-        self._sums: Cells = np.zeros(-(-shape[0] // TILE) * -(-shape[1] // TILE), dtype=np.int64)
+        tiles = -(-shape[0] // TILE) * -(-shape[1] // TILE)
+        self._sums: Cells = np.zeros(tiles, dtype=np.int64)
         self._seed = zlib.crc32(name.encode())
         self._draws = 0
         self._now_us = 0
@@ -61,6 +68,11 @@ class SharedMap:
         self._tells: dict[int, tuple[int, int]] = {}  # tile: when to say it whole, likewise
         self._digest_at_us = self._ask_at_us = self._difference_at_us = 0  # not before
         self._next_tile = 0
+        self._map = f"the map of {shape[0]} x {shape[1]} cells; all must have the same landscape"
+        # Room for kernels.
+        self._found: Cells = np.empty(max(tiles, TILE * TILE), dtype=np.int64)
+        self._shares: Cells = np.empty(TILE * TILE, dtype=np.int64)
+        self._theirs: Cells = np.empty(tiles, dtype=np.int64)
 
     def start(self, cells_burning: Cells, at_us: int) -> None:
         """The map that all were given before the mission: known, and not news."""
@@ -73,23 +85,23 @@ class SharedMap:
         Returns the cells that burn now and did not on this map, and the other way round.
         """
         self._now_us = max(self._now_us, at_us)
-        changed = []
-        for cells, burns in ((cells_burning, True), (cells_unburned, False)):
-            found = NONE
-            if len(cells):
-                check_cells(cells, self.fire.shape)
-                found = np.empty(len(cells), dtype=np.int64)
-                count = _see(cells, burns, at_us, self.stamps, self.fire, self._sums, found)
-                found = found[:count]
-                if count:
-                    self._news.append(found)
-            changed.append(found)
-        return changed[0], changed[1]
+        return self._sight(cells_burning, True, at_us), self._sight(cells_unburned, False, at_us)
+
+    def _sight(self, cells: Cells, burns: bool, at_us: int) -> Cells:
+        if not len(cells):
+            return NONE
+        changed: Cells = np.empty(len(cells), dtype=np.int64)
+        count, off_map = sight(cells, burns, at_us, self.stamps, self.fire, self._sums, changed)
+        self._check(cells, off_map, "sight")
+        changed = changed[:count]
+        if count:
+            self._news.append(changed)
+        return changed
 
     def hear(self, message: MapMessage) -> tuple[Cells, Cells]:
         """Take in what another said; returns what changed, as ``see``.
 
-        Raises MissionServiceError for cells that are not on the map.
+        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
         if message.sender == self.name:
             return NONE, NONE
@@ -103,7 +115,7 @@ class SharedMap:
             stamps[: len(message.burning)] += 1
         else:
             cells, stamps = self._cells_of(message)
-        changed = self._merge(cells, stamps)
+        changed = self._merge(cells, stamps, message.sender)
         if isinstance(message, Difference):
             for tile in message.whole:
                 self._answer(tile, cells, stamps)
@@ -152,83 +164,89 @@ class SharedMap:
 
     def _compare(self, digest: Digest) -> None:
         """Find out who lacks what, by another's checksums."""
-        sums = np.array(digest.tiles, dtype=np.int64).reshape(-1, 2)
-        count = len(self._sums)
-        tiles = sums[:, 0]
-        if not 0 <= digest.first <= digest.end <= count or ((tiles < 0) | (tiles >= count)).any():
+        listed = np.array(digest.tiles, dtype=np.int64).reshape(-1, 2)
+        count = differing(listed, digest.first, digest.end, self._sums, self._theirs, self._found)
+        if count < 0:
             raise MissionServiceError(
-                f"digest of {digest.sender}: it has tiles beyond the {count} of this map; "
-                "all must fly with the same landscape"
+                f"digest of {digest.sender}: it has tiles that are not on {self._map}"
             )
-        theirs = self._sums.copy()
-        theirs[digest.first : digest.end] = 0
-        theirs[tiles] = sums[:, 1]
-        found = np.empty(TILE * TILE, dtype=np.int64)
-        for tile in np.flatnonzero(theirs != self._sums).tolist():
-            checksum = int(theirs[tile])
-            lacked = _lacked(tile, checksum, self.stamps, self._sums, found)
+        for tile in self._found[:count].tolist():
+            checksum = int(self._theirs[tile])
             due_us = self._slot_us()
-            if lacked:
-                for cell in found[:lacked].tolist():
-                    self._gives.setdefault(cell, due_us)
+            lacks = lacked(tile, checksum, self.stamps, self._sums, self._found, self._shares)
+            if lacks:
+                self._give(lacks, due_us)
             elif digest.first == digest.end:
                 self._tells.setdefault(tile, (due_us, checksum))
             else:
                 self._asks.setdefault(tile, (due_us, checksum))
 
+    def _give(self, count: int, due_us: int) -> None:
+        """Mean to say the first so many cells of ``_found``."""
+        for cell in self._found[:count].tolist():
+            self._gives.setdefault(cell, due_us)
+
     def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
         """All cells of its runs, and their stamps."""
+        if difference.whole and max(difference.whole) >= len(self._sums):
+            raise MissionServiceError(
+                f"difference of {difference.sender}: tile {max(difference.whole)} is not on "
+                f"{self._map}"
+            )
         runs = np.array(difference.cells, dtype=np.int64).reshape(-1, 4)
-        first, count = runs[:, 0], runs[:, 1]
-        if len(runs):
-            check_cells(first, self.fire.shape)
-            check_cells(first + count - 1, self.fire.shape)
-            check_cells(count, self.fire.shape)
-        before = np.cumsum(count) - count
-        cells = np.repeat(first - before, count) + np.arange(count.sum())
-        return cells, np.repeat(2 * runs[:, 2] + runs[:, 3], count)
+        count = cells_of_runs(runs, self.fire.size)
+        if count < 0:
+            first, of_run, *_ = runs[-1 - count].tolist()
+            raise MissionServiceError(
+                f"difference of {difference.sender}: {of_run} cells from {first} on are not on "
+                f"{self._map}"
+            )
+        cells, stamps = np.empty((2, count), dtype=np.int64)
+        unroll(runs, cells, stamps)
+        return cells, stamps
 
-    def _merge(self, cells: Cells, stamps: Cells) -> tuple[Cells, Cells]:
-        if not len(cells):
-            return NONE, NONE
-        check_cells(cells, self.fire.shape)
-        changed = np.empty(len(cells), dtype=np.int64)
-        on, off = _merge(cells, stamps, self.stamps, self.fire, self._sums, changed)
+    def _merge(self, cells: Cells, stamps: Cells, sender: str) -> tuple[Cells, Cells]:
+        changed: Cells = np.empty(len(cells), dtype=np.int64)
+        on, off, off_map = merge(cells, stamps, self.stamps, self.fire, self._sums, changed)
+        self._check(cells, off_map, f"fire map of {sender}")
         if self._gives:
             own = self.stamps.ravel()[cells]
             for cell in cells[own == stamps].tolist():
                 self._gives.pop(cell, None)
         return changed[:on], changed[len(cells) - off :]
 
+    def _check(self, cells: Cells, off_map: int, where: str) -> None:
+        if off_map >= 0:
+            raise MissionServiceError(f"{where}: cell {cells[off_map]} is not on {self._map}")
+
     def _answer(self, tile: int, cells: Cells, stamps: Cells) -> None:
         """Somebody said all it knows of a tile: say what is newer here."""
         self._tells.pop(tile, None)
-        theirs = np.zeros(TILE * TILE, dtype=np.int64)
-        found = np.empty(TILE * TILE, dtype=np.int64)
-        count = _newer(tile, cells, stamps, self.stamps, theirs, found)
-        due_us = self._slot_us()
-        for cell in found[:count].tolist():
-            self._gives.setdefault(cell, due_us)
+        self._shares[:] = 0
+        count = newer(tile, cells, stamps, self.stamps, self._shares, self._found)
+        self._give(count, self._slot_us())
 
     def _difference(self, at_us: int) -> list[MapMessage]:
-        cells = [cell for cell, due_us in self._gives.items() if due_us <= at_us]
-        whole: list[int] = []
+        due = [cell for cell, due_us in self._gives.items() if due_us <= at_us]
+        due.sort(key=self._gives.__getitem__)
         stamps = self.stamps.ravel()
-        runs = _runs(np.array(sorted(cells), dtype=np.int64), stamps)[:DIFFERENCE_RUNS]
+        runs = _runs(np.array(due, dtype=np.int64), stamps)[:DIFFERENCE_RUNS]
         for first, count, _, _ in runs:
             for cell in range(first, first + count):
-                self._gives.pop(cell, None)
-        found = np.empty(TILE * TILE, dtype=np.int64)
+                del self._gives[cell]
+        whole: list[int] = []
         for tile, (due_us, checksum) in list(self._tells.items()):
-            if len(runs) >= DIFFERENCE_RUNS:
-                break
             if due_us > at_us:
                 continue
+            cells = self._found[: known(tile, self.stamps, self._found)]
+            more = _runs(cells, stamps)
+            if runs and len(runs) + len(more) > DIFFERENCE_RUNS:
+                break
             del self._tells[tile]
             if checksum != self._sums[tile]:
-                count = _lacked(tile, 0, self.stamps, self._sums, found)
-                runs += _runs(found[:count], stamps)
+                runs += more
                 whole.append(tile)
+                self._asks.pop(tile, None)  # who knows more says so
         if not runs and not whole:
             return []
         self._difference_at_us = at_us + AGAIN_US
@@ -254,11 +272,13 @@ class SharedMap:
     def _draw(self, values: int) -> int:
         """0 to ``values`` - 1, different for each UAV and each time, but always the same."""
         self._draws += 1
-        return zlib.crc32(self._draws.to_bytes(8, "little"), self._seed) % values
+        x = (self._seed + self._draws * 0x9E3779B97F4A7C15) % 2**64
+        x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
+        return (x >> 33) % values
 
 
 def _runs(cells: Cells, stamps: Cells) -> list[tuple[int, int, int, bool]]:
-    """Rising cells as the runs of a ``Difference``; ``stamps`` is the whole map's, flat."""
+    """Cells as the runs of a ``Difference``; ``stamps`` is the whole map's, flat."""
     if not len(cells):
         return []
     of_cells = stamps[cells]
@@ -272,120 +292,3 @@ def _runs(cells: Cells, stamps: Cells) -> list[tuple[int, int, int, bool]]:
             cells[first].tolist(), count.tolist(), of_cells[first].tolist(), strict=True
         )
     ]
-
-
-@kernel
-def _mix(cell, stamp):  # type: ignore[no-untyped-def]
-    """A checksum's share of a cell (the finaliser of splitmix64); none if it was never heard of."""
-    if stamp == 0:
-        return 0
-    x = np.uint64(stamp) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(cell)
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.int64((x ^ (x >> np.uint64(31))) & np.uint64(CHECKSUM))
-
-
-@kernel
-def _set(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
-    """Give a cell a new stamp; 1 if it burns now and did not, -1 if it is the reverse, else 0."""
-    cols = fire.shape[1]
-    row, col = cell // cols, cell % cols
-    tile = row // TILE * ((cols + TILE - 1) // TILE) + col // TILE
-    sums[tile] = (sums[tile] + _mix(cell, stamp) - _mix(cell, stamps[row, col])) & CHECKSUM
-    stamps[row, col] = stamp
-    burned, burns = fire[row, col], stamp & 1 == 1
-    fire[row, col] = burns
-    return int(burns) - int(burned)
-
-
-@kernel
-def _see(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Cells seen to burn or not; fills ``changed``, returns how many."""
-    cols = fire.shape[1]
-    count = 0
-    for i in range(cells.size):
-        row, col = cells[i] // cols, cells[i] % cols
-        if fire[row, col] == burns:
-            continue
-        stamp = 2 * at_us + int(burns)
-        if stamp <= stamps[row, col]:
-            stamp = stamps[row, col] // 2 * 2 + 2 + int(burns)
-        _set(cells[i], stamp, stamps, fire, sums)
-        changed[count] = cells[i]
-        count += 1
-    return count
-
-
-@kernel
-def _merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Take the later of two stamps.
-
-    Fills ``changed`` with what burns now from the front, and with what no longer does from the
-    back; returns how many of each.
-    """
-    cols = fire.shape[1]
-    on, off = 0, 0
-    for i in range(cells.size):
-        cell = cells[i]
-        if new[i] > stamps[cell // cols, cell % cols]:
-            way = _set(cell, new[i], stamps, fire, sums)
-            if way > 0:
-                changed[on] = cell
-                on += 1
-            elif way < 0:
-                off += 1
-                changed[cells.size - off] = cell
-    return on, off
-
-
-@kernel
-def _lacked(tile, checksum, stamps, sums, found):  # type: ignore[no-untyped-def]
-    """Which cells of a tile another lacks by its checksum: all, or one, or two; 0 if it is not so.
-
-    Fills ``found``, returns how many.
-    """
-    rows, cols = stamps.shape
-    across = (cols + TILE - 1) // TILE
-    top, left = tile // across * TILE, tile % across * TILE
-    count = 0
-    for row in range(top, min(top + TILE, rows)):
-        for col in range(left, min(left + TILE, cols)):
-            if stamps[row, col] != 0:
-                found[count] = row * cols + col
-                count += 1
-    if checksum == 0:
-        return count
-    lacks = (sums[tile] - checksum) & CHECKSUM
-    for i in range(count):
-        cell = found[i]
-        if _mix(cell, stamps[cell // cols, cell % cols]) == lacks:
-            found[0] = cell
-            return 1
-    for i in range(count):
-        cell = found[i]
-        rest = (lacks - _mix(cell, stamps[cell // cols, cell % cols])) & CHECKSUM
-        for k in range(i):
-            other = found[k]
-            if _mix(other, stamps[other // cols, other % cols]) == rest:
-                found[0], found[1] = other, cell
-                return 2
-    return 0
-
-
-@kernel
-def _newer(tile, cells, said, stamps, theirs, found):  # type: ignore[no-untyped-def]
-    """Cells of a tile with a later stamp than was said; ``theirs`` is zeros, a tile's size."""
-    rows, cols = stamps.shape
-    across = (cols + TILE - 1) // TILE
-    top, left = tile // across * TILE, tile % across * TILE
-    for i in range(cells.size):
-        row, col = cells[i] // cols - top, cells[i] % cols - left
-        if 0 <= row < TILE and 0 <= col < TILE:
-            theirs[row * TILE + col] = said[i]
-    count = 0
-    for row in range(top, min(top + TILE, rows)):
-        for col in range(left, min(left + TILE, cols)):
-            if stamps[row, col] > theirs[(row - top) * TILE + col - left]:
-                found[count] = row * cols + col
-                count += 1
-    return count
