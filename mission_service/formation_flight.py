@@ -82,7 +82,7 @@ class Led:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float | None = None  # led by its agent, at most until then
+    goes_home_until_s: float = math.inf  # led by its agent, at most until then
     sending: Circle | None = None  # what a mission under way ends in
     loiter: Circle | None = None  # what the mission on board ends in
 
@@ -212,13 +212,11 @@ class FormationFlight:
         if led.order == "orbit" or here.at_s < vehicle.not_before_s:
             return []
         settled = self._has_settled(led, here)
-        if led.loiter is not None:
-            if circle == led.loiter:
+        if led.loiter is not None and not settled:
+            near = math.dist(circle.centre_m, led.loiter.centre_m) < RENEW_BEYOND_M
+            if near or here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
-            off_m = math.dist(circle.centre_m, led.loiter.centre_m)
-            if not settled and off_m < RENEW_BEYOND_M:
-                return []
-        if not settled and here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
+        if circle == led.loiter:
             return []
         led.sending = circle
         items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing)
@@ -268,7 +266,8 @@ class FormationFlight:
         away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not led.taken_over:
             return None
-        if led.goes_home_until_s is None:
+        if not vehicle.going_home:
+            vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             led.goes_home_until_s = here.at_s + away_m / slow_m_s
             self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
