@@ -151,7 +151,7 @@ class Flight:
         self.mode("mission")
         self.place_m = (-800.0, 0.0)
         self.means(-800.0, 0.0)
-        (orbit,) = of(self.at(300.0, later_s=60.0), Orbit)
+        orbit: Orbit = of(self.at(300.0, later_s=60.0), Orbit)[0]
         self.carried_out(orbit)
         return orbit
 
