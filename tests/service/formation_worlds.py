@@ -7,7 +7,6 @@ formation: agents move straight to the places they are given, through each other
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-
 from pathlib import Path
 from typing import Any
 
@@ -212,7 +211,11 @@ def _fly(  # type: ignore[no-untyped-def]
                 STEP_S, bank_rad,
             )  # fmt: skip
             if trace.size:
-                trace[tick, who, 0], trace[tick, who, 1], trace[tick, who, 2] = x[who], y[who], heading[who]
+                trace[tick, who, 0], trace[tick, who, 1], trace[tick, who, 2] = (
+                    x[who],
+                    y[who],
+                    heading[who],
+                )
                 trace[tick, who, 3:7] = orbit[who]
                 trace[tick, who, 7:9] = agent[who]
         # What came of it.
