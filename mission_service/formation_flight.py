@@ -23,6 +23,7 @@ from mission_service.events import (
     AnyEvent,
     CommandFinished,
     Heard,
+    LinkLost,
     LinkRestored,
     ModeChanged,
     UploadFinished,
@@ -112,9 +113,12 @@ class FormationFlight:
                 self._finished(led, event, at_s)
             case UploadFinished() if vehicle.pending is None:
                 led.loiter = led.sending if event.outcome == "accepted" else None
+            case LinkLost() if led.taken_over:
+                self.formation.lost(vehicle.name)
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
             case VehicleRebooted():
+                self.formation.not_lost(vehicle.name)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 commands += self._mode_changed(vehicle, led, event, at_s)
@@ -153,6 +157,7 @@ class FormationFlight:
     ) -> list[AnyCommand]:
         if not event.armed:
             self.formation.seats[vehicle.name].agent.come_back()
+            self.formation.not_lost(vehicle.name)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
         led.mode, led.airspeed_m_s = event.mode, None  # both stacks forget the speed with the mode
@@ -166,6 +171,7 @@ class FormationFlight:
             return []
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
         self.formation.seats[vehicle.name].left(at_s)
+        self.formation.not_lost(vehicle.name)
         if vehicle.presence.recalled:
             return []
         words = f"mode {event.mode} is not ours: not led until it is back in its mission"
