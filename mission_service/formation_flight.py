@@ -56,6 +56,7 @@ ORBIT_EVERY_S, ESCAPE_EVERY_S = 2.0, 0.5
 ORBIT_MOVES_M, RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 20.0, 1.0, 5.0
 LOOK_DOWN_EVERY_S = 10.0
 SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
+CLIMBS_BELOW_M = 30.0
 SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 AGAIN_AFTER_S = 5.0
@@ -148,7 +149,7 @@ class FormationFlight:
             case "orbit":
                 led.circle, led.orbit_at_s = None, at_s + AGAIN_AFTER_S - ORBIT_EVERY_S
             case "change speed":
-                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S - SPEED_EVERY_S
+                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S
             case _:
                 led.start_not_before_s = at_s + 2.0 * AGAIN_AFTER_S
 
@@ -160,7 +161,8 @@ class FormationFlight:
             self.formation.not_lost(vehicle.name)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
-        led.mode, led.airspeed_m_s = event.mode, None  # both stacks forget the speed with the mode
+        if event.mode != led.mode:  # both stacks forget the speed with the mode
+            led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":
             led.leads = True
             if led.loiter is None or led.loiter != led.circle:
@@ -328,9 +330,12 @@ class FormationFlight:
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.least_airspeed_m_s, section.most_airspeed_m_s
+        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # to climb takes speed
+            least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
-        if here.at_s - led.speed_at_s < SPEED_EVERY_S:
+        # In another mode at once: there it flies as fast as it likes.
+        if here.at_s - led.speed_at_s < (0.0 if told is None else SPEED_EVERY_S):
             return []
         if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
             return []
