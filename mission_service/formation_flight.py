@@ -52,8 +52,10 @@ from mission_service.vehicle import Vehicle, say
 
 Floats = NDArray[np.float64]
 
-ORBIT_EVERY_S, ESCAPE_EVERY_S = 2.0, 0.5
-ORBIT_MOVES_M, RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 20.0, 1.0, 5.0
+ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
+# Where others are near, what is flown must be what its agent has said and checked.
+NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
+RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 LOOK_DOWN_EVERY_S = 10.0
 SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
 CLIMBS_BELOW_M = 30.0
@@ -250,7 +252,8 @@ class FormationFlight:
             intention.orbit_radius_m,
             intention.climb_m,
         )
-        orbit_due = self._orbit_due(vehicle, led, wanted, here)
+        near = not intention.settled and self.formation.is_near_others(vehicle.name)
+        orbit_due = self._orbit_due(vehicle, led, wanted, here, near)
         if orbit_due or not intention.settled:
             led.settled_since_s = None
         elif led.settled_since_s is None:
@@ -265,7 +268,7 @@ class FormationFlight:
             led.start_not_before_s = here.at_s + AGAIN_AFTER_S
             commands.append(StartMission(vehicle.name))
         else:
-            commands += self._speed(vehicle, led, intention, here)
+            commands += self._speed(vehicle, led, intention, here, near)
         return [*commands, *self._renew(vehicle, led, here)]
 
     def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
@@ -294,14 +297,17 @@ class FormationFlight:
         led.taken_over = here.altitude_m >= ground_m + clear_m
         return led.taken_over
 
-    def _orbit_due(self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here) -> bool:
+    def _orbit_due(
+        self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here, near: bool
+    ) -> bool:
         flown = led.circle
         if flown is None:
             return here.at_s - led.orbit_at_s >= ORBIT_EVERY_S
         wider = abs(wanted.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
-        if here.at_s - led.orbit_at_s < (ESCAPE_EVERY_S if wider else ORBIT_EVERY_S):
+        if here.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
             return False
-        if wider or math.dist(wanted.centre_m, flown.centre_m) > ORBIT_MOVES_M:
+        moves_m = NEAR_MOVES_M if near else ORBIT_MOVES_M
+        if wider or math.dist(wanted.centre_m, flown.centre_m) > moves_m:
             return True
         if abs(wanted.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
             return True
@@ -326,7 +332,7 @@ class FormationFlight:
         return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
 
     def _speed(
-        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here
+        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here, near: bool
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.least_airspeed_m_s, section.most_airspeed_m_s
@@ -335,7 +341,8 @@ class FormationFlight:
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
         # In another mode at once: there it flies as fast as it likes.
-        if here.at_s - led.speed_at_s < (0.0 if told is None else SPEED_EVERY_S):
+        every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
+        if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
             return []
         if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
             return []

@@ -126,7 +126,7 @@ class Formation:
         turn = math.radians(landscape.grid_convergence_deg)
         self._cos, self._sin = math.cos(turn), math.sin(turn)
         told = scenario.formation
-        self._range_m = told.range_m
+        self._range_m, self._near_m = told.range_m, told.neighbourhood_m
         self._talks = told.talks
         self._said: list[Say] = []
         self._lost: dict[str, Lost] = {}
@@ -182,6 +182,17 @@ class Formation:
         self._hand_on(seat, own.at_us)
         self._speak_for_the_lost(own.at_us)
         return intention
+
+    def is_near_others(self, name: str) -> bool:
+        """Whether another of the formation is in its neighbourhood."""
+        here = self.seats[name].here
+        return here is not None and any(
+            other.flies
+            and other.here is not None
+            and name != other_name
+            and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
+            for other_name, other in self.seats.items()
+        )
 
     def leave(self, name: str, at_s: float) -> None:
         """A vehicle is not of the formation now: on its way home, lost, or on the ground."""

@@ -57,8 +57,8 @@ def test_the_footprint_has_the_papers_size_and_turns(land: Landscape) -> None:
     assert length * 10.0 == pytest.approx(2 * 300 * np.tan(np.radians(23.4)), abs=10.0)
 
 
-def test_a_formation_has_the_papers_settings(land: Landscape) -> None:
-    scenario = load_scenario("virtual-agents")
+def test_a_formation_has_the_papers_settings() -> None:
+    scenario = load_scenario("virtual-agents", ("formation.safety_radius_m=30",))
     settings = settings_of(scenario, scenario.vehicles[0])
     table_1 = Settings()
     assert settings.coverage_radius_m == pytest.approx(table_1.coverage_radius_m, abs=1.0)

@@ -282,6 +282,24 @@ def test_a_small_move_is_no_order_and_an_escape_is_one_at_once(land: Landscape) 
     assert flight.at_s - at_s <= 0.5
 
 
+def test_near_others_small_moves_are_ordered_too_and_at_once(land: Landscape) -> None:
+    """What agents have checked against each other must be what is flown."""
+    for away_m, expected in ((400.0, 1), (600.0, 0)):
+        flight = Flight(land)
+        flight.orbiting()
+        flight.for_s(5.0)
+        other = flight.core.leader.formation.seats["stork"]  # type: ignore[attr-defined]
+        x_m, y_m = flight.home_m[0] - 800.0, flight.home_m[1] + away_m
+        other.here, other.flies = Here(flight.at_s, 0.0, 0.0, x_m, y_m, 700.0, 0.0, 15.0), True
+        flight.means(-810.0, 0.0, airspeed_m_s=20.0)
+        found = flight.for_s(1.0)
+        assert len(times_s(found, Orbit)) == expected
+        flight.means(-810.0, 0.0, airspeed_m_s=20.0, settled=True)
+        flight.for_s(5.0)
+        flight.means(-800.0, 0.0, settled=True)
+        assert times_s(flight.for_s(3.0), Orbit) == []
+
+
 def test_one_order_is_under_way_at_a_time_and_a_refused_one_comes_again(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
