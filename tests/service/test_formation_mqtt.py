@@ -9,6 +9,7 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
+from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.errors import MissionServiceError
 from mission_service.formation.messages import (
     AnyMessage,
@@ -31,8 +32,10 @@ from mission_service.formation_mqtt import (
     read_broker,
     site_of,
 )
-from tests.service.mqtt_helpers import Mosquitto, needs_mosquitto
 
+needs_mosquitto = pytest.mark.skipif(
+    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
+)
 CELLS = 10_000
 CHANNEL = Channel(Broker("127.0.0.1"), "test", "fire")
 LATEST_US = 3_600_000_000
