@@ -97,13 +97,15 @@ async def serve(
         stop = asyncio.Event()
         _stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
-            flights = [
-                group.create_task(_fly(connection, gateway, service))
-                for connection, gateway in zip(connections, gateways.values(), strict=True)
-            ]
+            flights = []
             if exchange is not None:
                 ears = Ears(service, clock)
                 flights.append(group.create_task(exchange.run(ears)))
+                await exchange.join()
+            flights += [
+                group.create_task(_fly(connection, gateway, service))
+                for connection, gateway in zip(connections, gateways.values(), strict=True)
+            ]
             while not stop.is_set() and clock.now_us < scenario.duration_s * 1e6:
                 watch()
                 silence.tell(record)

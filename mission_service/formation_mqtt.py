@@ -7,6 +7,7 @@ vehicle flies on with what it knows.
 
 import asyncio
 import contextlib
+import errno
 import re
 from collections import Counter, deque
 from collections.abc import Collection
@@ -29,7 +30,7 @@ TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out tha
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
-TIME_EVERY_S, TIME_LEAST_S = 1.0, 0.1
+TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.1, 2.0
 BEHIND_US = 500_000
 AHEAD_US = 60_000_000  # of one who talks, others may be
 
@@ -198,6 +199,7 @@ class Exchange:
         self._latest_us = latest_us
         self._outbox = Outbox()
         self._time_due = asyncio.Event()
+        self._joined = asyncio.Event()  # others have told what time it is
 
     def say(self, message: AnyMessage) -> None:
         """Send a message as soon as the broker takes it."""
@@ -205,6 +207,7 @@ class Exchange:
 
     async def run(self, ears: Ears) -> None:
         """Talk until cancelled, whatever becomes of the broker."""
+        asyncio.get_running_loop().set_exception_handler(_all_but_closed_sockets)
         broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
         while not ends:
             try:
@@ -226,6 +229,12 @@ class Exchange:
                 await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MOST_WAIT_S)
         raise asyncio.CancelledError
+
+    async def join(self) -> None:
+        """Wait a moment until others have told what time it is; returns also if nobody does."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(JOIN_S):
+                await self._joined.wait()
 
     async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
         """Until the broker is gone; raises what ends it."""
@@ -289,6 +298,14 @@ class Exchange:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
         ears.passed(mission_us)
+        self._joined.set()
+
+
+def _all_but_closed_sockets(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell."""
+    error = context.get("exception")
+    if not (isinstance(error, OSError) and error.errno == errno.EBADF):
+        loop.default_exception_handler(context)
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:
