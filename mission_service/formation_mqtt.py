@@ -31,7 +31,7 @@ MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.1, 2.0
-BEHIND_US = 500_000
+BEHIND_US = 2_000_000
 AHEAD_US = 60_000_000  # of one who talks, others may be
 
 _encode = msgspec.json.Encoder().encode
