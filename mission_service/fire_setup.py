@@ -17,6 +17,7 @@ from mission_service.config import Scenario
 from mission_service.config_sections import Ignition, LandscapeSection, WeatherFile
 from mission_service.errors import ScenarioError
 
+STALLED = 100  # updates without growth, after which it is looked at whether anything still burns
 LASTING_S = 3600.0  # as long a record of weather may hold without more ado
 
 
@@ -136,9 +137,10 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
         step_s=1.0,
         rng=np.random.default_rng((scenario.seed, 1)),
     )
-    before = 0
+    before = stalled = 0
     while (burned := int(np.count_nonzero(fire.burned()))) < cells:
-        if burned == before and not (fire.state_at(fire.time_s) == BURNING).any():
+        stalled = stalled + 1 if burned == before else 0
+        if stalled and stalled % STALLED == 0 and not (fire.state_at(fire.time_s) == BURNING).any():
             raise ScenarioError(
                 f"fire.initial_cells = {cells}: nothing is left to burn after {burned} cells; take "
                 "fewer, or another ignition"

@@ -116,6 +116,8 @@ class Flight(Body):
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._way_home_amsl_m()
+            if self.stack.vehicle == "plane":  # a speed that was ordered goes with the mode
+                self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
 

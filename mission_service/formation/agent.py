@@ -12,8 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.formation.coverage import Mover
 from mission_service.formation.fire_maps import AgentMaps
-from mission_service.formation.forces import as_array, tie_rad, velocity_of_forces
+from mission_service.formation.forces import tie_rad
 from mission_service.formation.grid import Grid
 from mission_service.formation.intent import Choice, Flying, Orbit, choose, rules
 from mission_service.formation.messages import AnyMessage, Leaving, State
@@ -97,15 +98,15 @@ class Agent:
             grid.cell_m,
             settings.augmentation_m(grid.cell_m),
             settings.agent_area_m,
+            settings.monitoring_m,
         )
         self.avoidance = avoidance
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
         self.home_m: tuple[float, float] | None = None  # where it is on its way to
-        self._constants = as_array(settings.constants)
+        self._mover = Mover(settings, grid, tie_rad(key_of(name)))
         self._rules = rules(settings)
         self._key = key_of(name)
-        self._tie_rad = tie_rad(self._key)
         self._choice: Choice | None = None
         self._settled_m = (math.inf, math.inf)
         self._settled_at_us = at_us
@@ -167,7 +168,7 @@ class Agent:
     # The virtual agent ------------------------------------------------------------------------
 
     def _move_agent(self, own: Own, peers: Floats) -> None:
-        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as the forces have it."""
+        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``Mover`` has it."""
         settings = self.settings
         agent_m = self.agent_m
         if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m:
@@ -176,26 +177,16 @@ class Agent:
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
-        centre = self.maps.centre_row_col
-        if centre is not None:
-            centre_m = self.grid.xy_of(*centre)
-            east_m_s, north_m_s = velocity_of_forces(
-                *agent_m,
-                peers[:, AGENT_X],
-                peers[:, AGENT_Y],
-                *centre_m,
-                self.maps.augmentation,
-                self.maps.area,
-                self.grid.west_m,
-                self.grid.north_m,
-                self.grid.cell_m,
-                self._constants,
-                settings.spacing_m,
-                settings.agent_speed_m_s,
-                self._tie_rad,
-            )
-            step_s = self._step_s
-            agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
+        east_m_s, north_m_s = self._mover.velocity(
+            own.at_us / 1e6,
+            *agent_m,
+            peers[:, AGENT_X],
+            peers[:, AGENT_Y],
+            self.maps,
+            self._step_s,
+        )
+        step_s = self._step_s
+        agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
         self.agent_m = agent_m
 
     # What it flies ----------------------------------------------------------------------------

@@ -25,16 +25,24 @@ class AgentMaps:
     ``fire`` is true where it burns or has burned. ``augmentation`` and ``area`` count the cells of
     fire not farther than ``augmentation_m`` and ``agent_area_m``, centre to centre: the paper's
     augmentation map is ``augmentation > 0``, its virtual agent area ``(area > 0) & ~fire``.
+    ``monitored`` counts those not farther than ``monitoring_m``, for the rule of ``coverage``.
     ``sums`` is (3,): cells of fire, the sum of their rows, of their columns.
     """
 
     def __init__(
-        self, shape: tuple[int, int], cell_m: float, augmentation_m: float, agent_area_m: float
+        self,
+        shape: tuple[int, int],
+        cell_m: float,
+        augmentation_m: float,
+        agent_area_m: float,
+        monitoring_m: float = 0.0,
     ) -> None:
         self.fire: Bools = np.zeros(shape, dtype=np.bool_)
         self._near, self._far = disc(augmentation_m / cell_m), disc(agent_area_m / cell_m)
         self.augmentation = no_counts(shape, self._near)
         self.area = no_counts(shape, self._far)
+        self._monitoring = disc(monitoring_m / cell_m)
+        self.monitored = no_counts(shape, self._monitoring)
         self.sums = np.zeros(3, dtype=np.int64)
 
     def set(self, cells_on: Cells, cells_off: Cells) -> None:
@@ -45,6 +53,8 @@ class AgentMaps:
         for cells, burns in ((cells_on, True), (cells_off, False)):
             if len(cells):
                 check_cells(cells, self.fire.shape)
+                once = np.unique(cells)
+                add_discs(once, burns, self.fire, self._monitoring, self.monitored)
                 stamp(
                     cells,
                     burns,
@@ -89,6 +99,15 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
             f"fire map: cell {least if least < 0 else most} is not on a map of {shape[0]} x "
             f"{shape[1]} cells; all must fly with the same landscape"
         )
+
+
+@kernel
+def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
+    """Add or take away the discs of cells, each given once, that ``stamp`` is about to change."""
+    for i in range(cells.size):
+        row, col = cells[i] // fire.shape[1], cells[i] % fire.shape[1]
+        if fire[row, col] != burns:
+            _add_disc(row, col, 1 if burns else -1, half_widths, counts)
 
 
 @kernel

@@ -197,7 +197,7 @@ def predict(  # type: ignore[no-untyped-def]
     clear_m = clear_of_turn_m(max(airspeed_m_s, wanted_m_s), bank_rad)
     turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
     cos, sin = math.cos(turn_rad), math.sin(turn_rad)
-    for row in range(1 - bits, path_m.shape[0]):
+    for row in range(min(1 - bits, 0), path_m.shape[0]):
         if row == 1:
             part_s = step_s
             turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)

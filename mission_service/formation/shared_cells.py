@@ -89,7 +89,42 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
             elif way < 0:
                 off += 1
                 changed[cells.size - off] = cell
-    return on, off, off_map
+    # A cell that is in a message twice may have been both.
+    kept_on, kept_off = 0, 0
+    for i in range(on):
+        if fire[changed[i] // cols, changed[i] % cols]:
+            changed[kept_on] = changed[i]
+            kept_on += 1
+    for i in range(cells.size - 1, cells.size - off - 1, -1):
+        if not fire[changed[i] // cols, changed[i] % cols]:
+            kept_off += 1
+            changed[cells.size - kept_off] = changed[i]
+    return kept_on, kept_off, off_map
+
+
+@kernel
+def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
+    """How many cells runs have: (n, 4), see ``Difference``.
+
+    -1 - place for one that is not on a map of ``size`` cells.
+    """
+    count = 0
+    for i in range(runs.shape[0]):
+        if runs[i, 0] < 0 or runs[i, 1] < 1 or runs[i, 0] + runs[i, 1] > size:
+            return -1 - i
+        count += runs[i, 1]
+    return count
+
+
+@kernel
+def unroll(runs, cells, stamps):  # type: ignore[no-untyped-def]
+    """Fill in the cells of runs, and their stamps."""
+    count = 0
+    for i in range(runs.shape[0]):
+        for cell in range(runs[i, 0], runs[i, 0] + runs[i, 1]):
+            cells[count] = cell
+            stamps[count] = 2 * runs[i, 2] + runs[i, 3]
+            count += 1
 
 
 @kernel

@@ -24,12 +24,14 @@ from mission_service.errors import MissionServiceError
 from mission_service.formation.messages import Difference, Digest, FireUpdate
 from mission_service.formation.shared_cells import (
     TILE,
+    cells_of_runs,
     differing,
     known,
     lacked,
     merge,
     newer,
     sight,
+    unroll,
 )
 
 Cells = NDArray[np.int64]
@@ -116,7 +118,7 @@ class SharedMap:
         changed = self._merge(cells, stamps, message.sender)
         if isinstance(message, Difference):
             for tile in message.whole:
-                self._answer(tile, cells, stamps, message.sender)
+                self._answer(tile, cells, stamps)
         return changed
 
     def messages(self, at_us: int) -> list[MapMessage]:
@@ -186,18 +188,22 @@ class SharedMap:
 
     def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
         """All cells of its runs, and their stamps."""
-        runs = np.array(difference.cells, dtype=np.int64).reshape(-1, 4)
-        first, count = runs[:, 0], runs[:, 1]
-        # Checked before they are made into cells: a wrong one could fill the memory.
-        wrong = np.flatnonzero((first < 0) | (count < 1) | (first + count > self.fire.size))
-        if len(wrong):
+        if difference.whole and max(difference.whole) >= len(self._sums):
             raise MissionServiceError(
-                f"difference of {difference.sender}: {count[wrong[0]]} cells from "
-                f"{first[wrong[0]]} on are not on {self._map}"
+                f"difference of {difference.sender}: tile {max(difference.whole)} is not on "
+                f"{self._map}"
             )
-        before = np.cumsum(count) - count
-        cells = np.repeat(first - before, count) + np.arange(count.sum())
-        return cells, np.repeat(2 * runs[:, 2] + runs[:, 3], count)
+        runs = np.array(difference.cells, dtype=np.int64).reshape(-1, 4)
+        count = cells_of_runs(runs, self.fire.size)
+        if count < 0:
+            first, of_run, *_ = runs[-1 - count].tolist()
+            raise MissionServiceError(
+                f"difference of {difference.sender}: {of_run} cells from {first} on are not on "
+                f"{self._map}"
+            )
+        cells, stamps = np.empty((2, count), dtype=np.int64)
+        unroll(runs, cells, stamps)
+        return cells, stamps
 
     def _merge(self, cells: Cells, stamps: Cells, sender: str) -> tuple[Cells, Cells]:
         changed: Cells = np.empty(len(cells), dtype=np.int64)
@@ -213,10 +219,8 @@ class SharedMap:
         if off_map >= 0:
             raise MissionServiceError(f"{where}: cell {cells[off_map]} is not on {self._map}")
 
-    def _answer(self, tile: int, cells: Cells, stamps: Cells, sender: str) -> None:
+    def _answer(self, tile: int, cells: Cells, stamps: Cells) -> None:
         """Somebody said all it knows of a tile: say what is newer here."""
-        if not 0 <= tile < len(self._sums):
-            raise MissionServiceError(f"difference of {sender}: tile {tile} is not on {self._map}")
         self._tells.pop(tile, None)
         self._shares[:] = 0
         count = newer(tile, cells, stamps, self.stamps, self._shares, self._found)
@@ -242,6 +246,7 @@ class SharedMap:
             if checksum != self._sums[tile]:
                 runs += more
                 whole.append(tile)
+                self._asks.pop(tile, None)  # who knows more says so
         if not runs and not whole:
             return []
         self._difference_at_us = at_us + AGAIN_US

@@ -1,6 +1,7 @@
 """One UAV's agent: its virtual agent, its orbit, what it says, heat, home."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,8 +129,8 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
 
 
 def test_it_is_settled_after_a_while_on_one_orbit() -> None:
-    agent = agent_of(avoidance="none")
-    agent._constants[:] = 0.0  # no forces: the agent stays
+    still = replace(SETTINGS, agent_speed_m_s=0.0)
+    agent = Agent("hawk", still, GRID, np.array([MIDDLE]), 0, avoidance="none")
     settled = []
     for tick in range(400):
         angle = tick * 0.25 * SETTINGS.airframe.cruise_m_s / 150.0

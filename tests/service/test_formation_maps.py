@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
 from mission_service.errors import MissionServiceError
-from mission_service.formation.fire_maps import AgentMaps
+from mission_service.formation.fire_maps import AgentMaps, disc, no_counts
 from mission_service.formation.grid import Grid
 from mission_service.formation.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.formation.settings import Settings
@@ -55,15 +55,19 @@ def test_maps_kept_step_by_step_are_those_from_scratch(
         assert maps.centre_row_col is None
 
 
-def test_counts_are_of_all_cells_in_reach_also_where_they_do_not_fit_16_bits() -> None:
-    middle = np.hypot(*(np.indices((300, 300)) - 150))
-    fire = np.flatnonzero(middle <= 148.0)
-    maps = AgentMaps((300, 300), 1.0, 2.0, 147.0)
-    maps.set(fire, NONE)
-    assert maps.area[150, 150] == (middle <= 147.0).sum() > 2**16
-    assert maps.augmentation[150, 150] == 13
-    maps.set(NONE, fire[:10])
-    assert maps.area[150, 150] == (middle <= 147.0).sum() - (middle.ravel()[fire[:10]] <= 147).sum()
+def test_counts_are_of_all_cells_in_reach_and_there_is_room_for_them() -> None:
+    middle = np.hypot(*(np.indices((60, 60)) - 30))
+    maps = AgentMaps((60, 60), 1.0, 2.0, 25.0)
+    maps.set(np.arange(3600), NONE)
+    assert maps.area[30, 30] == (middle <= 25.0).sum()
+    assert maps.augmentation[30, 30] == 13
+    maps.set(NONE, np.arange(30 * 60))
+    assert maps.area[30, 30] == (middle <= 25.0)[30:].sum()
+    for reach in (16.0, 144.0, 145.0, 300.0):
+        half_widths = disc(reach)
+        most = (2 * half_widths + 1).sum()
+        assert most == pytest.approx(np.pi * reach * reach, rel=0.02)
+        assert np.iinfo(no_counts((3, 3), half_widths).dtype).max >= most
 
 
 def test_a_cell_off_the_map_is_an_error_that_names_it_and_changes_nothing() -> None:

@@ -1,0 +1,307 @@
+"""Small worlds of ideal fixed wings that follow virtual agents, for the tests of avoidance.
+
+A world is data: where vehicles begin, and where their virtual agents go. Nothing here forms a
+formation: agents move straight to the places they are given, through each other if need be.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from firemodel.compiled import NUMBA, cache_folder
+from mission_service.formation import intent, loiter, peers, phase, rvo
+from mission_service.formation.intent_kernels import NOTES, think
+from mission_service.formation.settings import Settings
+
+Floats = NDArray[np.float64]
+STEP_S = 0.25
+SETTINGS = Settings()
+RADIUS_M = -SETTINGS.loiter_radius_m
+
+
+@dataclass
+class World:
+    """Vehicles (n) and, at times, new places for their agents."""
+
+    start: Floats  # (n, 3): x, y, heading
+    places: list[tuple[float, Floats]]  # from when on, (n, 2)
+    agent_m_s: float = 25.0
+    seed: int = 0
+    jumps_s: float = 0.0  # mean time between jumps of an agent to its vehicle; 0: never
+    drift_m_s: float = 0.0  # at which places move outwards
+    wind_m_s: tuple[float, float] = (0.0, 0.0)
+    delay_s: float = 0.0
+    lost: float = 0.0
+    altitude_m: Floats | None = None
+
+
+@dataclass
+class Outcome:
+    """What came of it."""
+
+    conflicts: int  # episodes of a pair: a desired velocity inside the other's obstacle
+    collisions: int  # episodes of a pair nearer than 2 r_s
+    nearest_m: float
+    settled_s: Floats  # (n) since when on the orbit about the place given; inf: not at the end
+    on_orbit: float  # share of vehicles on their agents' orbits in the last tenth
+    changes_per_s: float  # of intended orbits, a vehicle, in the last tenth
+    spread_rad: float  # of phases at the end: the largest distance from their mean
+    thoughts: int
+
+
+NONE, RVO, INTENT = range(3)
+AVOIDANCES = {"none": NONE, "rvo": RVO, "intent": INTENT}
+
+
+def cached(function: Callable[..., Any]) -> Any:
+    """Compiled, and compiled anew when the kernels of the formation change."""
+    given = NUMBA.CACHE_DIR
+    NUMBA.CACHE_DIR = str(cache_folder(Path(loiter.__file__).parent))
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    finally:
+        NUMBA.CACHE_DIR = given
+
+
+@cached
+def _episodes(seen, last, tick):  # type: ignore[no-untyped-def]
+    """Count an episode of each pair that is seen and has not been for 5 s."""
+    begun = 0
+    for one in range(seen.shape[0]):
+        for other in range(one):
+            if seen[one, other] or seen[other, one]:
+                begun += tick - last[one, other] > 5.0 / STEP_S
+                last[one, other] = tick
+    return begun
+
+
+@cached
+def _fly(  # type: ignore[no-untyped-def]
+    start, begins_s, all_places, agent_m_s, jumps_s, drift_m_s, wind_x, wind_y, delay_s, lost,
+    altitude_m, kind, rule, frame, every_s, horizon_s, keys, until_s, seed, settled_s, trace,
+):  # fmt: skip
+    np.random.seed(seed)
+    count = start.shape[0]
+    least_m_s, most_m_s, bank_rad = frame
+    wind = math.hypot(wind_x, wind_y)
+    x, y, heading = start[:, 0].copy(), start[:, 1].copy(), start[:, 2].copy()
+    airspeed = np.full(count, 0.7 * most_m_s)
+    agent = np.stack((x + 150.0 * np.cos(heading), y + 150.0 * np.sin(heading)), axis=1)
+    orbit = np.empty((count, 4))
+    orbit[:, :2], orbit[:, 2], orbit[:, 3] = agent, RADIUS_M, airspeed
+    delay = int(delay_s / STEP_S)
+    posted = np.full((delay + 1, count, peers.COLUMNS), np.nan)
+    known = np.full((count, count, peers.COLUMNS), -1e9)
+    others = np.empty((count, peers.COLUMNS))
+    talks = np.random.randint(0, 2, count)
+    collided, met = np.full((count, count), -10_000), np.full((count, count), -10_000)
+    seen = np.zeros((count, count), np.bool_)
+    rows = int(horizon_s) + 1
+    path, paths = np.empty((rows, 2)), np.empty((count, rows, 2))
+    notes, own, adopted = np.empty((count, NOTES)), np.empty(8), np.empty(4)
+    places = all_places[0].copy()
+    settled_s[:] = np.inf
+    collisions, conflicts, nearest_m, changes, thoughts = 0, 0, np.inf, 0, 0
+    last_tenth, on_orbit = 0, 0.0
+    for tick in range(int(until_s / STEP_S)):
+        at_s = tick * STEP_S
+        for number in range(begins_s.size):
+            if begins_s[number] == at_s:
+                places = all_places[number].copy()
+                settled_s[:] = np.inf
+        middle_x, middle_y = places[:, 0].mean(), places[:, 1].mean()
+        for who in range(count):
+            out_x, out_y = places[who, 0] - middle_x, places[who, 1] - middle_y
+            out_m = max(math.hypot(out_x, out_y), 1.0)
+            places[who, 0] += drift_m_s * STEP_S * out_x / out_m
+            places[who, 1] += drift_m_s * STEP_S * out_y / out_m
+            way_x, way_y = places[who, 0] - agent[who, 0], places[who, 1] - agent[who, 1]
+            part = min(1.0, agent_m_s * STEP_S / max(math.hypot(way_x, way_y), 1e-9))
+            agent[who, 0] += part * way_x
+            agent[who, 1] += part * way_y
+            far_m = math.hypot(agent[who, 0] - x[who], agent[who, 1] - y[who])
+            if far_m > 600.0 or (jumps_s > 0.0 and np.random.random() < STEP_S / jumps_s):
+                agent[who, 0] = x[who] + 150.0 * math.cos(heading[who])
+                agent[who, 1] = y[who] + 150.0 * math.sin(heading[who])
+        # Messages.
+        now = tick % (delay + 1)
+        for who in range(count):
+            posted[now, who, 0] = np.nan
+            if (tick + talks[who]) % 2 == 0:
+                row = posted[now, who]
+                row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[who], y[who], altitude_m[who]
+                row[peers.VX] = airspeed[who] * math.cos(heading[who]) + wind_x
+                row[peers.VY] = airspeed[who] * math.sin(heading[who]) + wind_y
+                row[peers.AGENT_X], row[peers.AGENT_Y] = agent[who]
+                row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[who, 0], orbit[who, 1]
+                row[peers.RADIUS], row[peers.AIRSPEED] = orbit[who, 2], orbit[who, 3]
+                row[peers.AGE_S], row[peers.KEY] = at_s, keys[who]
+        then = (tick + 1) % (delay + 1)
+        for who in range(count):
+            if not np.isnan(posted[then, who, 0]):
+                for to in range(count):
+                    if to != who and np.random.random() >= lost:
+                        known[to, who] = posted[then, who]
+        # What everybody wants, and does.
+        seen[:] = False
+        for who in range(count):
+            thinks = kind == RVO or (tick + who) % int(every_s / STEP_S) == 0
+            if thinks:
+                heard = 0
+                for other in range(count):
+                    if at_s - known[who, other, peers.AGE_S] < 10.0:
+                        others[heard] = known[who, other]
+                        others[heard, peers.AGE_S] = at_s - others[heard, peers.AGE_S]
+                        heard += 1
+                wanted = np.array([agent[who, 0], agent[who, 1], RADIUS_M, 0.0])
+                wanted[3] = phase.airspeed_in_phase_m_s(
+                    x[who], y[who], agent[who, 0], agent[who, 1], RADIUS_M, keys[who],
+                    others[:heard], 2000.0, least_m_s, most_m_s, wind,
+                )  # fmt: skip
+                if kind == INTENT:
+                    own[:] = (
+                        keys[who], x[who], y[who], altitude_m[who], heading[who], airspeed[who],
+                        wind_x, wind_y,
+                    )  # fmt: skip
+                    changed, _, clear_s = think(
+                        at_s, own, wanted, orbit[who], others[:heard], rule, frame,
+                        path, paths, notes, adopted,
+                    )  # fmt: skip
+                    thoughts += 1
+                    if trace.size:
+                        trace[tick, who, 9] = clear_s
+                        trace[tick, who, 10] = changed
+                    if changed:
+                        orbit[who] = adopted
+                        changes += at_s > 0.9 * until_s
+                else:
+                    orbit[who] = wanted
+            if kind != INTENT:
+                orbit[who, :2] = agent[who]
+            aim = loiter.wanted_heading_rad(
+                x[who], y[who], heading[who], airspeed[who], orbit[who, 0], orbit[who, 1],
+                orbit[who, 2], wind_x, wind_y, STEP_S, bank_rad,
+            )  # fmt: skip
+            over_x = airspeed[who] * math.cos(heading[who]) + wind_x
+            over_y = airspeed[who] * math.sin(heading[who]) + wind_y
+            new_x = airspeed[who] * math.cos(aim) + wind_x
+            new_y = airspeed[who] * math.sin(aim) + wind_y
+            for other in range(count):
+                away_x, away_y = x[other] - x[who], y[other] - y[who]
+                if other != who and away_x * away_x + away_y * away_y < 250_000.0:
+                    seen[who, other] = rvo.meets_after_s(
+                        away_x, away_y,
+                        2.0 * new_x - over_x - airspeed[other] * math.cos(heading[other]) - wind_x,
+                        2.0 * new_y - over_y - airspeed[other] * math.sin(heading[other]) - wind_y,
+                        60.0,
+                    ) < np.inf  # fmt: skip
+            if kind == RVO:
+                aim, _ = rvo.clear_heading_rad(
+                    x[who], y[who], over_x, over_y, aim, airspeed[who],
+                    wind_x, wind_y, others[:heard], 60.0, 500.0,
+                )  # fmt: skip
+            x[who], y[who], heading[who], airspeed[who] = loiter.steered(
+                x[who], y[who], heading[who], airspeed[who], aim, orbit[who, 3], wind_x, wind_y,
+                STEP_S, bank_rad,
+            )  # fmt: skip
+            if trace.size:
+                trace[tick, who, 0], trace[tick, who, 1], trace[tick, who, 2] = (
+                    x[who],
+                    y[who],
+                    heading[who],
+                )
+                trace[tick, who, 3:7] = orbit[who]
+                trace[tick, who, 7:9] = agent[who]
+        # What came of it.
+        conflicts += _episodes(seen, met, tick)
+        for one in range(count):
+            for other in range(one):
+                apart_m = math.hypot(x[one] - x[other], y[one] - y[other])
+                if abs(altitude_m[one] - altitude_m[other]) > 59.0:
+                    apart_m = np.inf
+                nearest_m = min(nearest_m, apart_m)
+                seen[one, other], seen[other, one] = apart_m < 60.0, False
+        collisions += _episodes(seen, collided, tick)
+        for who in range(count):
+            off_m = abs(math.hypot(x[who] - agent[who, 0], y[who] - agent[who, 1]) - 150.0)
+            left_m = math.hypot(places[who, 0] - agent[who, 0], places[who, 1] - agent[who, 1])
+            if off_m > 60.0:
+                settled_s[who] = np.inf
+            elif off_m < 20.0 and left_m < 30.0:
+                settled_s[who] = min(settled_s[who], at_s)
+            if at_s > 0.9 * until_s:
+                last_tenth += 1
+                on_orbit += off_m < 20.0
+    angle = np.exp(1j * np.arctan2(y - agent[:, 1], x - agent[:, 0]))
+    spread_rad = np.max(np.abs(np.angle(angle / angle.mean())))
+    return (
+        conflicts, collisions, nearest_m, on_orbit / max(last_tenth, 1),
+        changes / (0.1 * until_s * count), spread_rad, thoughts,
+    )  # fmt: skip
+
+
+def fly(
+    world: World, avoidance: str, until_s: float, rules: intent.Rules | None = None, trace=None
+) -> Outcome:
+    """All vehicles with one of AVOIDANCES."""
+    rules = rules or intent.rules(SETTINGS)
+    count = len(world.start)
+    settled_s = np.empty(count)
+    conflicts, collisions, nearest_m, on_orbit, changes, spread_rad, thoughts = _fly(
+        world.start,
+        np.array([begins_s for begins_s, _ in world.places]),
+        np.stack([places for _, places in world.places]),
+        world.agent_m_s,
+        world.jumps_s,
+        world.drift_m_s,
+        *world.wind_m_s,
+        world.delay_s,
+        world.lost,
+        np.full(count, 300.0) if world.altitude_m is None else world.altitude_m,
+        AVOIDANCES[avoidance],
+        rules.for_kernel,
+        rules.frame,
+        rules.every_s,
+        rules.horizon_s,
+        np.array([float(peers.key_of(f"uav{number}")) for number in range(count)]),
+        until_s,
+        world.seed,
+        settled_s,
+        np.empty((0, 0, 0)) if trace is None else trace,
+    )
+    return Outcome(
+        conflicts, collisions, nearest_m, settled_s, on_orbit, changes, spread_rad, thoughts
+    )
+
+
+def ring(count: int, spacing_m: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
+    """Places (n, 2) on a circle, as far apart as said."""
+    turn = 2.0 * np.pi / count
+    radius_m = spacing_m / (2.0 * np.sin(turn / 2.0)) if count > 1 else 0.0
+    angle = np.arange(count) * turn
+    return np.stack(
+        [middle[0] + radius_m * np.cos(angle), middle[1] + radius_m * np.sin(angle)], axis=1
+    )
+
+
+def queue(count: int, gap_m: float, from_m: float) -> Floats:
+    """Vehicles (n, 3) in a line that fly east to the origin, the first ``from_m`` before it."""
+    x = -from_m - gap_m * np.arange(count)
+    return np.stack([x, np.zeros(count), np.zeros(count)], axis=1)
+
+
+def deployment(count: int, spacing_m: float, gap_m: float, seed: int, **more: object) -> World:
+    """From one base in a launch queue to a ring round a fire, places dealt out by chance."""
+    rng = np.random.default_rng(seed)
+    places = ring(count, spacing_m)
+    size_m = float(np.hypot(*places[0]))
+    return World(
+        queue(count, gap_m, size_m + 600.0), [(0.0, places[rng.permutation(count)])],
+        seed=seed, **more,  # type: ignore[arg-type]
+    )  # fmt: skip
