@@ -170,9 +170,7 @@ class FormationWorld:
         The UAVs are in the air, in queues of eight, flying towards the middle of the map. Cells are
         the paper's. All know what burns at the beginning: the ground base has told them.
         """
-        rows, cols = arrival_s.shape
-        half_x_m, half_y_m = cols * CELL_M / 2.0, rows * CELL_M / 2.0
-        self.grid = Grid(rows, cols, CELL_M, -half_x_m, half_y_m)
+        self.grid = world_grid(arrival_s.shape)
         self.arrival_s = arrival_s
         self.settings = settings
         self.rules = rules
@@ -327,6 +325,12 @@ def fly_all(  # type: ignore[no-untyped-def]
         motion[k, 0], motion[k, 1] = heading_rad, airspeed_m_s
         velocities_m_s[k, 0] = airspeed_m_s * math.cos(heading_rad) + wind_x
         velocities_m_s[k, 1] = airspeed_m_s * math.sin(heading_rad) + wind_y
+
+
+def world_grid(shape: tuple[int, int]) -> Grid:
+    """The paper's cells around the middle of the map."""
+    rows, cols = shape
+    return Grid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
 
 
 def _start(number: int) -> tuple[float, float]:
