@@ -33,6 +33,7 @@ from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.formation.grid import grid_of
 from mission_service.formation.messages import State
 from mission_service.formation.monitoring import MonitoringArea
+from mission_service.formation.warm_up import warm_up
 from mission_service.formation_flight import FormationFlight
 from mission_service.formation_mqtt import TIME, channel_of, decoded
 from mission_service.formation_seats import settings_of
@@ -202,6 +203,7 @@ async def formation(
     folder: Path, count: int, speedup: float, within_s: float = 180.0
 ) -> AsyncIterator[Stage]:
     """A formation whose vehicles have all said something; everything ends with the context."""
+    warm_up("intent")  # once, not in each process
     async with AsyncExitStack() as stack:
         broker = Mosquitto(folder)
         stack.callback(broker.kill)
