@@ -214,6 +214,14 @@ class FormationFlight:
         altitude_m = self._altitude(vehicle, circle, here)
         return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing)
 
+    def _begin_again(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """The first mission for one that was in the air when this service began, and refused it."""
+        if here.at_s < vehicle.not_before_s:
+            return []
+        path_m = self.first_path(vehicle, here)
+        items = self.items(vehicle, path_m, here)
+        return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
+
     def _renew(self, vehicle: Vehicle, led: Led, here: Here) -> list[AnyCommand]:
         """The circle that is flown becomes the mission's loiter, if that is due."""
         circle = led.circle
@@ -243,6 +251,8 @@ class FormationFlight:
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Follow the agent; nothing before the vehicle is well on its way by its mission."""
         led = self._led[vehicle.name]
+        if not vehicle.started and vehicle.pending is None and vehicle.flown_line is None:
+            return self._begin_again(vehicle, here)
         if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, here)):
             return []
         intention = self.formation.step(vehicle.name, here)

@@ -7,7 +7,9 @@ vehicle flies on with what it knows.
 
 import asyncio
 import contextlib
+import errno
 import re
+import socket
 from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -28,9 +30,11 @@ ANSWER_S = 3.0  # a broker has for an answer ...
 TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
+RECEIVE_BYTES = 32_768  # no more: what waits there is old news
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
-TIME_EVERY_S, TIME_LEAST_S = 1.0, 0.1
-BEHIND_US = 500_000
+TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
+BEHIND_US = 10_000_000  # who has only just been held up is told nothing
+OVERTAKEN = ("/state", f"/{TIME}")  # the newest message of these is all that counts
 AHEAD_US = 60_000_000  # of one who talks, others may be
 
 _encode = msgspec.json.Encoder().encode
@@ -156,10 +160,23 @@ class Outbox:
         return None
 
 
-class Newest(asyncio.Queue[Any]):
-    """A queue that drops its oldest entry rather than refuse another one."""
+class Inbox(asyncio.Queue[aiomqtt.Message]):
+    """What has come and is still to be handled: of states only the newest of each vehicle.
 
-    def put_nowait(self, item: Any) -> None:
+    A process that falls behind must not live in the past. When full, the oldest is dropped.
+    """
+
+    def _init(self, maxsize: int) -> None:
+        self._queue: dict[object, aiomqtt.Message] = {}
+
+    def _put(self, item: aiomqtt.Message) -> None:
+        overtaken = item.topic.value.endswith(OVERTAKEN)
+        self._queue[item.topic.value if overtaken else object()] = item
+
+    def _get(self) -> aiomqtt.Message:
+        return self._queue.pop(next(iter(self._queue)))
+
+    def put_nowait(self, item: aiomqtt.Message) -> None:
         """Never full."""
         if self.full():
             self.get_nowait()
@@ -198,6 +215,7 @@ class Exchange:
         self._latest_us = latest_us
         self._outbox = Outbox()
         self._time_due = asyncio.Event()
+        self._joined = asyncio.Event()  # others have told what time it is
 
     def say(self, message: AnyMessage) -> None:
         """Send a message as soon as the broker takes it."""
@@ -205,6 +223,7 @@ class Exchange:
 
     async def run(self, ears: Ears) -> None:
         """Talk until cancelled, whatever becomes of the broker."""
+        asyncio.get_running_loop().set_exception_handler(_all_but_closed_sockets)
         broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
         while not ends:
             try:
@@ -227,6 +246,12 @@ class Exchange:
             wait_s = min(2.0 * wait_s, MOST_WAIT_S)
         raise asyncio.CancelledError
 
+    async def join(self) -> None:
+        """Wait a moment until others have told what time it is; returns also if nobody does."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(JOIN_S):
+                await self._joined.wait()
+
     async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
         """Until the broker is gone; raises what ends it."""
         talks = (self._hear, self._send, self._tell_time)
@@ -244,7 +269,8 @@ class Exchange:
             self.channel.broker.port,
             keepalive=KEEPALIVE_S,
             timeout=ANSWER_S,
-            queue_type=Newest,
+            queue_type=Inbox,
+            socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
             max_queued_incoming_messages=MOST_UNREAD,
         )
 
@@ -288,7 +314,17 @@ class Exchange:
     def _hear_time(self, mission_us: int, ears: Ears) -> None:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
+        else:
+            self._time_due.clear()  # somebody else has answered
         ears.passed(mission_us)
+        self._joined.set()
+
+
+def _all_but_closed_sockets(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell."""
+    error = context.get("exception")
+    if not (isinstance(error, OSError) and error.errno == errno.EBADF):
+        loop.default_exception_handler(context)
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:
