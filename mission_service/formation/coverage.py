@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 WAY_PER_M = 0.03  # what a metre of way costs
 # Others nearer than the spacing cost up to this, nearer than the second number up to the third.
-NEIGHBOUR, CROWD_M, CROWD = 20.0, 150.0, 5000.0
+NEIGHBOUR, CROWD_M, CROWD = 800.0, 150.0, 5000.0
 LATTICE_M = 60.0
 MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
 ARRIVED_M = 0.5
