@@ -35,5 +35,18 @@ class Autopilot(Protocol):
     def return_home(self, now_us: int) -> object:
         """Fly to where it took off."""
 
+    def orbit(
+        self,
+        lat_deg: float,
+        lon_deg: float,
+        altitude_amsl_m: float,
+        radius_m: float,
+        now_us: int,
+    ) -> object:
+        """Circle a place, clockwise with a positive radius."""
+
+    def change_speed(self, speed_m_s: float, now_us: int) -> object:
+        """Airspeed of planes, ground speed of multirotors."""
+
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""

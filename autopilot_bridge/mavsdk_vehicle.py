@@ -56,6 +56,7 @@ FOUND_S = 10.0
 NOT_FOUND = "MAVSDK has not found the vehicle"
 SILENT_S = 120.0  # the longest mission on a slow radio takes less
 NO_ANSWER = "NO_ANSWER"  # as MAVSDK's verdicts are written, but it gives none
+NO_ORDER = "through MAVSDK vehicles fly missions only; use backend native"
 LEAVE_S = 5.0  # a transfer under way may end in this time when the service does
 Result = TypeVar("Result")
 
@@ -159,6 +160,16 @@ class MavsdkVehicle:
         """Return to where it took off; outcome as CommandFinished."""
         stack = self._known_stack()
         self._commands.put_nowait(("return", (stack.set_mode(stack.rtl_mode),)))
+
+    def orbit(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float, now_us: int
+    ) -> None:
+        """Not done through MAVSDK; outcome as CommandFinished."""
+        self._tell(CommandFinished(now_us, "orbit", False, NO_ORDER))
+
+    def change_speed(self, speed_m_s: float, now_us: int) -> None:
+        """Not done through MAVSDK; outcome as CommandFinished."""
+        self._tell(CommandFinished(now_us, "change speed", False, NO_ORDER))
 
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""

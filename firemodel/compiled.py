@@ -1,8 +1,8 @@
-"""How inner loops are compiled: once, and kept on disk until what they are made of changes.
+"""How inner loops are compiled: once, and kept on disk until any source that they may call changes.
 
 Numba alone looks only at the file a function is in, so that a function would go on with old code of
 another file that it calls. Here the cache's folder is named after the content of all files of this
-package and of the folder the function is in.
+package and of the function's own folder: kernels call none from anywhere else.
 """
 
 import hashlib
@@ -20,12 +20,11 @@ PACKAGE = Path(__file__).parent
 
 
 @cache
-def cache_folder(sources: Path = PACKAGE) -> Path:
-    """In this package or, if that cannot be written to, in the user's cache."""
+def cache_folder(home: Path) -> Path:
+    """For functions of ``home``: in the package or, if that is read-only, in the user's cache."""
     sha = hashlib.sha256()
-    for folder in sorted({PACKAGE, sources}):
-        for source in sorted(folder.glob("*.py")):
-            sha.update(source.read_bytes())
+    for source in sorted({*PACKAGE.glob("*.py"), *home.glob("*.py")}):
+        sha.update(source.read_bytes())
     if NUMBA.CACHE_DIR:
         base = Path(NUMBA.CACHE_DIR)
     elif os.access(PACKAGE, os.W_OK):

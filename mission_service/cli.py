@@ -13,6 +13,7 @@ from mission_service.cli_parts import JSON, OVERRIDE, SIGNING_KEY, TLOG, echo, f
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
 from mission_service.mission_cli import mission, signing
+from mission_service.tune_cli import tune
 
 
 class Guarded(click.Group):
@@ -47,7 +48,7 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment):
+for group in (fire, bench, mission, signing, experiment, tune):
     main.add_command(group)
 
 
@@ -86,6 +87,13 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 @main.command()
 @click.argument("config")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@click.option("--vehicle", metavar="NAME", help="Fly only this one; other processes fly the rest.")
+@click.option(
+    "--broker",
+    metavar="HOST[:PORT]",
+    help='Talk to the vehicles of other processes over this MQTT broker (rule = "formation").',
+)
+@click.option("--prefix", default="mission-service", show_default=True, help="Of MQTT topics.")
 @OVERRIDE
 @TLOG
 @SIGNING_KEY
@@ -93,24 +101,34 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 def run(
     config: str,
     out: Path,
+    vehicle: str | None,
+    broker: str | None,
+    prefix: str,
     overrides: tuple[str, ...],
     tlog: Path | None,
     signing_key: str | None,
     as_json: bool,
 ) -> None:
-    """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C."""
+    """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C.
+
+    With --vehicle and --broker each vehicle of a formation has a process of its own.
+    """
     import asyncio
 
-    from mission_service.config import flying, load_scenario, with_signing_key
+    from mission_service.config import flying, load_scenario, one_of_many, with_signing_key
     from mission_service.daemon import serve
+    from mission_service.formation_mqtt import channel_of
     from mission_service.outputs import write_outputs
 
     scenario = flying(load_scenario(config, overrides))
+    channel = None if broker is None else channel_of(broker, prefix, scenario.name)
+    scenario = one_of_many(scenario, vehicle, talks=channel is not None)
     if signing_key is not None:
         scenario = with_signing_key(scenario, signing_key)
     made = folder(out)
+    journal, report = made / "journal.jsonl", _reporter(as_json)
     record, world = asyncio.run(
-        serve(scenario, made / "journal.jsonl", _now(), _reporter(as_json), tlog_path=tlog)
+        serve(scenario, journal, _now(), report, tlog_path=tlog, channel=channel)
     )
     _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
 
@@ -332,10 +350,10 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         return
     for vehicle in summary["vehicles"]:
-        click.echo(
-            f"{vehicle['name']}: {vehicle['decisions']} decisions, "
-            f"{vehicle['reversals']} reversals, uploads {vehicle['uploads']}"
-        )
+        done = f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
+        if vehicle["orders"]:
+            done = f"orders {vehicle['orders']}"
+        click.echo(f"{vehicle['name']}: {done}, uploads {vehicle['uploads']}")
     if closest_m is not None:
         click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(

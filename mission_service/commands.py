@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
+from mission_service.formation.messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
 
@@ -35,6 +36,21 @@ class Return(Command, frozen=True, tag=True):
     """Fly home: the time in the air is nearly over."""
 
 
+class Orbit(Command, frozen=True, tag=True):
+    """Circle a place from now on, anticlockwise with a negative radius; not by the mission."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+    radius_m: float
+
+
+class ChangeSpeed(Command, frozen=True, tag=True):
+    """Fly this airspeed until told otherwise."""
+
+    airspeed_m_s: float
+
+
 class Decided(Command, frozen=True, tag=True):
     """One decision of a planner; importances are 0 where its rule has none."""
 
@@ -53,4 +69,12 @@ class Announce(Command, frozen=True, tag=True):
     level: Literal["info", "warning"] = "info"
 
 
-AnyCommand = UploadMission | StartMission | Hold | Return | Decided | Announce
+class Say(Command, frozen=True, tag=True):
+    """Tell the UAVs that other processes fly."""
+
+    message: AnyMessage
+
+
+AnyCommand = (
+    UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce | Say
+)

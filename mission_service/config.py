@@ -12,6 +12,7 @@ from autopilot_bridge.link import parse_link
 from mission_service.config_sections import (
     KEY_SOURCE,
     FireSection,
+    FormationSection,
     Ignition,
     LandscapeSection,
     LinkSection,
@@ -33,6 +34,7 @@ class Scenario(Section):
     """A whole scenario. Mission time 0 is when the clock of the fire starts.
 
     ``time_zero`` is that moment by the calendar, with its UTC offset, for files that are written.
+    ``only`` names the vehicle that this process flies, where others fly the rest.
     """
 
     name: str
@@ -49,7 +51,9 @@ class Scenario(Section):
     weather_file: WeatherFile | None = None
     ignition: tuple[Ignition, ...] = ()
     vehicles: tuple[VehicleSection, ...] = ()
+    only: str | None = None
     planner: PlannerSection = PlannerSection()
+    formation: FormationSection = FormationSection()
     mission: MissionSection = MissionSection()
     link: LinkSection = LinkSection()
 
@@ -62,13 +66,38 @@ class Scenario(Section):
             raise ValueError("it needs either weather entries or a weather_file")
         if not (self.ignition or self.fire.perimeter or self.fire.arrival):
             raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
+        if self.only is not None and self.only not in names:
+            raise ValueError(f"only: no vehicle {self.only}; there are {', '.join(names)}")
         _refuse_shared_ports(self.vehicles)
+        if self.fire.initial_cells is not None and not self.ignition:
+            raise ValueError("fire.initial_cells needs an ignition to grow from")
+        if self.planner.rule == "formation":
+            _refuse_other_than_planes(self.vehicles)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and be later one by one")
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
         return self
+
+    @property
+    def flown(self) -> tuple[VehicleSection, ...]:
+        """The vehicles that this process flies."""
+        if self.only is None:
+            return self.vehicles
+        return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
+
+
+def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
+    """Raise ValueError unless all vehicles can fly in a formation."""
+    for vehicle in vehicles:
+        if vehicle.kind != "plane":
+            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not a copter')
+        if vehicle.backend != "native":
+            raise ValueError(
+                f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
+                "vehicles fly missions only, no orbits"
+            )
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
@@ -185,6 +214,22 @@ def with_signing_key(scenario: Scenario, source: str) -> Scenario:
         vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles
     )
     return scenario.model_copy(update={"vehicles": vehicles})
+
+
+def one_of_many(scenario: Scenario, vehicle: str | None, talks: bool) -> Scenario:
+    """The scenario for a process that flies only one vehicle, or talks to other processes.
+
+    Raises ScenarioError for a vehicle that it has not, and for a rule without a word to say.
+    """
+    names = [section.name for section in scenario.vehicles]
+    if vehicle is not None and vehicle not in names:
+        raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {', '.join(names)}")
+    if talks and scenario.planner.rule != "formation":
+        raise ScenarioError(
+            f'--broker is for rule = "formation"; {scenario.name} flies {scenario.planner.rule}'
+        )
+    formation = scenario.formation.model_copy(update={"talks": talks})
+    return scenario.model_copy(update={"only": vehicle, "formation": formation})
 
 
 def flying(scenario: Scenario) -> Scenario:

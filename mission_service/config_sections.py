@@ -139,7 +139,8 @@ class FireSection(Section):
     """How the fire spreads, and what of it burns already when the model takes over.
 
     ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` a raster of times of
-    arrival. ``p_spread`` and ``update_s`` are those of the probabilistic scheme.
+    arrival. ``p_spread`` and ``update_s`` are those of the probabilistic scheme, which can also
+    begin with a fire of ``initial_cells``, grown from the ignitions by the same rule.
     """
 
     scheme: Literal["anyangle", "devs8", "probabilistic"] = "anyangle"
@@ -150,18 +151,25 @@ class FireSection(Section):
     burning_at_s: NotNegative = 0.0
     p_spread: Annotated[float, Field(gt=0, le=1)] = 0.025
     update_s: Positive = 60.0
+    initial_cells: Annotated[int, Field(ge=1)] | None = None
 
     @model_validator(mode="after")
     def _one_fire(self) -> "FireSection":
         if self.perimeter is not None and self.arrival is not None:
             raise ValueError("give either perimeter or arrival, not both")
+        if self.initial_cells is not None:
+            if self.scheme != "probabilistic":
+                raise ValueError('initial_cells needs scheme = "probabilistic"')
+            if self.perimeter is not None or self.arrival is not None:
+                raise ValueError("give either initial_cells or perimeter or arrival")
         return self
 
 
 class PlannerSection(Section):
     """What decides; the rules there are stand in mission_service/planning.py.
 
-    Rules that begin with ``team.`` direct all vehicles together, on one map.
+    Rules that begin with ``team.`` direct all vehicles together, on one map; ``formation`` has
+    fixed wings loiter around the fire.
     """
 
     rule: str = "damped"
@@ -184,10 +192,10 @@ class PlannerSection(Section):
     @field_validator("rule")
     @classmethod
     def _rule_known(cls, rule: str) -> str:
-        from mission_service.planning import RULES  # which knows scenarios
+        from mission_service.planning import FORMATION, RULES  # which knows scenarios
 
-        if rule not in RULES:
-            raise ValueError(f"no such rule; there are {', '.join(RULES)}")
+        if rule not in (*RULES, FORMATION):
+            raise ValueError(f"no such rule; there are {', '.join((*RULES, FORMATION))}")
         return rule
 
     @model_validator(mode="after")
@@ -199,6 +207,22 @@ class PlannerSection(Section):
                 "a point inside the fire"
             )
         return self
+
+
+class FormationSection(Section):
+    """The formation of ``rule = "formation"``: table 1 of the paper where nothing else is given.
+
+    Its altitude, loiter radius, camera and airspeeds are those of the vehicles.
+    """
+
+    monitoring_m: Positive = 350.0
+    agent_speed_m_s: Positive = 25.0
+    safety_radius_m: Positive = 30.0
+    neighbourhood_m: Positive = 500.0
+    range_m: Positive = 2000.0
+    avoidance: Literal["intent", "rvo", "none"] = "intent"
+    synchronises: bool = True
+    talks: bool = False  # to UAVs that other processes fly
 
 
 class MissionSection(Section):
@@ -239,17 +263,28 @@ class VehicleSection(Section):
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
+    least_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``most_airspeed_m_s``
+    most_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0
     least_leg_m: Positive = 90.0
     loiter_radius_m: Positive = 90.0
+    # A disc of this angle; with camera_along_deg, the angle along the track, a rectangle that turns
+    # with the vehicle.
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
+    camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
     endurance_s: Positive | None = None  # time in the air; it is sent home before that is over
     endurance_reserve_s: NotNegative = 120.0  # left when it is home
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
+
+    @model_validator(mode="after")
+    def _speeds_in_order(self) -> "VehicleSection":
+        if self.least_airspeed_m_s >= self.most_airspeed_m_s:
+            raise ValueError("least_airspeed_m_s must be less than most_airspeed_m_s")
+        return self
 
     @field_validator("signing_key")
     @classmethod

@@ -4,25 +4,11 @@ Simulation, live flight, replay and tests all run this and feed it from differen
 """
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
-import shapely
-from numpy.typing import NDArray
-
-from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
-from mission_service.approach import approach_path, landing_of_vehicle
-from mission_service.commands import (
-    Announce,
-    AnyCommand,
-    Hold,
-    Return,
-    StartMission,
-    UploadMission,
-)
+from mission_service.approach import landing_of_vehicle
+from mission_service.commands import AnyCommand, Hold, Return, StartMission, UploadMission
 from mission_service.config import Scenario
-from mission_service.config_sections import VehicleSection
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -34,61 +20,21 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.planners.advice import Adviser, Wishes
-from mission_service.planners.protocol import Decision, Planner
-from mission_service.planners.team import Seat
-from mission_service.planning import planners_of
+from mission_service.formation_flight import FormationFlight
+from mission_service.formation_seats import Formation
+from mission_service.front_flight import FrontFlight
+from mission_service.missions_sent import MissionsSent
+from mission_service.planners.protocol import Decision
+from mission_service.planning import FORMATION, planners_of
 from mission_service.spacing import Spacing
-from mission_service.steering import Here, Presence, Steering, decided
-from mission_service.translate import mission_along
+from mission_service.steering import Here, Steering
+from mission_service.vehicle import Leader, Pending, Vehicle, say
 
-Floats = NDArray[np.float64]
-
-# A new path is compared with the one being flown over this share of the horizon ...
-COMPARED_SHARE = 0.25
-# ... and a mission is extended when less than this share of the horizon is left.
-LEFT_SHARE = 0.4
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
-LINE_TOLERANCE_M = 5.0
-
-
-@dataclass
-class Pending:
-    """A mission on its way to the vehicle."""
-
-    mission_id: int
-    line: shapely.LineString
-
-
-@dataclass
-class Vehicle:
-    """What the core knows of one vehicle."""
-
-    section: VehicleSection
-    planner: Planner
-    presence: Presence
-    home_m: tuple[float, float]
-    landing: tuple[MissionItem, ...] = ()
-    atomic_upload: bool = False
-    deployed: bool = False
-    started: bool = False
-    holding: bool = False
-    start_again_at_s: float | None = None
-    return_again_at_s: float | None = None
-    sent_home: bool = False
-    pending: Pending | None = None
-    flown_line: shapely.LineString | None = None
-    uploaded_at_s: float = -1e9
-    not_before_s: float = -1e9
-    phase: str = ""
-    due: str = ""  # why a new mission is due at once
-
-    @property
-    def name(self) -> str:
-        """By the scenario."""
-        return self.section.name
+# Orders that come all the time: only their refusal is worth a word.
+UNTOLD = ("orbit", "change speed")
 
 
 class Core:
@@ -97,16 +43,21 @@ class Core:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self.scenario = scenario
         self.landscape = landscape
-        self._next_mission_id = 1
-        self.steering = Steering(scenario, landscape, planners_of(scenario, landscape))
-        self._adviser = Adviser(
-            Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
-        )
-        self.spacing = Spacing(scenario, landscape, self.steering.presence)
+        self._missions = MissionsSent()
+        self.leader: Leader
+        if scenario.planner.rule == FORMATION:
+            formation = Formation(scenario, landscape)
+            self.steering = Steering(scenario, landscape, formation.seats)
+            self.leader = FormationFlight(scenario, landscape, formation, self._missions)
+            self.spacing = Spacing(scenario, landscape, self.steering.presence)
+        else:
+            planners = planners_of(scenario, landscape)
+            self.steering = Steering(scenario, landscape, planners)
+            self.spacing = Spacing(scenario, landscape, self.steering.presence)
+            self.leader = FrontFlight(scenario, landscape, planners, self.spacing, self._missions)
         self.vehicles = {
             section.name: Vehicle(
                 section,
-                self.steering.planners[section.name],
                 self.steering.presence[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
                 landing_of_vehicle(scenario, section, landscape),
@@ -122,6 +73,17 @@ class Core:
         vehicle = self.vehicles[event.vehicle]
         was_airborne, was_recalled = vehicle.presence.airborne, vehicle.presence.recalled
         decision = self.steering.take(event)
+        commands = self._answer(vehicle, event, decision, was_airborne, was_recalled)
+        return [*commands, *self.leader.heard(vehicle, event)]
+
+    def _answer(
+        self,
+        vehicle: Vehicle,
+        event: AnyEvent,
+        decision: Decision | None,
+        was_airborne: bool,
+        was_recalled: bool,
+    ) -> list[AnyCommand]:
         match event:
             case Telemetry():
                 return self._moved(vehicle, event.at_us / 1e6, decision)
@@ -129,19 +91,16 @@ class Core:
                 return self._upload_finished(vehicle, event)
             case VehicleConnected():
                 vehicle.atomic_upload = event.atomic_upload
-                return [_say(vehicle, f"connected ({event.stack})")]
+                return [say(vehicle, f"connected ({event.stack})")]
             case LinkLost():
-                return [
-                    _say(
-                        vehicle,
-                        f"no heartbeat for {event.silent_s:.1f} s: link lost; the mission on board "
-                        "ends in a loiter",
-                        warning=True,
-                    )
-                ]
+                then = "the mission on board ends in a loiter"
+                if not self.leader.in_mission(vehicle.name):
+                    then = "it circles on where it is, or does what its autopilot is set to do then"
+                words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
+                return [say(vehicle, words, warning=True)]
             case LinkRestored():
                 vehicle.flown_line = None  # a new mission is due: the front has moved on
-                return [_say(vehicle, "link restored")]
+                return [say(vehicle, "link restored")]
             case VehicleRebooted():
                 return self._rebooted(vehicle)
             case CommandFinished():
@@ -158,45 +117,15 @@ class Core:
             return []
         if presence.recalled:
             return self._return_again(vehicle, at_s)
-        commands: list[AnyCommand] = []
-        if presence.airborne and vehicle.planner.phase != vehicle.phase:
-            vehicle.phase = vehicle.planner.phase
-            commands.append(_say(vehicle, f"phase: {vehicle.phase}"))
-        if decision is not None:
-            commands.append(decided(vehicle.name, vehicle.planner, decision))
-            if decision.reversed:
-                vehicle.due = "turn back"
-            commands += self._advise(vehicle, at_s)
+        commands = self.leader.news(vehicle, at_s, decision)
         if not vehicle.deployed:
             return [*commands, self._deploy(vehicle, here)]
         if not presence.airborne:
             return self._on_the_ground(vehicle, here)
-        if vehicle.pending is not None:
-            return commands
-        if self._must_return(vehicle, here):
-            return [*commands, *self._send_home(vehicle, here)]
-        aside = self._out_of_the_way(vehicle, here)
-        if aside is not None:
-            return [*commands, *aside]
-        if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
-            vehicle.due = "another flies close below"
-        if vehicle.due == "turn back" and not self.spacing.may_turn_back(vehicle.name):
-            return commands
-        if vehicle.due or at_s >= vehicle.not_before_s:
-            vehicle.not_before_s = at_s + CHECK_EVERY_S
-            commands += self._follow(vehicle, here)
-        return commands
-
-    def _advise(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Tell a team's user what it can keep up with, when that has changed."""
-        if not isinstance(vehicle.planner, Seat):
-            return []
-        team = vehicle.planner.team
-        if not self._adviser.is_due(team.flying, at_s):
-            return []
-        ring = team.ring()
-        news = self._adviser.at(ring, team.fleet(ring, at_s)[0].speed_m_s, at_s)
-        return [] if news is None else [_say(vehicle, f"team: {news[1]}", warning=news[0])]
+        if vehicle.pending is None and self._must_return(vehicle, here):
+            led_home = self.leader.way_home(vehicle, here)
+            return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
+        return [*commands, *self.leader.lead(vehicle, here)]
 
     # To the fire and home ---------------------------------------------------------------------
 
@@ -219,16 +148,19 @@ class Core:
         return []
 
     def _deploy(self, vehicle: Vehicle, here: Here) -> UploadMission:
-        """Send the vehicle to the fire; it finds the front on its way."""
+        """Send the vehicle to the fire."""
         vehicle.deployed = True
-        path = approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
-        return self._upload(vehicle, path, here, "fly to the fire")
+        path = self.leader.first_path(vehicle, here)
+        items = self.leader.items(vehicle, path, here)
+        return self._missions.upload(vehicle, path, items, here, "fly to the fire")
 
     def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
         """Whether the way home takes what is left of its time in the air."""
         section = vehicle.section
         if section.endurance_s is None or vehicle.sent_home:
             return False
+        if vehicle.going_home:
+            return True
         against_m_s = max(
             section.airspeed_m_s - vehicle.presence.wind_m_s, section.airspeed_m_s / 3
         )
@@ -241,7 +173,7 @@ class Core:
         vehicle.sent_home, vehicle.holding = True, False
         flown_min = (here.at_s - vehicle.presence.took_off_at_s) / 60.0
         words = f"sent home after {flown_min:.0f} min in the air: its time is nearly over"
-        return [_say(vehicle, words), Return(vehicle.name)]
+        return [say(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         if vehicle.return_again_at_s is None or at_s < vehicle.return_again_at_s:
@@ -254,88 +186,18 @@ class Core:
     ) -> list[AnyCommand]:
         if was_airborne and not event.armed:
             # What is on board begins in the air: it takes off again with another.
-            vehicle.sent_home = vehicle.holding = False
+            vehicle.sent_home = vehicle.going_home = vehicle.holding = False
             vehicle.flown_line = vehicle.return_again_at_s = None
             self.spacing.forget(vehicle.name)
-            return [_say(vehicle, "landed")]
+            return [say(vehicle, "landed")]
         if vehicle.presence.recalled and not was_recalled:
-            return [_say(vehicle, f"on its way home ({event.mode})", warning=True)]
+            return [say(vehicle, f"on its way home ({event.mode})", warning=True)]
         if was_recalled and not vehicle.presence.recalled:
             vehicle.flown_line = None
-            return [_say(vehicle, "back in its mission")]
+            return [say(vehicle, "back in its mission")]
         return []
 
-    # Along the front --------------------------------------------------------------------------
-
-    def _out_of_the_way(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
-        """Step aside, and stay there; None when the way is free."""
-        waiting = self.spacing.gave_way_to(vehicle.name)
-        other = self.spacing.give_way_to(vehicle.name)
-        if other is None:
-            if waiting is not None:
-                vehicle.due = "the way is free"
-            return None
-        if other == waiting and not self.spacing.comes_too_low(vehicle.name):
-            return []
-        place = self.spacing.waits_at(vehicle.name)
-        return [self._upload(vehicle, place, here, f"give way to {other}")]
-
-    def _follow(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
-        """Renew the rolling mission when it is no longer what the vehicle should fly."""
-        if vehicle.planner.phase == "approach":
-            if vehicle.flown_line is not None and not vehicle.due:
-                return []
-            path = approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
-            return [self._upload(vehicle, path, here, vehicle.due or "fly to the fire")]
-        settings = self.scenario.mission
-        if not vehicle.due and here.at_s - vehicle.uploaded_at_s < settings.least_upload_interval_s:
-            return []
-        cells = vehicle.planner.path(here.row, here.col)
-        if len(cells) < 2:
-            return []
-        path = np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
-        why = self._why_renew(vehicle, path, here)
-        return [] if why is None else [self._upload(vehicle, path, here, why)]
-
-    def _why_renew(self, vehicle: Vehicle, path: Floats, here: Here) -> str | None:
-        settings = self.scenario.mission
-        line = vehicle.flown_line
-        if line is None:
-            return "no trusted mission on board"
-        if vehicle.due:
-            return vehicle.due
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        near = path[along <= COMPARED_SHARE * settings.horizon_m]
-        if float(shapely.distance(shapely.points(near), line).max()) > settings.path_tolerance_m:
-            return "the front is not where the mission leads"
-        left_m = line.length - line.project(shapely.Point(here.x_m, here.y_m))
-        if left_m < LEFT_SHARE * settings.horizon_m:
-            return "the mission is nearly flown"
-        return None
-
     # Missions ---------------------------------------------------------------------------------
-
-    def _upload(self, vehicle: Vehicle, path: Floats, here: Here, why: str) -> UploadMission:
-        items = mission_along(
-            path,
-            vehicle.planner.clockwise,
-            vehicle.section,
-            self.landscape,
-            from_ground=not vehicle.presence.airborne,
-            landing=vehicle.landing,
-            least_at=self.spacing.least_altitudes(vehicle.name),
-            start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
-        )
-        self.spacing.sends(vehicle.name, items)
-        mission_id = self._next_mission_id
-        self._next_mission_id += 1
-        if len(path) == 1:  # a place to loiter at
-            path = np.array([(here.x_m, here.y_m), path[0]])
-        line = shapely.simplify(shapely.LineString(path), LINE_TOLERANCE_M)
-        vehicle.pending = Pending(mission_id, shapely.LineString(shapely.get_coordinates(line)))
-        vehicle.uploaded_at_s = here.at_s
-        vehicle.due = ""
-        return UploadMission(vehicle.name, mission_id, why, items)
 
     def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
@@ -346,14 +208,15 @@ class Core:
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
         commands: list[AnyCommand] = [
-            _say(
+            say(
                 vehicle,
                 f"mission {event.mission_id} {event.outcome}: {event.reason}; "
                 f"trying again in {RETRY_S:.0f} s",
                 warning=True,
             )
         ]
-        if vehicle.presence.flies and vehicle.started:
+        in_mission = vehicle.presence.flies and self.leader.in_mission(vehicle.name)
+        if in_mission and vehicle.started:
             # PX4 loiters by itself if what came is nothing it would fly. On ArduPilot what is on
             # board may be half the old mission and half the new one.
             vehicle.holding = True
@@ -373,25 +236,23 @@ class Core:
 
     def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
         if event.accepted:
-            return [_say(vehicle, f"{event.command}: accepted")]
+            untold = event.command in UNTOLD
+            return [] if untold else [say(vehicle, f"{event.command}: accepted")]
         refused = f"{event.command} refused: {event.reason}"
         if event.command not in ("start mission", "return"):
-            return [_say(vehicle, refused, warning=True)]
+            return [say(vehicle, refused, warning=True)]
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
         if event.command == "return":
             vehicle.return_again_at_s = again_at_s
         else:  # autopilots refuse to arm until they know where they are: ask again
             vehicle.start_again_at_s = again_at_s
-        return [_say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
+        return [say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
 
     def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""
-        vehicle.deployed = vehicle.started = vehicle.holding = vehicle.sent_home = False
+        vehicle.deployed = vehicle.started = vehicle.holding = False
+        vehicle.sent_home = vehicle.going_home = False
         vehicle.pending = vehicle.flown_line = None
         vehicle.start_again_at_s = vehicle.return_again_at_s = None
         self.spacing.forget(vehicle.name)
-        return [_say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]
-
-
-def _say(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
-    return Announce(vehicle.name, text, "warning" if warning else "info")
+        return [say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]

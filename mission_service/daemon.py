@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Literal
 
 from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.client import VehicleClient
@@ -19,10 +20,14 @@ from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.formation.messages import AnyMessage
+from mission_service.formation.warm_up import warm_up
+from mission_service.formation_mqtt import Channel, Exchange
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
+from mission_service.planning import FORMATION
 from mission_service.record import Record
-from mission_service.service import Service
+from mission_service.service import Service, unheard
 from mission_service.signed import Refusals, refusal, signings
 from mission_service.world import FireWorld
 
@@ -47,33 +52,37 @@ async def serve(
     progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
     watch: Callable[[], None] = lambda: None,
     tlog_path: Path | None = None,
+    channel: Channel | None = None,
 ) -> tuple[Record, FireWorld]:
     """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
 
     The vehicles keep the mission on board, which ends in a loiter. ``progress`` is called five
     times a second; ``watch`` may raise to end the run (a child process that died, say). The traffic
-    of all links is added to the .tlog, if one is named.
+    of all links is added to the .tlog, if one is named. Over ``channel`` the vehicles talk to those
+    of other processes.
     """
     landscape = landscape_of(scenario)
+    if scenario.planner.rule == FORMATION:  # compiling takes long: nobody flies yet
+        warm_up(scenario.formation.avoidance)
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     world.advance(clock.now_us)
-    record = Record(tuple(section.name for section in scenario.vehicles), clock.now_us)
+    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
     gateways: dict[str, Gateway] = {}
     async with contextlib.AsyncExitStack() as stack:
-        if any(section.backend == "mavsdk" for section in scenario.vehicles):
+        if any(section.backend == "mavsdk" for section in scenario.flown):
             # Each may have a transfer and a command under way, in a thread each.
-            threads = ThreadPoolExecutor(2 * len(scenario.vehicles) + 2)
+            threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
             asyncio.get_running_loop().set_default_executor(threads)
         # Links first: a port in use must not cost an earlier run its journal.
         connections: list[Connection | MavsdkVehicle] = []
         refusals: list[Refusals] = []
         tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
-        sources = [section.signing_key for section in scenario.vehicles]
+        sources = [section.signing_key for section in scenario.flown]
         signing_of = stack.enter_context(
             signings(sources, wall_us, lambda text: tell(record, "service", text))
         )
-        for section in scenario.vehicles:
+        for section in scenario.flown:
             signing = signing_of.get(section.signing_key)
             client, connection = _client_of(section, tlog, signing, len(connections))
             gateways[section.name] = Gateway(section.name, client, clock)
@@ -84,12 +93,20 @@ async def serve(
         )
         stack.callback(journal.close)
         core = Core(scenario, landscape)
-        service = Service(scenario, core, world, journal, record, gateways)
+        latest_us = round(scenario.duration_s * 1e6)
+        exchange = None if channel is None else Exchange(channel, gateways, latest_us)
+        say = unheard if exchange is None else exchange.say
+        service = Service(scenario, core, world, journal, record, gateways, say)
         silence = Silence(scenario, gateways, connections)
         stop = asyncio.Event()
         _stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
-            flights = [
+            flights = []
+            if exchange is not None:
+                ears = Ears(service, clock)
+                flights.append(group.create_task(exchange.run(ears)))
+                await exchange.join()
+            flights += [
                 group.create_task(_fly(connection, gateway, service))
                 for connection, gateway in zip(connections, gateways.values(), strict=True)
             ]
@@ -129,6 +146,34 @@ def tell(record: Record, vehicle: str, text: str) -> None:
     record.news.append((record.at_us, Announce(vehicle, text, "warning")))
 
 
+class Ears:
+    """What comes of all that other processes say."""
+
+    def __init__(self, service: Service, clock: MissionClock) -> None:
+        self._service = service
+        self._clock = clock
+
+    @property
+    def mission_us(self) -> int:
+        """Mission time here."""
+        return self._clock.now_us
+
+    def passed(self, mission_us: int) -> None:
+        """Mission time has come so far elsewhere."""
+        self._clock.others_passed(mission_us, clock_us())
+
+    def hear(self, message: AnyMessage) -> None:
+        """A vehicle flown elsewhere has said something."""
+        self.passed(message.at_us)
+        self._service.hear(message, self._clock.now_us, clock_us())
+
+    def tell(self, text: str, warning: bool) -> None:
+        """A line for the user."""
+        level: Literal["info", "warning"] = "warning" if warning else "info"
+        record = self._service.record
+        record.news.append((record.at_us, Announce("formation", text, level)))
+
+
 class Silence:
     """Tells once of each vehicle that has not been heard since the service began."""
 
@@ -138,7 +183,7 @@ class Silence:
         gateways: dict[str, Gateway],
         connections: list[Connection | MavsdkVehicle],
     ) -> None:
-        links = [section.link for section in scenario.vehicles]
+        links = [section.link for section in scenario.flown]
         self._unheard = dict(zip(gateways, zip(links, connections, strict=True), strict=True))
         self._gateways = gateways
         self._tell_at_us = clock_us() + TELL_SILENCE_AFTER_US

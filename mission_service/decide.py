@@ -14,7 +14,7 @@ from mission_service.config import Scenario, parse_scenario
 from mission_service.errors import JournalError, MissionServiceError
 from mission_service.fire_setup import landscape_of
 from mission_service.journal import JournalReader
-from mission_service.planning import RULES, planners_of
+from mission_service.planning import FORMATION, RULES, planners_of
 from mission_service.replay import compare
 from mission_service.steering import Steering, decided
 
@@ -42,9 +42,15 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
     own = scenario.planner.rule
     if rule is not None:
         scenario = with_rule(scenario, rule)
+    if scenario.planner.rule == FORMATION:
+        raise MissionServiceError(
+            f"{path}: rule {FORMATION} flies orbits and takes no decisions; use replay --verify, "
+            "or --planner with another rule"
+        )
     landscape = landscape_of(scenario)
     _check_landscape(path, landscape, reader.header["landscape_sha256"])
-    steering = Steering(scenario, landscape, planners_of(scenario, landscape))
+    planners = planners_of(scenario, landscape)
+    steering = Steering(scenario, landscape, planners)
     found: list[Timed] = []
     recorded: list[Timed] = []
     at_us = 0
@@ -61,7 +67,7 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
             decision = steering.take(content)  # type: ignore[arg-type]
             if decision is not None:
                 name = content.vehicle
-                found.append((at_us, decided(name, steering.planners[name], decision)))
+                found.append((at_us, decided(name, planners[name], decision)))
     rule = scenario.planner.rule
     cut = reader.cut_at_line is not None
     difference = first_difference(found, recorded, cut) if rule == own else None

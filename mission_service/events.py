@@ -5,6 +5,8 @@
 
 import msgspec
 
+from mission_service.formation.messages import AnyMessage
+
 
 class Event(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """Something that happened to one vehicle at mission time ``at_us``."""
@@ -95,6 +97,12 @@ class ModeChanged(Event, frozen=True, tag=True):
     mode: str = ""  # the bridge's name of it
 
 
+class Heard(Event, frozen=True, tag=True):
+    """What a UAV that another process flies has said."""
+
+    message: AnyMessage
+
+
 AnyEvent = (
     VehicleConnected
     | LinkLost
@@ -107,4 +115,5 @@ AnyEvent = (
     | UploadFinished
     | CommandFinished
     | ModeChanged
+    | Heard
 )

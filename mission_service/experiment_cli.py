@@ -54,3 +54,14 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
 
     found = run(folder(out) if out else None, speed_m_s, _progress)
     click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command("virtual-agents")
+@OUT
+@JSON
+def virtual_agents(out: Path | None, as_json: bool) -> None:
+    """Four or eight fixed wings over virtual agents, table 2 of that paper: six metrics."""
+    from mission_service.experiments.virtual_agents import in_text, run
+
+    found = run(folder(out) if out else None, progress=_progress)
+    click.echo(json.dumps(found) if as_json else in_text(found))

@@ -83,8 +83,10 @@ class FireMap:
         ignited_at_s: float,
         baseline_s: float,
     ) -> None:
+        self.shape = shape
         self.centre_row = centre_row
         self.centre_col = centre_col
+        self.ignited_at_s = ignited_at_s
         self.baseline_s = baseline_s
         rows, cols = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
         self._bearing, self._distance = polar(

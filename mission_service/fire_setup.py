@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.default_landscape import jacksboro
-from firemodel.fire import Burning, Fire
+from firemodel.fire import BURNING, Burning, Fire
 from firemodel.fire import Ignition as CellIgnition
 from firemodel.fuels import NON_BURNABLE
 from firemodel.landscape import Landscape
@@ -17,6 +17,7 @@ from mission_service.config import Scenario
 from mission_service.config_sections import Ignition, LandscapeSection, WeatherFile
 from mission_service.errors import ScenarioError
 
+STALLED = 100  # updates without growth, after which it is looked at whether anything still burns
 LASTING_S = 3600.0  # as long a record of weather may hold without more ado
 
 
@@ -100,6 +101,8 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     from firemodel.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
+    if section.initial_cells is not None:
+        return _grown(scenario, landscape, section.initial_cells)
     if section.perimeter is not None:
         from firemodel.readers.shapes import read_shapes
 
@@ -114,6 +117,38 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
         )
         return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
     return None
+
+
+def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
+    """A fire of at least so many cells, which the automaton has grown by the scenario's seed."""
+    from firemodel.burning import burning_from_arrival
+    from firemodel.probabilistic import ProbabilisticFire
+
+    section = scenario.fire
+    fire = ProbabilisticFire(
+        landscape,
+        weather_of(scenario),
+        [
+            (row, col, 0.0)
+            for each in scenario.ignition
+            for row, col in cells_of_ignition(each, landscape)
+        ],
+        p_spread=section.p_spread,
+        step_s=1.0,
+        rng=np.random.default_rng((scenario.seed, 1)),
+    )
+    before = stalled = 0
+    while (burned := int(np.count_nonzero(fire.burned()))) < cells:
+        stalled = stalled + 1 if burned == before else 0
+        if stalled and stalled % STALLED == 0 and not (fire.state_at(fire.time_s) == BURNING).any():
+            raise ScenarioError(
+                f"fire.initial_cells = {cells}: nothing is left to burn after {burned} cells; take "
+                "fewer, or another ignition"
+            )
+        before = burned
+        fire.advance(fire.time_s + 1.0)  # an update
+    arrival_s = np.where(fire.burned(), section.burning_at_s, np.inf)
+    return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
 
 
 def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
@@ -152,6 +187,7 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
         for row, col in cells_of_ignition(ignition, landscape)
+        if section.initial_cells is None  # else they have burned already
     ]
     burning = burning_of(scenario, landscape)
     if section.scheme == "probabilistic":

@@ -113,6 +113,8 @@ TEAM: dict[str, RuleMaker] = {
     **{f"team.{name}": bent(name) for name in (*PLANNERS, *LATER_PLANNERS)},
 }
 RULES = (*ALONE, *TEAM)
+# Not along the front: all vehicles in a formation around the fire (formation_flight.py).
+FORMATION = "formation"
 
 
 def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:

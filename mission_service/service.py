@@ -4,15 +4,21 @@ Journal the event, let the core handle it, journal the commands, carry them out;
 camera look at the fire whenever a position arrives.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
+from mission_service.commands import Say
 from mission_service.config import Scenario
 from mission_service.core import Core
-from mission_service.events import AnyEvent, Telemetry
+from mission_service.events import AnyEvent, Heard, Telemetry
+from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import Gateway
 from mission_service.journal import Journal
 from mission_service.record import Record
 from mission_service.world import FireWorld, camera_of
+
+
+def unheard(message: AnyMessage) -> None:
+    """Said where nobody else is."""
 
 
 class Service:
@@ -26,12 +32,14 @@ class Service:
         journal: Journal,
         record: Record,
         gateways: dict[str, Gateway],
+        say: Callable[[AnyMessage], None] = unheard,
     ) -> None:
         self.core = core
         self.world = world
         self.record = record
         self._journal = journal
         self._gateways = gateways
+        self._say = say
         self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
         self._camera_every_us = {
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
@@ -44,6 +52,11 @@ class Service:
             if isinstance(event, Telemetry):
                 self._look(event, now_us)
             self._handle(event, now_us)
+
+    def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
+        """Handle what a vehicle of another process has said; all here hear it."""
+        for name in self._gateways:
+            self._handle(Heard(at_us, name, message), now_us)
 
     def _look(self, here: Telemetry, now_us: int) -> None:
         name = here.vehicle
@@ -60,4 +73,7 @@ class Service:
         self._journal.commands(commands)
         self.record.add(event, commands)
         for command in commands:
-            self._gateways[command.vehicle].execute(command, now_us)
+            if isinstance(command, Say):
+                self._say(command.message)
+            else:
+                self._gateways[command.vehicle].execute(command, now_us)

@@ -112,8 +112,8 @@ def simulate(
     landscape = landscape_of(scenario)
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
-    rigs = [Rig(section, scenario, landscape, clock) for section in scenario.vehicles]
-    record = Record(tuple(section.name for section in scenario.vehicles), clock.now_us)
+    rigs = [Rig(section, scenario, landscape, clock) for section in scenario.flown]
+    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)
     try:
         service = Service(

@@ -4,6 +4,7 @@ The core flies by this, and ``decide`` runs it alone on a journal.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.planners.protocol import Decision, Planner
+from mission_service.planners.protocol import Decision, Planner, Steered
 
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")  # by the bridge's names of modes
@@ -60,10 +61,10 @@ class Presence:
 
 
 class Steering:
-    """The planners of a scenario's vehicles, fed with events."""
+    """What steers a scenario's vehicles, fed with events."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, planners: dict[str, Planner]
+        self, scenario: Scenario, landscape: Landscape, planners: Mapping[str, Steered]
     ) -> None:
         self.planners = planners
         self.presence = {section.name: Presence() for section in scenario.vehicles}

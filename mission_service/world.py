@@ -5,8 +5,10 @@ Nothing but observations leaves this module towards the planners.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autopilot_bridge.link import parse_link
 from autopilot_bridge.signing import read_key
@@ -18,16 +20,35 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire_setup import fire_of, landscape_of
 
+Marks = NDArray[np.bool_]
+
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera looking straight down: its footprint is a disc on the ground."""
+    """A camera looking straight down: its footprint on the ground is a disc.
+
+    With ``along_deg``, the angle along the track, it is a rectangle that turns with the vehicle.
+    """
 
     fov_deg: float
+    along_deg: float | None = None
 
     def radius_m(self, height_m: float) -> float:
-        """Radius of the footprint from ``height_m`` above ground."""
+        """Radius of the footprint from ``height_m`` above ground, half the width of a rectangle."""
         return max(height_m, 0.0) * math.tan(math.radians(self.fov_deg) / 2.0)
+
+    def half_length_m(self, height_m: float) -> float:
+        """Half the length of a rectangle along the track; 0 for a disc."""
+        return max(height_m, 0.0) * math.tan(math.radians(self.along_deg or 0.0) / 2.0)
+
+
+def beyond_rectangle(
+    south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
+) -> Marks:
+    """Which places (arrays) are outside a rectangle around 0, 0, its length along a heading."""
+    cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+    ahead, right = east * sin - south * cos, east * cos + south * sin
+    return np.asarray((np.abs(ahead) > half_length) | (np.abs(right) > half_width))
 
 
 class FireWorld:
@@ -51,7 +72,9 @@ class FireWorld:
         if not math.isfinite(x_m + y_m):  # too far away for the landscape's projection
             return None
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
-        radius = camera.radius_m(height_m) / land.cell_size_m
+        half_width = camera.radius_m(height_m) / land.cell_size_m
+        half_length = camera.half_length_m(height_m) / land.cell_size_m
+        radius = math.hypot(half_width, half_length)
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
         top, bottom = (
             max(math.ceil(row - radius), 0),
@@ -67,7 +90,12 @@ class FireWorld:
         codes = np.where(arrived <= telemetry.at_us / 1e6, ord("b"), ord("u")).astype(np.uint8)
         rows = np.arange(top, bottom + 1)[:, None] - row
         cols = np.arange(left, right + 1)[None, :] - col
-        codes[rows * rows + cols * cols > radius * radius] = ord(".")
+        if camera.along_deg is None:
+            beyond = rows * rows + cols * cols > radius * radius
+        else:
+            heading_deg = telemetry.heading_deg - land.grid_convergence_deg
+            beyond = beyond_rectangle(rows, cols, heading_deg, half_width, half_length)
+        codes[beyond] = ord(".")
         text = codes.tobytes().decode("ascii")
         width = codes.shape[1]
         lines = tuple(text[start : start + width] for start in range(0, len(text), width))
@@ -76,7 +104,7 @@ class FireWorld:
 
 def camera_of(vehicle: VehicleSection) -> Camera:
     """The camera a vehicle carries."""
-    return Camera(vehicle.camera_fov_deg)
+    return Camera(vehicle.camera_fov_deg, vehicle.camera_along_deg)
 
 
 def check(scenario: Scenario) -> dict[str, object]:

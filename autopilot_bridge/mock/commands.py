@@ -209,7 +209,9 @@ class CommandServer:
 
     def _orbit(self, asked: Asked, flight: Flight, now_s: float) -> int:
         radius_m, speed_m_s, _, _ = asked.params
-        place = flight.frame.local_of(asked.lat_deg, asked.lon_deg)
+        nowhere = asked.x_is_none or math.isnan(asked.lat_deg + asked.lon_deg)
+        place = _here(flight) if nowhere else flight.frame.local_of(asked.lat_deg, asked.lon_deg)
+        altitude_m = flight.motion.altitude_m if math.isnan(asked.z) else asked.z
         if self._plane:
             flight.set_mode("hold", now_s)
         else:
@@ -222,9 +224,8 @@ class CommandServer:
             if keeps:
                 return ACCEPTED
         if flight.armed:
-            flight.fly_around(
-                place, asked.z, DEFAULT_RADIUS_M if math.isnan(radius_m) else radius_m
-            )
+            signed_m = DEFAULT_RADIUS_M if math.isnan(radius_m) else radius_m
+            flight.fly_around(place, altitude_m, signed_m)
         return ACCEPTED
 
     def _change_speed(self, asked: Asked, flight: Flight) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import compiled
-from mission_service.fire_map import BEARINGS, EAST, NORTH
+from mission_service.fire_map import EAST, NORTH
 
 Floats = NDArray[np.float64]
 
@@ -42,44 +42,4 @@ def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
     found = np.empty(reached_s.shape[0], dtype=np.int64)
     for bearing in range(found.size):
         found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")
-    return found
-
-
-def hull_of(shape: Floats) -> Floats:
-    """Section VI.E: the filled convex hull of a shape (360), as distances on 360 bearings."""
-    distance: Floats = _hull_of(shape)
-    return distance
-
-
-@compiled
-def _hull_of(shape):  # type: ignore[no-untyped-def]
-    """Andrew's monotone chain over points in order of bearing, begun at the farthest one.
-
-    The centre is inside, so that the points' order around it is the hull's as well.
-    """
-    north, east = shape * NORTH, shape * EAST
-    first = int(np.argmax(shape))  # is a corner
-    corners = np.empty(BEARINGS + 1, dtype=np.int64)
-    size = 0
-    for place in range(BEARINGS + 1):
-        here = (first + place) % BEARINGS
-        while size > 1:
-            last, before = corners[size - 1], corners[size - 2]
-            turn = (east[last] - east[before]) * (north[here] - north[last])
-            turn -= (north[last] - north[before]) * (east[here] - east[last])
-            if turn < 0.0:  # clockwise, as the bearings go
-                break
-            size -= 1
-        corners[size] = here
-        size += 1
-    found = shape.copy()
-    for corner in range(size - 1):
-        start, end = corners[corner], corners[corner + 1]
-        to_north, to_east = north[end] - north[start], east[end] - east[start]
-        for step in range(1, (end - start) % BEARINGS):
-            bearing = (start + step) % BEARINGS
-            across = EAST[bearing] * to_north - NORTH[bearing] * to_east
-            if across != 0.0:
-                on_side = (east[start] * to_north - north[start] * to_east) / across
-                found[bearing] = max(on_side, found[bearing])
     return found

@@ -2,8 +2,8 @@
 
 The paper says nothing of how a fire came to its initial size. Here the same automaton makes it,
 with the same p_spread, so that the shape goes on as it began. With the printed p_spread = 0.025 a
-fire of 1000 cells grows to 2480 (five seeds), not to about 3050; with 0.033 it does, so that is what
-experiments 3 and 3_1 burn with: their sizes matter more than that number.
+fire of 1000 cells grows to 2480 (five seeds), not to about 3050; with 0.033 it does, so that is
+what experiments 3 and 3_1 burn with: their sizes matter more than that number.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
 from firemodel.probabilistic import ProbabilisticFire
 from firemodel.weather import WeatherStream
 from mission_service.experiments.fires import flat, wind

@@ -7,7 +7,7 @@ from firemodel.landscape import Landscape
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Square cells, row 0 in the north; ``west_m``, ``north_m`` is the outer corner of cell 0, 0."""
+    """Square cells, row 0 in the north; ``west_m``, ``north_m``: the outer corner of cell 0, 0."""
 
     rows: int
     cols: int

@@ -3,13 +3,19 @@
 Cells are numbers ``row * cols + col`` of the landscape's grid, in rising order.
 """
 
+from typing import Annotated
+
 import msgspec
+
+# Checked where messages are decoded: kernels reckon with 64 bits.
+Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell, of a tile, of how many
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """Said by the vehicle ``sender`` at mission time ``at_us``."""
 
-    at_us: int
+    at_us: Us
     sender: str
 
 
@@ -35,25 +41,35 @@ class State(Message, frozen=True, tag=True):
 
 
 class FireUpdate(Message, frozen=True, tag=True):
-    """Cells that were seen to burn, and no longer to (section 4, message 1); for everybody."""
+    """Cells that were seen to burn, and no longer to (section 4, message 1); for everybody.
 
-    burning: tuple[int, ...]
-    cleared: tuple[int, ...] = ()
+    ``at_us`` is when they were seen, and with that the version of these cells.
+    """
+
+    burning: tuple[Number, ...]
+    cleared: tuple[Number, ...] = ()
 
 
 class Digest(Message, frozen=True, tag=True):
-    """What the sender's fire map holds, a checksum a tile: (tile, checksum) for all not empty."""
+    """What the sender's fire map holds: (tile, checksum).
 
-    tiles: tuple[tuple[int, int], ...]
+    Tiles from ``first`` up to ``end`` that are not listed are empty there. Without such tiles it is
+    a question: others have more or other cells in the tiles listed; which?
+    """
+
+    tiles: tuple[tuple[Number, Number], ...]
+    first: Number = 0
+    end: Number = 0
 
 
 class Difference(Message, frozen=True, tag=True):
-    """All versioned cells of tiles that another's digest showed to differ.
+    """Cells that others seem to lack, as runs: (first cell, how many, seen_at_us, burning).
 
-    ``cells`` are (cell, seen_at_us, burning).
+    Of the tiles in ``whole`` they are all that the sender knows.
     """
 
-    cells: tuple[tuple[int, int, bool], ...]
+    cells: tuple[tuple[Number, Number, Us, bool], ...]
+    whole: tuple[Number, ...] = ()
 
 
 class Leaving(Message, frozen=True, tag=True):

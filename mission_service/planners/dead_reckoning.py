@@ -1,11 +1,11 @@
 """A fleet from what was heard of it: who is silent is taken on along the ring, then as lost."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from mission_service.planners.ring import Fleet, Integers, Ring
+from mission_service.planners.ring import Fleet, Ring
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,3 @@ def _reckoned(one: Heard, ring: Ring, at_s: float) -> int:
         return int(np.searchsorted(along_m, place_m, side="right") - 1) % size
     place_m = (along_m[one.cell] - flown_m) % along_m[-1]
     return int(np.searchsorted(along_m, place_m, side="left")) % size
-
-
-def regrown(heard: Sequence[Heard], place_of: Integers) -> list[Heard]:
-    """The same on a ring that has changed; ``place_of`` as in ``TeamRule.regrown``."""
-    return [replace(one, cell=int(place_of[one.cell])) for one in heard]

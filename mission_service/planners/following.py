@@ -5,6 +5,7 @@ the landscape's grid; ``clockwise`` is the flying direction around the fire.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,15 @@ class PathSettings:
     lead_cells: float
 
 
-def bearing_deg(fire_map: FireMap, row: float, col: float) -> float:
+class Around(Protocol):
+    """A map around a centre, and how far out ground was seen burned (cells on 360 bearings)."""
+
+    centre_row: float
+    centre_col: float
+    burned: Floats
+
+
+def bearing_deg(fire_map: Around, row: float, col: float) -> float:
     """Bearing of a place from the map's centre, degrees clockwise from north."""
     return float(
         np.rad2deg(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row)) % 360.0
@@ -94,11 +103,12 @@ def continued(
 
 def path_along(
     front: Floats,
-    fire_map: FireMap,
+    fire_map: Around,
     row: float,
     col: float,
     clockwise: bool,
     settings: PathSettings,
+    smoothing_deg: int = PATH_SMOOTHING_DEG,
 ) -> Floats:
     """Where to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
 
@@ -106,7 +116,7 @@ def path_along(
     outwards until it sees the front again.
     """
     step = 1 if clockwise else -1
-    front = circular_mean(np.maximum(front, fire_map.burned + 0.5), PATH_SMOOTHING_DEG)
+    front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)
     start = round(bearing_deg(fire_map, row, col))
     order = (start + step * np.arange(BEARINGS * 5 // 6)) % BEARINGS
     north, east = front[order] * NORTH[order], front[order] * EAST[order]

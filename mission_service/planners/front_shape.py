@@ -1,6 +1,6 @@
-"""Fire shape from the on-board map: the scan method and the ring of perimeter cells.
+"""Fire shape from the on-board map: the scan method, the ring of perimeter cells, the hull.
 
-Islam & Hu, section IV.B. Positions are in cells north and east of the map's centre.
+Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of the map's centre.
 """
 
 import numpy as np
@@ -105,3 +105,43 @@ def steps_between(north: Floats, east: Floats) -> Floats:
     """Distance in cells from each ring cell to the next one, the last to the first."""
     steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
     return steps
+
+
+def hull_of(shape: Floats) -> Floats:
+    """Section VI.E: the filled convex hull of a shape (360), as distances on 360 bearings."""
+    distance: Floats = _hull_of(shape)
+    return distance
+
+
+@compiled
+def _hull_of(shape):  # type: ignore[no-untyped-def]
+    """Andrew's monotone chain over points in order of bearing, begun at the farthest one.
+
+    The centre is inside, so that the points' order around it is the hull's as well.
+    """
+    north, east = shape * NORTH, shape * EAST
+    first = int(np.argmax(shape))  # is a corner
+    corners = np.empty(BEARINGS + 1, dtype=np.int64)
+    size = 0
+    for place in range(BEARINGS + 1):
+        here = (first + place) % BEARINGS
+        while size > 1:
+            last, before = corners[size - 1], corners[size - 2]
+            turn = (east[last] - east[before]) * (north[here] - north[last])
+            turn -= (north[last] - north[before]) * (east[here] - east[last])
+            if turn < 0.0:  # clockwise, as the bearings go
+                break
+            size -= 1
+        corners[size] = here
+        size += 1
+    found = shape.copy()
+    for corner in range(size - 1):
+        start, end = corners[corner], corners[corner + 1]
+        to_north, to_east = north[end] - north[start], east[end] - east[start]
+        for step in range(1, (end - start) % BEARINGS):
+            bearing = (start + step) % BEARINGS
+            across = EAST[bearing] * to_north - NORTH[bearing] * to_east
+            if across != 0.0:
+                on_side = (east[start] * to_north - north[start] * to_east) / across
+                found[bearing] = max(on_side, found[bearing])
+    return found

@@ -26,14 +26,13 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.planners.first_lap import Lap, Seen, recentred
 from mission_service.planners.following import (
     PathSettings,
     bearing_deg,
-    centre_of_area,
     continued,
     path_along,
     reconstructed,
-    turned_deg,
 )
 from mission_service.planners.front_shape import ring_of_cells, steps_between
 from mission_service.planners.importance import ring_importance, window_importance
@@ -41,8 +40,6 @@ from mission_service.planners.protocol import Decision, Phase
 
 Floats = NDArray[np.float64]
 Rule = Literal["damped", "literal", "circling"]
-
-ROUND_AGAIN_DEG = 360.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,22 +70,16 @@ class PerimeterPlanner:
         ignited_at_s: float,
     ) -> None:
         self.settings = settings
-        self._shape = shape
-        self._ignited_at_s = ignited_at_s
         self.phase: Phase = "approach"
         self.clockwise = settings.clockwise_first
         self.reversals = 0
-        self.map = self._new_map(centre)
-        self._observations: list[tuple[int, int, NDArray[np.uint8], float]] = []
+        baseline_s = 0.0 if settings.rule == "literal" else settings.baseline_s
+        self.map = FireMap(shape, *centre, ignited_at_s, baseline_s)
+        self._observations: list[Seen] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
-        self._bearing_deg: float | None = None
-        self._swept_deg = 0.0
+        self._lap = Lap()
         self._turned_at_s = -np.inf
-
-    def _new_map(self, centre: tuple[float, float]) -> FireMap:
-        baseline_s = 0.0 if self.settings.rule == "literal" else self.settings.baseline_s
-        return FireMap(self._shape, *centre, self._ignited_at_s, baseline_s)
 
     def observe(self, observed: Observed) -> None:
         """Take in what the camera saw."""
@@ -102,9 +93,9 @@ class PerimeterPlanner:
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
-        self._follow_bearing(row, col)
-        if self.phase == "initial circle" and self._swept_deg >= ROUND_AGAIN_DEG:
-            self._finish_initial_circle(row, col)
+        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
+        if self._lap.reach(bearing, self.clockwise, counts=circling):
+            self._finish_initial_circle()
         cell = (round(row), round(col))
         if cell == self._cell or self.phase != "monitor":
             self._cell = cell
@@ -118,25 +109,12 @@ class PerimeterPlanner:
     def left(self, at_s: float) -> None:
         """There is nobody else to take over."""
 
-    def _follow_bearing(self, row: float, col: float) -> None:
-        """Count the degrees flown around the centre in the flying direction (initial circle)."""
-        bearing = bearing_deg(self.map, row, col)
-        if self.phase == "initial circle" and self._bearing_deg is not None:
-            self._swept_deg += turned_deg(self._bearing_deg, bearing, self.clockwise)
-        self._bearing_deg = bearing
-
-    def _finish_initial_circle(self, row: float, col: float) -> None:
+    def _finish_initial_circle(self) -> None:
         """Listing 2 is done; where the ignition is unknown, the fire's centre takes its place."""
         self.phase = "monitor"
-        if self.settings.ignition_known:
-            return
-        outer, _ = self.map.filled_outer()
-        centre = centre_of_area(outer, self.map.centre_row, self.map.centre_col)
-        self.map = self._new_map(centre)
-        for window in self._observations:
-            self._in_view = self.map.observe(*window)
-        self._observations.clear()
-        self._bearing_deg = bearing_deg(self.map, row, col)
+        if not self.settings.ignition_known:
+            self.map, self._in_view = recentred(self.map, self._observations)
+            self._observations.clear()
 
     def shape(self, row: float, col: float) -> Floats:
         """The reconstructed fire: distance of the front in cells for each of 360 bearings."""

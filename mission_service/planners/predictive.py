@@ -11,7 +11,7 @@ prediction better but are not needed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +20,16 @@ from firemodel.front_rates import FrontRates
 from firemodel.landscape import Landscape
 from firemodel.weather import Weather, WeatherStream
 from mission_service.events import Observed
-from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
+from mission_service.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.planners.belief import Belief, FrontModel
-from mission_service.planners.following import (
-    PathSettings,
-    bearing_deg,
-    centre_of_area,
-    continued,
-    path_along,
-    turned_deg,
-)
+from mission_service.planners.first_lap import Lap, Seen, recentred
+from mission_service.planners.following import PathSettings, bearing_deg, continued, path_along
 from mission_service.planners.hedge import hedged
 from mission_service.planners.protocol import Decision, Phase
 from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 
 Floats = NDArray[np.float64]
 
-ROUND_AGAIN_DEG = 360.0
 HORIZON_LAPS = 2.0
 REST_LAPS = 0.03  # after a turn, until the next one may be
 LEAST_GAIN = 0.25  # share of the cost for which to turn
@@ -64,20 +57,8 @@ class PredictiveSettings:
 
 def model_of(landscape: Landscape, known: Weather) -> FrontModel:
     """The fire model on board: the landscape and the moistures of one time, no wind."""
-    return FrontModel(FrontRates(landscape, WeatherStream([_from_the_start(known)])), landscape)
-
-
-def _from_the_start(known: Weather) -> Weather:
-    return Weather(
-        0.0,
-        0.0,
-        0.0,
-        known.dead_1h_pct,
-        known.dead_10h_pct,
-        known.dead_100h_pct,
-        known.live_herb_pct,
-        known.live_woody_pct,
-    )
+    calm = replace(known, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
+    return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
 
 
 class PredictivePlanner:
@@ -93,19 +74,16 @@ class PredictivePlanner:
         model: FrontModel | None,
     ) -> None:
         self.settings = settings
-        self._shape = shape
-        self._ignited_at_s = ignited_at_s
         self._cell_m = cell_m
         self.phase: Phase = "approach"
         self.clockwise = settings.clockwise_first
         self.reversals = 0
         self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
         self.belief = Belief(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
-        self._observations: list[tuple[int, int, NDArray[np.uint8], float]] = []
+        self._observations: list[Seen] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
-        self._bearing_deg: float | None = None
-        self._swept_deg = 0.0
+        self._lap = Lap()
         self._turned_at_s = -np.inf
         self._ring = Ring(*(np.zeros(NODES) for _ in range(5)))
         self._node_of = np.zeros(BEARINGS, dtype=np.int64)
@@ -134,11 +112,10 @@ class PredictivePlanner:
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
         bearing = bearing_deg(self.map, row, col)
-        if self.phase == "initial circle" and self._bearing_deg is not None:
-            self._swept_deg += turned_deg(self._bearing_deg, bearing, self.clockwise)
-            if self._swept_deg >= ROUND_AGAIN_DEG:
-                bearing = self._finish_initial_circle(row, col)
-        self._bearing_deg = bearing
+        circling = self.phase == "initial circle"
+        if self._lap.reach(bearing, self.clockwise, counts=circling):
+            self._finish_initial_circle()
+            bearing = bearing_deg(self.map, row, col)
         cell = (round(row), round(col))
         new = cell != self._cell
         self._cell = cell
@@ -147,24 +124,17 @@ class PredictivePlanner:
         self.belief.advance(at_s)
         return self._decide(round(bearing) % BEARINGS, at_s) if new else None
 
-    def _finish_initial_circle(self, row: float, col: float) -> float:
-        """Where the ignition is unknown, the fire's centre takes its place, and all is seen anew.
-
-        Returns the vehicle's bearing.
-        """
+    def _finish_initial_circle(self) -> None:
+        """An unknown ignition is replaced by the fire's centre, and all is seen anew."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
-            outer, _ = self.map.filled_outer()
-            centre = centre_of_area(outer, self.map.centre_row, self.map.centre_col)
-            self.map = FireMap(self._shape, *centre, self._ignited_at_s, RECENTRED_BASELINE_S)
-            for seen in self._observations:
-                self._in_view = self.map.observe(*seen)
+            self.map, self._in_view = recentred(self.map, self._observations)
+            centre = (self.map.centre_row, self.map.centre_col)
             outer, _ = self.map.filled_outer()
             self.belief = self.belief.begun_anew(centre, outer, self._observations[0][3])
             for seen in self._observations:
                 self.belief.see(*seen)
             self._observations.clear()
-        return bearing_deg(self.map, row, col)
 
     def _decide(self, bearing: int, at_s: float) -> Decision:
         settings = self.settings
@@ -216,22 +186,9 @@ class PredictivePlanner:
 
         The believed front; during the initial circle the line on which the visible one ends.
         """
-        if self.phase == "monitor":
-            return self._path_on_belief(row, col)
+        settings = self.settings.path
+        if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
+            front = self.belief.front
+            return path_along(front, self.belief, row, col, self.clockwise, settings, 0)
         front = continued(self.map, self._in_view, row, col, self.clockwise)
-        return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
-
-    def _path_on_belief(self, row: float, col: float) -> Floats:
-        """Not smoothed, as ``following.path_along`` is: the tip of a narrow fire must be seen."""
-        belief, settings = self.belief, self.settings.path
-        start = round(bearing_deg(self.map, row, col))
-        order = (start + (1 if self.clockwise else -1) * np.arange(BEARINGS * 5 // 6)) % BEARINGS
-        front = np.maximum(belief.front[order], belief.burned[order] + 0.5)
-        rows = belief.centre_row - front * NORTH[order]
-        cols = belief.centre_col + front * EAST[order]
-        far = np.hypot(rows - row, cols - col) >= settings.lead_cells
-        first = int(np.argmax(far))
-        rows, cols = rows[first:], cols[first:]
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(rows), np.diff(cols)))])
-        keep = along <= settings.horizon_cells
-        return np.column_stack([rows[keep], cols[keep]])
+        return path_along(front, self.map, row, col, self.clockwise, settings)

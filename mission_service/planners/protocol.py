@@ -32,7 +32,23 @@ class Decision:
     front_cells: int
 
 
-class Planner(Protocol):
+class Steered(Protocol):
+    """What takes in all that is told of one vehicle."""
+
+    def observe(self, observed: Observed) -> None:
+        """Take in what this vehicle's camera saw."""
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Take in the wind that this vehicle's autopilot measured; from true north."""
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """The vehicle is here now; a decision whenever one is taken."""
+
+    def left(self, at_s: float) -> None:
+        """The vehicle is lost, recalled or on the ground: others take over what it watched."""
+
+
+class Planner(Steered, Protocol):
     """Decides for one vehicle which way along the front it flies."""
 
     @property
@@ -47,20 +63,8 @@ class Planner(Protocol):
     def reversals(self) -> int:
         """How often it has turned back."""
 
-    def observe(self, observed: Observed) -> None:
-        """Take in what this vehicle's camera saw."""
-
-    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Take in the wind that this vehicle's autopilot measured; from true north."""
-
-    def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever one is taken."""
-
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
 
     def shape(self, row: float, col: float) -> Floats:
         """The fire as the planner believes it to be: its front in cells on 360 bearings."""
-
-    def left(self, at_s: float) -> None:
-        """The vehicle is lost, recalled or on the ground: others take over what it watched."""

@@ -17,21 +17,19 @@ from numpy.typing import NDArray
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
 from mission_service.planners.dead_reckoning import Heard, fleet_of
+from mission_service.planners.first_lap import Lap, Seen, recentred
 from mission_service.planners.following import (
     PathSettings,
     bearing_deg,
-    centre_of_area,
     continued,
     path_along,
     reconstructed,
-    turned_deg,
 )
 from mission_service.planners.protocol import Decision, Phase
 from mission_service.planners.ring import Fleet, Ring, TeamRule
 
 Floats = NDArray[np.float64]
 
-ROUND_AGAIN_DEG = 360.0
 FRESH_S = 2.0  # positions come several times a second
 LOST_AFTER_S = 30.0
 CARRIED_BACK = 30  # cells at most, while it turns back
@@ -72,10 +70,8 @@ class Team:
         self.rule = rule
         self.settings = settings
         self.surveyed = False  # the first lap is over
-        self._shape = shape
-        self._ignited_at_s = ignited_at_s
-        self.map = self._new_map(centre)
-        self._observations: list[tuple[int, int, NDArray[np.uint8], float]] = []
+        self.map = FireMap(shape, *centre, ignited_at_s, settings.baseline_s)
+        self._observations: list[Seen] = []
         self._seats = {
             name: Seat(self, number, flyer) for number, (name, flyer) in enumerate(flyers.items())
         }
@@ -83,9 +79,6 @@ class Team:
     def seat(self, name: str) -> "Seat":
         """The planner of one vehicle."""
         return self._seats[name]
-
-    def _new_map(self, centre: tuple[float, float]) -> FireMap:
-        return FireMap(self._shape, *centre, self._ignited_at_s, self.settings.baseline_s)
 
     def see(self, observed: Observed) -> NDArray[np.bool_]:
         """Take in what a camera saw; returns the bearings (360) in its view."""
@@ -98,13 +91,9 @@ class Team:
     def end_survey(self) -> None:
         """The first lap is done; an unknown ignition is replaced by the fire's centre."""
         self.surveyed = True
-        if self.settings.ignition_known:
-            return
-        outer, _ = self.map.filled_outer()
-        self.map = self._new_map(centre_of_area(outer, self.map.centre_row, self.map.centre_col))
-        for window in self._observations:
-            self.map.observe(*window)
-        self._observations.clear()
+        if not self.settings.ignition_known:
+            self.map, _ = recentred(self.map, self._observations)
+            self._observations.clear()
 
     def ring(self) -> Ring:
         """The front as the map has it, a cell for each bearing."""
@@ -122,8 +111,8 @@ class Team:
         """How many fly the front, as far as is known."""
         return sum(seat.flies for seat in self._seats.values())
 
-    def fleet(self, ring: Ring, at_s: float) -> tuple[Fleet, list[int]]:
-        """The vehicles that fly the front now, and the numbers of their seats.
+    def fleet(self, ring: Ring, at_s: float) -> Fleet:
+        """The vehicles that fly the front now.
 
         One that has been silent is reckoned to have flown on, and after a while not to fly.
         """
@@ -138,8 +127,7 @@ class Team:
             for seat in self._seats.values()
             if seat.flies
         ]
-        fleet = fleet_of(heard, ring, at_s, LOST_AFTER_S)
-        return fleet, fleet.seat.tolist()
+        return fleet_of(heard, ring, at_s, LOST_AFTER_S)
 
 
 class Seat:
@@ -157,8 +145,7 @@ class Seat:
         self._team = team
         self._found = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._bearing_deg: float | None = None
-        self._swept_deg = 0.0
+        self._lap = Lap()
         self._turned_at_s = -np.inf
 
     @property
@@ -185,7 +172,7 @@ class Seat:
         """Out of the fleet until it flies and sees the front again."""
         self.flies = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._bearing_deg = None
+        self._lap.bearing_deg = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has come to a new cell of the ring.
@@ -198,13 +185,11 @@ class Seat:
         self.flies |= bool(self._in_view.any())
         if not self.flies:
             return None
-        before, bearing = self._bearing_deg, bearing_deg(team.map, row, col)
-        if before is not None and not team.surveyed:
-            self._swept_deg += turned_deg(before, bearing, self.clockwise)
-            if team.map.complete or self._swept_deg >= ROUND_AGAIN_DEG:
-                team.end_survey()
-                bearing = bearing_deg(team.map, row, col)
-        self._bearing_deg = bearing
+        before, bearing = self._lap.bearing_deg, bearing_deg(team.map, row, col)
+        round_again = self._lap.reach(bearing, self.clockwise, counts=not team.surveyed)
+        if before is not None and not team.surveyed and (team.map.complete or round_again):
+            team.end_survey()
+            bearing = bearing_deg(team.map, row, col)
         place = round(bearing) % BEARINGS
         if before is None or not team.surveyed:
             self.bearing = place
@@ -225,8 +210,8 @@ class Seat:
         turn = False
         for _ in range(passed):
             self.bearing = (self.bearing + step) % BEARINGS
-            fleet, numbers = self._team.fleet(ring, at_s)
-            which = numbers.index(self.number)
+            fleet = self._team.fleet(ring, at_s)
+            which = fleet.seat.tolist().index(self.number)
             turn = bool(self._team.rule.decide(ring, fleet, which, at_s)) != self.clockwise
             if turn:
                 self.clockwise = not self.clockwise

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem, takeoff, waypoint
+from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks import Stack
 from tests.bridge.helpers import HOME
 from tests.bridge.mock_talk import COPTER, HERE, PLANE, PX4, brief, each_stack, player_of, upload
@@ -165,7 +166,8 @@ def test_loiter_time_ends_after_its_time_and_turns_as_its_sign_says(
         centre = flight.mock.flight.frame.local(place)
         off = math.hypot(motions[-1].north_m - centre[0], motions[-1].east_m - centre[1])
         # ArduPilot keeps of this radius only the sign.
-        assert off == pytest.approx(80.0 if stack.name == "ardupilot" else 100.0, abs=3.0)
+        asked_m = 80.0 if stack.name == "ardupilot" else 100.0
+        assert off == pytest.approx(asked_m + wider_m(stack), abs=3.0)
 
 
 @pytest.mark.parametrize("stack", [PLANE, COPTER], ids=lambda s: s.vehicle)
@@ -184,7 +186,8 @@ def test_ardupilot_flies_its_turns(stack: Stack) -> None:
     )
     assert turned < -math.radians(450.0)
     last = [math.hypot(m.north_m - centre[0], m.east_m - centre[1]) for m in motions[-100:]]
-    assert max(abs(distance - 60.0) for distance in last) < 6.0
+    flown_m = 60.0 + (wider_m(stack) if stack.vehicle == "plane" else 0.0)
+    assert max(abs(distance - flown_m) for distance in last) < 6.0
 
 
 @each_stack
@@ -232,7 +235,7 @@ def test_the_return_item_brings_it_home(stack: Stack) -> None:
         assert vehicle.mode == ("mission" if stack.name == "ardupilot" else "rtl")
     else:
         assert (vehicle.armed, vehicle.mode) == (True, "rtl")
-        assert home_m == pytest.approx(80.0, abs=3.0)
+        assert home_m == pytest.approx(80.0 + wider_m(stack), abs=3.0)
 
 
 @each_stack

@@ -9,7 +9,7 @@ from mission_service.experiments.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.planners.balanced import Balanced
 from mission_service.planners.bent import NEGOTIATIONS, PLANNERS, bent_rule
-from mission_service.planners.dead_reckoning import Heard, fleet_of, regrown
+from mission_service.planners.dead_reckoning import Heard, fleet_of
 from mission_service.planners.ring import Fleet, Floats, Ring, TeamRule
 from mission_service.planners.team_size import (
     best_split,
@@ -170,7 +170,6 @@ def test_a_silent_vehicle_is_reckoned_along_the_ring_and_then_lost() -> None:
     # 12 s are 8 cells over the end of the ring, 18 s are 12 back over its beginning.
     assert fleet.cell.tolist() == [3, 98]
     assert fleet_of(told, ring, 31.0, lost_after_s=30.0).seat.tolist() == [1]
-    assert [one.cell for one in regrown(told, np.repeat(np.arange(50), 2))] == [5, 47]
 
 
 def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from mission_service.cli import main
 from mission_service.experiments import fires, islam_hu
-from mission_service.experiments.distance_error import TrueShape, hull_of
+from mission_service.experiments.distance_error import TrueShape
 from mission_service.experiments.fires import (
     CELLS,
     ISLAM_HU,
@@ -21,6 +21,7 @@ from mission_service.experiments.fires import (
 from mission_service.experiments.front_walk import AROUND, FrontWalk, enclosed_s
 from mission_service.experiments.ideal_flight import Flight, fly, look
 from mission_service.fire_map import EAST, NORTH
+from mission_service.planners.front_shape import hull_of
 from mission_service.planners.perimeter import Rule
 
 CENTRE = (30, 30)

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from numpy.typing import NDArray
 
 from firemodel.weather import WeatherStream
-from mission_service.experiments.distance_error import TrueShape, hull_of
+from mission_service.experiments.distance_error import TrueShape
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
@@ -16,7 +17,8 @@ from mission_service.experiments.predictive_flight import fly_predictive, predic
 from mission_service.experiments.random_fires import mean_max_errors
 from mission_service.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
 from mission_service.planners.belief import Belief
-from mission_service.planners.hedge import hedged, hull
+from mission_service.planners.front_shape import hull_of
+from mission_service.planners.hedge import hedged
 from mission_service.planners.predictive import PredictivePlanner, model_of
 from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 
@@ -222,13 +224,19 @@ def test_a_fire_whose_ignition_is_unknown(turning: Burn) -> None:
     assert np.abs(belief.front - true.at(turning.end_s)).mean() < 2.0
 
 
-def test_hull_is_that_of_the_experiment_and_a_smooth_front_is_not_hedged() -> None:
+def test_hull_is_that_of_geometry_and_a_smooth_front_is_not_hedged() -> None:
     rng = np.random.default_rng(4)
     for shape in (
         rng.uniform(1.0, 50.0, BEARINGS),
         20.0 + 10.0 * np.cos(np.deg2rad(np.arange(360))),
     ):
-        np.testing.assert_allclose(hull(shape), hull_of(shape), rtol=1e-9)
+        corners = np.column_stack([shape * EAST, shape * NORTH])
+        hull = shapely.MultiPoint(corners).convex_hull
+        rays = shapely.linestrings(
+            [[(0.0, 0.0), (99.0 * x, 99.0 * y)] for x, y in zip(EAST, NORTH, strict=True)]
+        )
+        expected = shapely.length(shapely.intersection(rays, hull))
+        np.testing.assert_allclose(hull_of(shape), expected, rtol=1e-9)
     np.testing.assert_allclose(hedged(np.full(BEARINGS, 30.0)), 30.0, atol=0.05)
     leap = np.where(np.arange(BEARINGS) < 180, 20.0, 40.0)
     assert hedged(leap)[179] == pytest.approx(30.0, abs=6.0)

@@ -1,0 +1,151 @@
+"""Maps of the formation, what a step costs and what is said: ``-m benchmarks.formation_maps``.
+
+On 500 x 500 cells of 10 m with the paper's lengths. Times are the best of several batches. The
+shared maps hear each other a quarter of a second later; new fire is seen at once by two of them, so
+what is wrong on a map is what has not been heard.
+"""
+
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.formation.fire_maps import AgentMaps
+from mission_service.formation.grid import Grid
+from mission_service.formation.messages import Digest, FireUpdate
+from mission_service.formation.monitoring import MonitoringArea, inaccuracy_cells
+from mission_service.formation.settings import Settings
+from mission_service.formation.shared_map import MapMessage, SharedMap
+from mission_service.formation.sight import look, mark
+
+GRID = Grid(500, 500, 10.0, 0.0, 5000.0)
+NONE = np.empty(0, dtype=np.int64)
+BATCHES = 10
+BURNING, NEW_S = 3000, 1.3  # cells at the beginning, and a second (experiments 2 and 3)
+TICK_US = 250_000
+LOST = 0.3
+
+
+def rough_disc() -> NDArray[np.int64]:
+    """Cells in the order in which a fire from the middle of the map reaches them."""
+    rows, cols = np.divmod(np.arange(500 * 500), 500)
+    noise = np.random.default_rng(1).normal(0.0, 1.0, 500 * 500)
+    order: NDArray[np.int64] = np.argsort(np.hypot(rows - 250, cols - 250) + noise)
+    return order
+
+
+def each_us(function: Callable[..., object], arguments: list[tuple[Any, ...]]) -> float:
+    """Microseconds a call takes, the mean of the best batch; one call with each arguments."""
+    function(*arguments[0])
+    best = np.inf
+    size = (len(arguments) - 1) // BATCHES
+    for first in range(1, 1 + BATCHES * size, size):
+        began = time.perf_counter()
+        for some in arguments[first : first + size]:
+            function(*some)
+        best = min(best, (time.perf_counter() - began) / size)
+    return best * 1e6
+
+
+def steps(order: NDArray[np.int64]) -> dict[str, float]:
+    """Microseconds of each step."""
+    settings = Settings()
+    near_m, area_m = settings.augmentation_m(GRID.cell_m), settings.agent_area_m
+    tens = [order[k : k + 10] for k in range(BURNING, BURNING + 2010, 10)]
+    maps = AgentMaps(GRID.shape, GRID.cell_m, near_m, area_m)
+    shared, digest = SharedMap("uav", GRID.shape), SharedMap("other", GRID.shape)
+    for one in (shared, digest):
+        one.start(order[:BURNING], 0)
+    (said,) = digest.messages(0)
+    updates = [FireUpdate(k, "other", tuple(ten.tolist())) for k, ten in enumerate(tens)]
+    arrival_s = np.full(500 * 500, np.inf)
+    arrival_s[order] = np.arange(500 * 500) / NEW_S
+    arrival_s = arrival_s.reshape(GRID.shape)
+    monitoring = MonitoringArea(GRID, near_m, settings.monitoring_m)
+    monitoring.add(order[:BURNING])
+    agents_m = np.random.default_rng(2).uniform(2000.0, 3000.0, (8, 2))
+    views = [(x_m, y_m, 1.0, 152.8, 130.0) for x_m, y_m in agents_m]
+    seen_s = np.zeros(GRID.shape)
+    at_s, view = BURNING / NEW_S, (2500.0, 2800.0, 1.0, 152.8, 130.0)
+    known = monitoring.fire.copy()
+    on, off = [(ten, NONE) for ten in tens], [(NONE, ten) for ten in tens]
+    heard = [(update,) for update in updates]
+    times = {
+        "agent maps: 10 new cells": each_us(maps.set, on),
+        "agent maps: 10 cleared": each_us(maps.set, off),
+        "shared map: hear the same digest": each_us(shared.hear, [(said,)] * 500),
+        "shared map: hear 10 new cells": each_us(shared.hear, heard),
+        "shared map: hear them again": each_us(shared.hear, heard),
+        "shared map: nothing to say": each_us(shared.messages, [(5,)] * 500),
+        "look": each_us(look, [(GRID, *view, arrival_s, at_s, known)] * 500),
+        "mark": each_us(mark, [(GRID, *view, seen_s, at_s)] * 500),
+        "monitoring: 10 new cells": each_us(monitoring.add, [(ten,) for ten in tens]),
+        "agent coverage of 8": each_us(monitoring.agent_coverage, [(agents_m, 302.8)] * 101),
+        "seen coverage": each_us(monitoring.seen_coverage, [(seen_s, at_s)] * 101),
+        "efficiency of 8": each_us(monitoring.efficiency, [(views,)] * 101),
+        "inaccuracy of 8": each_us(inaccuracy_cells, [(known, [maps.fire] * 8)] * 101),
+    }
+    began = time.perf_counter()
+    AgentMaps(GRID.shape, GRID.cell_m, near_m, area_m).set(order[:BURNING], NONE)
+    times["agent maps: the first cells"] = (time.perf_counter() - began) * 1e6
+    return times
+
+
+def shared(order: NDArray[np.int64], count: int, loss: float, seconds: int) -> str:
+    """A line on what so many maps say and get wrong."""
+    rng = np.random.default_rng(count)
+    team = [SharedMap(f"uav{k}", GRID.shape) for k in range(count)]
+    for one in team:
+        one.start(order[:BURNING], 0)
+    truth = np.zeros(500 * 500, dtype=np.bool_)
+    truth[order[:BURNING]] = True
+    burned, wrong, longest = BURNING, [], 0
+    said: dict[str, int] = defaultdict(int)
+    under_way: list[tuple[int, MapMessage]] = []
+    began = time.perf_counter()
+    for tick in range(4 * seconds):
+        arrived, under_way = under_way, []
+        for receiver, message in arrived:
+            team[receiver].hear(message)
+        while burned < BURNING + NEW_S * tick / 4:
+            truth[order[burned]] = True
+            for k in set(rng.integers(0, count, 2).tolist()):
+                team[k].see(order[burned : burned + 1], NONE, tick * TICK_US)
+            burned += 1
+        for k, one in enumerate(team):
+            for message in one.messages(tick * TICK_US):
+                size = len(msgspec.json.encode(message))
+                question = isinstance(message, Digest) and message.end == 0
+                said["question" if question else type(message).__name__] += size
+                longest = max(longest, size)
+                heard = np.flatnonzero(rng.random(count) >= loss).tolist()
+                under_way += [(i, message) for i in heard if i != k]
+        if tick % 4 == 3:
+            maps = [one.fire for one in team]
+            wrong.append(inaccuracy_cells(truth.reshape(GRID.shape), maps))
+    took_s = time.perf_counter() - began
+    kinds = ", ".join(f"{kind} {size / seconds / count:.0f}" for kind, size in said.items())
+    return (
+        f"{count:3d} UAVs, {loss:4.0%} lost: {np.mean(wrong[10:]):5.2f} cells wrong, "
+        f"{sum(said.values()) / seconds / count:4.0f} bytes/s each ({kinds}; longest {longest}), "
+        f"{seconds / took_s:.0f} x real time"
+    )
+
+
+def main() -> None:
+    """Print all."""
+    order = rough_disc()
+    for name, us in steps(order).items():
+        sys.stdout.write(f"{us:10.1f} us  {name}\n")
+    for count in (2, 8, 64):
+        for loss in (0.0, LOST):
+            sys.stdout.write(shared(order, count, loss, 120 if count < 64 else 60) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,390 @@
+"""An ideal world for a formation: fixed wings by their equations, a radio, no autopilot between.
+
+Everything the agents know comes through their cameras and the radio. What is measured here (the six
+metrics of the paper, section 6.2) is of the true fire and the true places.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from mission_service.experiments.formation_fires import CELL_M
+from mission_service.formation.agent import Agent, Avoidance, Intention, Own
+from mission_service.formation.grid import Grid
+from mission_service.formation.loiter import steered, wanted_heading_rad
+from mission_service.formation.messages import AnyMessage, State
+from mission_service.formation.monitoring import MonitoringArea, inaccuracy_cells
+from mission_service.formation.rvo import clear_heading_rad, meets_after_s
+from mission_service.formation.settings import Settings
+from mission_service.formation.sight import look, mark
+
+Floats = NDArray[np.float64]
+
+TICK_S = 0.25
+LOOK_EVERY_S = 1.0
+MEASURE_EVERY_S = 5.0
+TRACK_EVERY_S = 1.0
+BASE_M = (-1400.0, -1400.0)  # the first in the queue, from the middle of the map
+QUEUE_M = 70.0  # between one and the next, and between queues
+QUEUE = 8  # so many in a queue
+# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
+# every turn, a hundred times for each collision, where the paper has two.
+CONFLICT_WITHIN_S = 5.0
+ANEW_S = 2.0  # a conflict that has been over for so long begins anew
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How a flight differs from the paper's nominal one."""
+
+    avoidance: Avoidance = "intent"
+    synchronises: bool = True
+    loss_at: Callable[[float], float] = lambda at_s: 0.0  # share of messages, each receiver
+    delay_s: float = TICK_S
+    wind_m_s: tuple[float, float] = (0.0, 0.0)  # it blows towards (east, north)
+    duration_s: float = 1200.0
+    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # UAV: from, until
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What was measured of a flight; ``series`` by name at ``series_s``, counts are sums so far."""
+
+    arrival_s: Floats
+    series_s: Floats
+    series: dict[str, Floats]
+    track_s: Floats
+    uavs_m: Floats  # (times, UAVs, 2) from the middle of the map
+    agents_m: Floats
+    closest_m: float
+
+    def at_end(self, name: str, last_s: float) -> float:
+        """The mean of a metric over the last so many seconds."""
+        return float(self.series[name][self.series_s >= self.series_s[-1] - last_s].mean())
+
+
+class Radio:
+    """Messages on their way: states as far as they reach, all else to everybody."""
+
+    def __init__(self, count: int, rules: Rules, range_m: float, seed: int) -> None:
+        self._everybody = np.arange(count)
+        self._rules = rules
+        self._range_m = range_m
+        self._rng = np.random.default_rng((seed, 1))
+        self._under_way: deque[tuple[float, AnyMessage, list[int]]] = deque()
+        self.bytes_sent = 0
+
+    def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
+        """A message from UAV ``sender``; ``places_m`` (n, 2) is where all are."""
+        hears = self._everybody != sender
+        if isinstance(message, State):
+            off_m = places_m - places_m[sender]
+            hears &= np.hypot(off_m[:, 0], off_m[:, 1]) <= self._range_m
+        loss = self._rules.loss_at(at_s)
+        if loss > 0.0:
+            hears &= self._rng.random(len(hears)) >= loss
+        receivers = np.flatnonzero(hears).tolist()
+        self._under_way.append((at_s + self._rules.delay_s, message, receivers))
+
+    def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
+        """Receivers and what they hear now."""
+        while self._under_way and self._under_way[0][0] <= at_s + 1e-9:
+            _, message, receivers = self._under_way.popleft()
+            for receiver in receivers:
+                yield receiver, message
+
+
+class Safety:
+    """Counts conflicts and collisions of pairs: each counts when it begins (section 5.3.3).
+
+    A conflict: the velocity one of them wants, to follow its virtual agent, is inside the other's
+    reciprocal velocity obstacle. A collision: they are nearer than twice the safety radius.
+    """
+
+    def __init__(self, uavs: int, settings: Settings) -> None:
+        self._settings = settings
+        self._in_conflict_s = np.full((uavs, uavs), -np.inf)
+        self._together = np.zeros((uavs, uavs), dtype=np.bool_)
+        self.conflicts = 0
+        self.collisions = 0
+        self.closest_m = math.inf
+
+    def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, wanted_m_s: Floats,
+        heights_m: Floats) -> None:  # fmt: skip
+        """All vehicles, now; rows are vehicles."""
+        conflicts, collisions, closest_m = count_meetings(
+            at_s, places_m, velocities_m_s, wanted_m_s, heights_m,
+            2.0 * self._settings.safety_radius_m, self._settings.neighbourhood_m,
+            self._in_conflict_s, self._together,
+        )  # fmt: skip
+        self.conflicts += conflicts
+        self.collisions += collisions
+        self.closest_m = min(self.closest_m, closest_m)
+
+
+@kernel
+def count_meetings(  # type: ignore[no-untyped-def]
+    at_s, places_m, velocities_m_s, wanted_m_s, heights_m, apart_m, neighbourhood_m,
+    in_conflict_s, together,
+):  # fmt: skip
+    """Conflicts and collisions that begin now, and the least distance of any two."""
+    conflicts, collisions, closest_m = 0, 0, np.inf
+    for a in range(len(places_m)):
+        for b in range(a):
+            x, y = places_m[b, 0] - places_m[a, 0], places_m[b, 1] - places_m[a, 1]
+            distance_m = math.sqrt(x * x + y * y + (heights_m[b] - heights_m[a]) ** 2)
+            closest_m = min(closest_m, distance_m)
+            if distance_m < apart_m and not together[a, b]:
+                collisions += 1
+            together[a, b] = distance_m < apart_m
+            if distance_m > neighbourhood_m:
+                continue
+            mean_x = velocities_m_s[a, 0] + velocities_m_s[b, 0]
+            mean_y = velocities_m_s[a, 1] + velocities_m_s[b, 1]
+            of_a = meets_after_s(
+                x, y, 2.0 * wanted_m_s[a, 0] - mean_x, 2.0 * wanted_m_s[a, 1] - mean_y, apart_m
+            )
+            of_b = meets_after_s(
+                -x, -y, 2.0 * wanted_m_s[b, 0] - mean_x, 2.0 * wanted_m_s[b, 1] - mean_y, apart_m
+            )
+            if min(of_a, of_b) < CONFLICT_WITHIN_S:
+                if at_s - in_conflict_s[a, b] > ANEW_S:
+                    conflicts += 1
+                in_conflict_s[a, b] = at_s
+    return conflicts, collisions, closest_m
+
+
+class FormationWorld:
+    """Fire, vehicles, agents and radio; ``tick`` lets a quarter of a second pass."""
+
+    def __init__(
+        self, arrival_s: Floats, uavs: int, settings: Settings, rules: Rules, seed: int
+    ) -> None:
+        """``arrival_s`` (y, x): when each cell burns, at 0 or before for what burns already.
+
+        The UAVs are in the air, in queues of eight, flying towards the middle of the map. Cells are
+        the paper's. All know what burns at the beginning: the ground base has told them.
+        """
+        self.grid = world_grid(arrival_s.shape)
+        self.arrival_s = arrival_s
+        self.settings = settings
+        self.rules = rules
+        self.at_s = 0.0
+        self.ticks = 0
+        known = np.flatnonzero(arrival_s <= 0.0)
+        self.agents = [
+            Agent(
+                f"uav{number}",
+                settings,
+                self.grid,
+                known,
+                0,
+                rules.avoidance,
+                rules.synchronises,
+            )
+            for number in range(uavs)
+        ]
+        self.radio = Radio(uavs, rules, settings.range_m, seed)
+        self.places_m = np.array([_start(number) for number in range(uavs)])
+        self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))
+        self.velocities_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
+        self.heights_m = np.full(uavs, settings.altitude_agl_m)
+        self.intentions: list[Intention] = []
+        self.safety = Safety(uavs, settings)
+        self.seen_s = np.full(arrival_s.shape, -np.inf)
+
+    def tick(self) -> None:
+        """A quarter of a second: hear, look, decide, speak, fly."""
+        self.ticks += 1
+        self.at_s = self.ticks * TICK_S
+        at_us = round(self.at_s * 1e6)
+        for receiver, message in self.radio.arrived(self.at_s):
+            self.agents[receiver].hear(message)
+        looks = round(LOOK_EVERY_S / TICK_S)
+        self.intentions = []
+        for number, agent in enumerate(self.agents):
+            self._send_away(number, agent)
+            if (self.ticks + number) % looks == 0:
+                self._look(number, agent, at_us)
+            self.intentions.append(agent.step(self._own(number, at_us)))
+            for message in agent.messages(at_us):
+                self.radio.send(number, message, self.at_s, self.places_m)
+        self._fly()
+        self._look_at_safety()
+
+    def _send_away(self, number: int, agent: Agent) -> None:
+        """To its base and back again, when it is time."""
+        from_s, until_s = self.rules.away_s.get(number, (math.inf, math.inf))
+        if from_s <= self.at_s < until_s and agent.home_m is None:
+            agent.go_home(*_start(number))
+        elif self.at_s >= until_s and agent.home_m is not None:
+            agent.come_back()
+
+    def _own(self, number: int, at_us: int) -> Own:
+        x_m, y_m = self.places_m[number].tolist()
+        vx, vy = self.velocities_m_s[number].tolist()
+        height_m, airspeed_m_s = float(self.heights_m[number]), float(self.motion[number, 1])
+        return Own(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
+
+    def view(self, number: int) -> tuple[float, float, float, float, float]:
+        """x, y, course, half across, half along of what a camera sees now."""
+        camera, height_m = self.settings.camera, float(self.heights_m[number])
+        x_m, y_m = self.places_m[number].tolist()
+        vx, vy = self.velocities_m_s[number].tolist()
+        half_across_m, half_along_m = camera.width_m(height_m) / 2.0, camera.length_m(height_m) / 2
+        return x_m, y_m, math.atan2(vy, vx), half_across_m, half_along_m
+
+    def _look(self, number: int, agent: Agent, at_us: int) -> None:
+        view = self.view(number)
+        mark(self.grid, *view, self.seen_s, self.at_s)
+        burning, unburned = look(self.grid, *view, self.arrival_s, self.at_s, agent.maps.fire)
+        if len(burning) or len(unburned):
+            agent.see(burning, unburned, at_us)
+
+    def _fly(self) -> None:
+        """All fly on for a tick as they mean to."""
+        orbits = np.array(
+            [(i.orbit_x_m, i.orbit_y_m, i.orbit_radius_m, i.airspeed_m_s) for i in self.intentions]
+        )
+        wind, bank_rad = self.rules.wind_m_s, self.settings.airframe.bank_rad
+        headings_rad = np.empty(len(orbits))
+        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
+        if self.rules.avoidance == "rvo":
+            for number, agent in enumerate(self.agents):
+                headings_rad[number] = self._clear_heading(number, agent, headings_rad[number])
+        fly_all(
+            self.places_m, self.motion, headings_rad, orbits[:, 3], *wind, TICK_S, bank_rad,
+            self.velocities_m_s,
+        )  # fmt: skip
+        self.heights_m[:] = [self.settings.altitude_agl_m + i.climb_m for i in self.intentions]
+
+    def agents_m(self) -> Floats:
+        """Where the virtual agents are (n, 2); not a number where there is none."""
+        return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
+
+    def _look_at_safety(self) -> None:
+        """Conflicts are those of what eqs. 14 and 15 want: to circle the virtual agent."""
+        radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
+        orbits = np.array(
+            [
+                (i.orbit_x_m, i.orbit_y_m, i.orbit_radius_m)
+                if math.isnan(i.agent_x_m)
+                else (i.agent_x_m, i.agent_y_m, radius_m)
+                for i in self.intentions
+            ]
+        )
+        headings_rad = np.empty(len(orbits))
+        bank_rad = self.settings.airframe.bank_rad
+        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
+        directions = np.column_stack([np.cos(headings_rad), np.sin(headings_rad)])
+        wanted_m_s = self.motion[:, 1:] * directions + wind
+        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
+
+    def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
+        """The paper's avoidance, by what the agent has heard of the others."""
+        intention = self.intentions[number]
+        heading_rad, _ = clear_heading_rad(
+            *self.places_m[number],
+            *self.velocities_m_s[number],
+            desired_rad,
+            intention.airspeed_m_s,
+            *self.rules.wind_m_s,
+            agent.peers.rows(round(self.at_s * 1e6)),
+            2.0 * self.settings.safety_radius_m,
+            self.settings.neighbourhood_m,
+        )
+        return float(heading_rad)
+
+
+@kernel
+def wanted_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
+    """Fill ``headings_rad`` (n): where eqs. 14 and 15 lead each vehicle."""
+    for k in range(headings_rad.size):
+        headings_rad[k] = wanted_heading_rad(
+            places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
+            orbits[k, 0], orbits[k, 1], orbits[k, 2], wind_x, wind_y, step_s, bank_rad,
+        )  # fmt: skip
+
+
+@kernel
+def fly_all(  # type: ignore[no-untyped-def]
+    places_m, motion, headings_rad, airspeeds_m_s, wind_x, wind_y, step_s, bank_rad, velocities_m_s
+):
+    """One step of all: ``motion`` (n, 2) is heading and airspeed."""
+    for k in range(headings_rad.size):
+        x_m, y_m, heading_rad, airspeed_m_s = steered(
+            places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
+            headings_rad[k], airspeeds_m_s[k], wind_x, wind_y, step_s, bank_rad,
+        )  # fmt: skip
+        places_m[k, 0], places_m[k, 1] = x_m, y_m
+        motion[k, 0], motion[k, 1] = heading_rad, airspeed_m_s
+        velocities_m_s[k, 0] = airspeed_m_s * math.cos(heading_rad) + wind_x
+        velocities_m_s[k, 1] = airspeed_m_s * math.sin(heading_rad) + wind_y
+
+
+def world_grid(shape: tuple[int, int]) -> Grid:
+    """The paper's cells around the middle of the map."""
+    rows, cols = shape
+    return Grid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
+
+
+def _start(number: int) -> tuple[float, float]:
+    """Where a UAV begins: one behind the other, and queue beside queue."""
+    queue, place = divmod(number, QUEUE)
+    along, across = place * QUEUE_M * math.sqrt(0.5), queue * QUEUE_M * math.sqrt(0.5)
+    return BASE_M[0] - along + across, BASE_M[1] - along - across
+
+
+def fly(world: FormationWorld) -> Flight:
+    """Fly a world to the end of its time and measure it as it goes (section 6.2)."""
+    grid, settings = world.grid, world.settings
+    area = MonitoringArea(grid, settings.augmentation_m(grid.cell_m), settings.monitoring_m)
+    measured: list[tuple[float, ...]] = []
+    track: list[tuple[float, Floats, Floats]] = []
+    measure_every, track_every = round(MEASURE_EVERY_S / TICK_S), round(TRACK_EVERY_S / TICK_S)
+    for _ in range(round(world.rules.duration_s / TICK_S)):
+        world.tick()
+        if world.ticks % track_every == 0:
+            track.append((world.at_s, world.places_m.copy(), world.agents_m()))
+        if world.ticks % measure_every == 0:
+            area.burn(world.arrival_s, world.at_s)
+            measured.append(_measured(world, area))
+    track_s, uavs_m, agents_m = zip(*track, strict=True)
+    columns = np.array(measured).T
+    return Flight(
+        world.arrival_s,
+        columns[0],
+        dict(zip(MEASURES, columns[1:], strict=True)),
+        np.array(track_s),
+        np.array(uavs_m),
+        np.array(agents_m),
+        world.safety.closest_m,
+    )
+
+
+MEASURES = (
+    "va_coverage",
+    "uav_coverage",
+    "efficiency",
+    "inaccuracy",
+    "conflicts",
+    "collisions",
+)
+
+
+def _measured(world: FormationWorld, area: MonitoringArea) -> tuple[float, ...]:
+    agents_m = world.agents_m()
+    return (
+        world.at_s,
+        area.agent_coverage(agents_m, world.settings.coverage_radius_m),
+        area.seen_coverage(world.seen_s, world.at_s),
+        area.efficiency([world.view(number) for number in range(len(world.agents))]),
+        inaccuracy_cells(area.fire, [agent.maps.fire for agent in world.agents]),
+        float(world.safety.conflicts),
+        float(world.safety.collisions),
+    )

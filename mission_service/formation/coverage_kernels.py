@@ -1,0 +1,224 @@
+"""Compiled parts of ``coverage``: what a circle adds to others', and ways around the fire.
+
+Lengths are in cells, places are float (row, col) of the grid with whole numbers at the centres of
+cells. Boxes are (top, bottom, left, right), the second and last excluded. The lattice has a node at
+each cell whose row and column are multiples of ``stride``; node (i, j) has the number
+``i * wide + j``.
+
+Indices of inner loops are unsigned: signed ones are tried for being negative each time.
+"""
+
+import math
+
+import numpy as np
+
+from firemodel.compiled import kernel
+
+NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
+RINGS = 8  # so far, in strides, the first free node is looked for
+PER_CELL = 4  # places looked at along a straight way
+NO_WAY = math.inf
+
+
+@kernel
+def extent(fire):  # type: ignore[no-untyped-def]
+    """The least box around all fire (rows, cols); without fire an empty one."""
+    rows, cols = fire.shape
+    top, bottom, left, right = rows, 0, cols, 0
+    for r in range(rows):
+        some = False
+        for c in range(cols):
+            some |= fire[r, c]
+        if some:
+            top, bottom = min(top, r), r + 1
+            first = 0
+            while not fire[r, first]:
+                first += 1
+            last = cols
+            while not fire[r, last - 1]:
+                last -= 1
+            left, right = min(left, first), max(right, last)
+    return top, bottom, left, right
+
+
+@kernel
+def wider(box, by, shape):  # type: ignore[no-untyped-def]
+    """A box made larger on all sides, within the map."""
+    return (
+        max(box[0] - by, 0),
+        min(box[1] + by, shape[0]),
+        max(box[2] - by, 0),
+        min(box[3] + by, shape[1]),
+    )
+
+
+@kernel
+def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums):  # type: ignore[no-untyped-def]
+    """Fill ``sums`` (rows, cols + 1) in the box with sums along rows of weights nobody covers."""
+    top, bottom, left, right = box
+    for r in range(top, bottom):
+        for c in range(left, right):
+            row, col = np.uint64(r), np.uint64(c)
+            weight = NEAR if augmentation[row, col] != 0 else FAR
+            if monitored[row, col] == 0 or fire[row, col]:
+                weight = 0
+            sums[row, np.uint64(c + 1)] = weight
+    for k in range(others_row.size):
+        row_k, col_k = others_row[k], others_col[k]
+        for r in range(
+            max(math.ceil(row_k - radius), top), min(math.floor(row_k + radius) + 1, bottom)
+        ):
+            half = math.sqrt(max(radius * radius - (r - row_k) ** 2, 0.0))
+            for c in range(
+                max(math.ceil(col_k - half), left), min(math.floor(col_k + half) + 1, right)
+            ):
+                sums[np.uint64(r), np.uint64(c + 1)] = 0
+    for r in range(top, bottom):
+        total = 0
+        sums[r, left] = 0
+        for c in range(left, right):
+            total += sums[np.uint64(r), np.uint64(c + 1)]
+            sums[np.uint64(r), np.uint64(c + 1)] = total
+
+
+@kernel
+def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-def]
+    """The weight of ``sum_left_over`` in the circle around a cell; ``half_widths`` by its rows."""
+    top, bottom, left, right = box
+    reach = half_widths.size // 2
+    total = 0
+    for r in range(max(row - reach, top), min(row + reach + 1, bottom)):
+        half = half_widths[np.uint64(r - row + reach)]
+        first, end = max(col - half, left), min(col + half + 1, right)
+        if first < end:
+            total += sums[np.uint64(r), np.uint64(end)] - sums[np.uint64(r), np.uint64(first)]
+    return total
+
+
+@kernel
+def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, crowd):  # type: ignore[no-untyped-def]
+    """What it costs to be so near to others: up to ``neighbour`` each, ``crowd`` when too near."""
+    total = 0.0
+    for k in range(others_row.size):
+        away = math.hypot(row - others_row[k], col - others_col[k])
+        if away < spacing:
+            total += neighbour * (1.0 - away / spacing) ** 2
+        if away < crowd_at:
+            total += crowd * (1.0 - away / crowd_at)
+    return total
+
+
+@kernel
+def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
+    """Whether a cell is on the map and outside the augmentation, by a margin on eight sides."""
+    rows, cols = augmentation.shape
+    if not (0 <= row < rows and 0 <= col < cols) or augmentation[row, col] != 0:
+        return False
+    if margin > 0:
+        slant = math.ceil(margin * 0.7)
+        for down in range(-1, 2):
+            for right in range(-1, 2):
+                step = slant if down != 0 and right != 0 else margin
+                r = min(max(row + step * down, 0), rows - 1)
+                c = min(max(col + step * right, 0), cols - 1)
+                if augmentation[r, c] != 0:
+                    return False
+    return True
+
+
+@kernel
+def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped-def]
+    """Whether the straight way between two places keeps out of the augmentation."""
+    steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
+    for k in range(steps + 1):
+        share = k / max(steps, 1)
+        r = math.floor(row + share * (to_row - row) + 0.5)
+        c = math.floor(col + share * (to_col - col) + 0.5)
+        if not is_free(r, c, augmentation, 0):
+            return False
+    return True
+
+
+@kernel
+def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):  # type: ignore[no-untyped-def]
+    """The way's length from (row, col) to each node in the box, ``NO_WAY`` where there is none.
+
+    ``before`` is the node before it on that way, -1 for the first. The first ones are the free
+    nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
+    whether there are any. ``queue``, ``queued`` are room for an entry a node.
+    """
+    wide = (augmentation.shape[1] - 1) // stride + 1
+    i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
+    j_left, j_end = (box[2] + stride - 1) // stride, (box[3] - 1) // stride + 1
+    for i in range(i_top, i_end):
+        for j in range(j_left, j_end):
+            ways[i * wide + j], queued[i * wide + j] = NO_WAY, False
+    first, count = 0, 0
+    inside = not is_free(math.floor(row + 0.5), math.floor(col + 0.5), augmentation, 0)
+    i0, j0 = math.floor(row / stride), math.floor(col / stride)
+    for ring in range(RINGS):
+        for i in range(max(i0 - ring, i_top), min(i0 + 2 + ring, i_end)):
+            for j in range(max(j0 - ring, j_left), min(j0 + 2 + ring, j_end)):
+                r, c = i * stride, j * stride
+                if is_free(r, c, augmentation, 0) and (
+                    inside or is_clear(row, col, r, c, augmentation)
+                ):
+                    node = i * wide + j
+                    ways[node], before[node] = math.hypot(r - row, c - col), -1
+                    queue[count], queued[node] = node, True
+                    count += 1
+        if count:
+            break
+    found = count > 0
+    slant = stride * math.sqrt(2.0)
+    while count:
+        node = queue[np.uint64(first)]
+        first = (first + 1) % queue.size
+        count -= 1
+        queued[np.uint64(node)] = False
+        i, j = node // wide, node % wide
+        for a in range(max(i - 1, i_top), min(i + 2, i_end)):
+            for b in range(max(j - 1, j_left), min(j + 2, j_end)):
+                longer = ways[np.uint64(node)] + (stride if a == i or b == j else slant)
+                other = np.uint64(a * wide + b)
+                if longer < ways[other] - 1e-9 and is_clear(
+                    i * stride, j * stride, a * stride, b * stride, augmentation
+                ):
+                    ways[other], before[other] = longer, node
+                    if not queued[other]:
+                        queue[np.uint64((first + count) % queue.size)] = other
+                        queued[other] = True
+                        count += 1
+    return found
+
+
+@kernel
+def node_next_to(row, col, stride, box, wide, ways):  # type: ignore[no-untyped-def]
+    """The node around a cell over which the way to it is shortest, -1 if there is none; the way."""
+    best, best_node = NO_WAY, -1
+    for i in range(row // stride, row // stride + 2):
+        for j in range(col // stride, col // stride + 2):
+            r, c = i * stride, j * stride
+            if box[0] <= r < box[1] and box[2] <= c < box[3]:
+                way = ways[i * wide + j] + math.hypot(r - row, c - col)
+                if way < best:
+                    best, best_node = way, i * wide + j
+    return best_node, best
+
+
+@kernel
+def first_leg(row, col, augmentation, box, stride, ways, before, found):  # type: ignore[no-untyped-def]
+    """Put into ``found[2:]`` how far one can go straight on the way to ``found[:2]``.
+
+    Returns whether there is a way (``find_ways``).
+    """
+    wide = (augmentation.shape[1] - 1) // stride + 1
+    goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
+    node, _ = node_next_to(goal_row, goal_col, stride, box, wide, ways)
+    if node < 0:
+        return False
+    while True:
+        found[2], found[3] = node // wide * stride, node % wide * stride
+        if before[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
+            return True
+        node = before[node]

@@ -1,0 +1,339 @@
+"""What UAVs of a formation tell each other, over MQTT: one process a vehicle, or several of them.
+
+Nothing here waits for a broker. What is said goes into a short queue, in which a newer state takes
+the place of an older one; what is lost, maps heal by their digests. While there is no broker the
+vehicle flies on with what it knows.
+"""
+
+import asyncio
+import contextlib
+import errno
+import re
+import socket
+from collections import Counter, deque
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import aiomqtt
+import msgspec
+
+from mission_service.errors import MissionServiceError
+from mission_service.formation.messages import AnyMessage, Difference, Digest, State
+
+PREFIX = "mission-service"
+VERSION = "v1"
+PORT = 1883
+LEAST_WAIT_S, MOST_WAIT_S = 0.25, 8.0  # before the next attempt to reach the broker
+KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
+ANSWER_S = 3.0  # a broker has for an answer ...
+TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
+MOST_WAITING = 200  # messages to go out, besides states
+MOST_UNREAD = 2000
+RECEIVE_BYTES = 32_768  # no more: what waits there is old news
+TIME = "time"  # a kind of its own: mission time of a process, in microseconds
+TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
+BEHIND_US = 10_000_000  # who has only just been held up is told nothing
+OVERTAKEN = ("/state", f"/{TIME}")  # the newest message of these is all that counts
+AHEAD_US = 60_000_000  # of one who talks, others may be
+
+_encode = msgspec.json.Encoder().encode
+_decode = msgspec.json.Decoder(AnyMessage).decode
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    """Where an MQTT broker is."""
+
+    host: str
+    port: int = PORT
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+def read_broker(text: str) -> Broker:
+    """HOST or HOST:PORT. Raises MissionServiceError."""
+    found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\])(?::(\d{1,5}))?", text)
+    port = int(found[2] or PORT) if found else 0
+    if found is None or not 0 < port < 65536:
+        raise MissionServiceError(f"--broker {text}: write it as HOST or HOST:PORT")
+    return Broker(found[1].strip("[]"), port)
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Where the vehicles of one site meet."""
+
+    broker: Broker
+    prefix: str
+    site: str
+
+    def topic(self, vehicle: str, kind: str) -> str:
+        """Where messages of one kind from one vehicle are to be heard; both may be ``+``."""
+        return f"{self.prefix}/{VERSION}/{self.site}/formation/{vehicle}/{kind}"
+
+
+def site_of(scenario_name: str) -> str:
+    """The name of a scenario as one level of a topic."""
+    return re.sub(r"[^\w-]+", "-", scenario_name).strip("-") or "site"
+
+
+def check_prefix(prefix: str) -> str:
+    """The prefix of all topics. Raises MissionServiceError for what is no topic."""
+    if re.fullmatch(r"[^/+#$\s][^+#\s]*(?<!/)", prefix) is None:
+        raise MissionServiceError(
+            f"--prefix {prefix}: it is the beginning of topics, as in uav/east"
+        )
+    return prefix
+
+
+class UnfitError(Exception):
+    """A message that none of this formation's vehicles can have sent."""
+
+
+def channel_of(broker: str, prefix: str, scenario_name: str) -> Channel:
+    """Where the vehicles of a scenario meet. Raises MissionServiceError for what is none."""
+    return Channel(read_broker(broker), check_prefix(prefix), site_of(scenario_name))
+
+
+def encoded(message: AnyMessage) -> tuple[str, bytes]:
+    """A message as it is sent: its kind, the last level of its topic, and JSON."""
+    return type(message).__name__.lower(), _encode(message)
+
+
+def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
+    """What ``vehicle`` has said, at ``latest_us`` of mission time at the latest.
+
+    Raises UnfitError for what it cannot have said. Whether cells are on the map, the map looks.
+    """
+    try:
+        message: AnyMessage = _decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise UnfitError(f"a message that cannot be read: {error}") from None
+    if message.sender != vehicle:
+        raise UnfitError(f"a message of {message.sender}")
+    if message.at_us > latest_us:
+        raise UnfitError(f"a message of mission time {message.at_us / 1e6:.0f} s")
+    if isinstance(message, Difference):
+        seen_us = max((at_us for _, _, at_us, _ in message.cells), default=0)
+        if seen_us > message.at_us + AHEAD_US:
+            raise UnfitError(f"cells seen at {seen_us / 1e6:.0f} s, which is later")
+    return message
+
+
+def decoded_time(payload: bytes, latest_us: int) -> int:
+    """Mission time as another process has it. Raises UnfitError for what is none."""
+    if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
+        raise UnfitError("a time that is none of this mission")
+    return int(payload)
+
+
+class Outbox:
+    """What is still to be sent, the newest states first; of the rest the oldest is dropped."""
+
+    def __init__(self) -> None:
+        self._states: dict[str, AnyMessage] = {}  # by sender
+        self._digests: dict[str, AnyMessage] = {}
+        self._rest: deque[AnyMessage] = deque(maxlen=MOST_WAITING)
+        self.is_not_empty = asyncio.Event()
+
+    def put(self, message: AnyMessage) -> None:
+        """A state or digest takes the place of an older one."""
+        if isinstance(message, State):
+            self._states[message.sender] = message
+        elif isinstance(message, Digest):
+            self._digests[message.sender] = message
+        else:
+            self._rest.append(message)
+        self.is_not_empty.set()
+
+    def take(self) -> AnyMessage | None:
+        """The next to be sent, if any."""
+        if self._states:
+            return self._states.pop(next(iter(self._states)))
+        if self._rest:
+            return self._rest.popleft()
+        if self._digests:
+            return self._digests.pop(next(iter(self._digests)))
+        self.is_not_empty.clear()
+        return None
+
+
+class Inbox(asyncio.Queue[aiomqtt.Message]):
+    """What has come and is still to be handled: of states only the newest of each vehicle.
+
+    A process that falls behind must not live in the past. When full, the oldest is dropped.
+    """
+
+    def _init(self, maxsize: int) -> None:
+        self._queue: dict[object, aiomqtt.Message] = {}
+
+    def _put(self, item: aiomqtt.Message) -> None:
+        overtaken = item.topic.value.endswith(OVERTAKEN)
+        self._queue[item.topic.value if overtaken else object()] = item
+
+    def _get(self) -> aiomqtt.Message:
+        return self._queue.pop(next(iter(self._queue)))
+
+    def put_nowait(self, item: aiomqtt.Message) -> None:
+        """Never full."""
+        if self.full():
+            self.get_nowait()
+        super().put_nowait(item)
+
+
+class Ears(Protocol):
+    """What takes in all that others say."""
+
+    @property
+    def mission_us(self) -> int:
+        """Mission time here."""
+
+    def passed(self, mission_us: int) -> None:
+        """Mission time has come so far elsewhere."""
+
+    def hear(self, message: AnyMessage) -> None:
+        """A vehicle that is flown elsewhere has said something."""
+
+    def tell(self, text: str, warning: bool) -> None:
+        """A line for the user."""
+
+
+class Exchange:
+    """Sends what this process's vehicles (``own``) say, and hears those of other processes.
+
+    ``latest_us`` is the latest mission time there can be.
+    """
+
+    def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
+        self.channel = channel
+        self.connected = False
+        self.sent: Counter[str] = Counter()  # by kind
+        self.refused: Counter[str] = Counter()  # by vehicle
+        self._own = frozenset(own)
+        self._latest_us = latest_us
+        self._outbox = Outbox()
+        self._time_due = asyncio.Event()
+        self._joined = asyncio.Event()  # others have told what time it is
+
+    def say(self, message: AnyMessage) -> None:
+        """Send a message as soon as the broker takes it."""
+        self._outbox.put(message)
+
+    async def run(self, ears: Ears) -> None:
+        """Talk until cancelled, whatever becomes of the broker."""
+        asyncio.get_running_loop().set_exception_handler(_all_but_closed_sockets)
+        broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
+        while not ends:
+            try:
+                async with self._client() as client:
+                    try:
+                        await client.subscribe(self.channel.topic("+", "+"), qos=0)
+                        ears.tell(f"talks to others over {broker}", False)
+                        self.connected, wait_s = True, LEAST_WAIT_S
+                        await self._talk(client, ears)
+                    except asyncio.CancelledError:
+                        ends = True  # even if the broker takes no farewell
+                        raise
+            except aiomqtt.MqttError as error:
+                if self.connected or wait_s == LEAST_WAIT_S:  # told once
+                    text = f"no broker at {broker} ({error}); on its own until there is"
+                    ears.tell(text, True)
+                self.connected = False
+            if not ends:
+                await asyncio.sleep(wait_s)
+            wait_s = min(2.0 * wait_s, MOST_WAIT_S)
+        raise asyncio.CancelledError
+
+    async def join(self) -> None:
+        """Wait a moment until others have told what time it is; returns also if nobody does."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(JOIN_S):
+                await self._joined.wait()
+
+    async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """Until the broker is gone; raises what ends it."""
+        talks = (self._hear, self._send, self._tell_time)
+        tasks = {asyncio.create_task(talk(client, ears)) for talk in talks}
+        try:
+            ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await _end(tasks)
+        for task in ended:
+            task.result()
+
+    def _client(self) -> aiomqtt.Client:
+        return aiomqtt.Client(
+            self.channel.broker.host,
+            self.channel.broker.port,
+            keepalive=KEEPALIVE_S,
+            timeout=ANSWER_S,
+            queue_type=Inbox,
+            socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
+            max_queued_incoming_messages=MOST_UNREAD,
+        )
+
+    async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:
+        while True:
+            await self._outbox.is_not_empty.wait()
+            message = self._outbox.take()
+            if message is not None:
+                kind, payload = encoded(message)
+                topic = self.channel.topic(message.sender, kind)
+                await client.publish(topic, payload, qos=0, timeout=TAKE_S)
+                self.sent[kind] += 1
+
+    async def _tell_time(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """Now and then, and to who is behind: mission time is the latest there is anywhere."""
+        topic = self.channel.topic(min(self._own), TIME)
+        while True:
+            self._time_due.clear()
+            await client.publish(topic, str(ears.mission_us).encode(), qos=0, timeout=TAKE_S)
+            await asyncio.sleep(TIME_LEAST_S)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(TIME_EVERY_S):
+                    await self._time_due.wait()
+
+    async def _hear(self, client: aiomqtt.Client, ears: Ears) -> None:
+        async for told in client.messages:
+            *_, vehicle, kind = str(told.topic).split("/")
+            if vehicle in self._own:
+                continue
+            payload = told.payload if isinstance(told.payload, bytes) else b""
+            try:
+                if kind == TIME:
+                    self._hear_time(decoded_time(payload, self._latest_us), ears)
+                else:
+                    ears.hear(decoded(vehicle, payload, self._latest_us))
+            except UnfitError as problem:
+                if not self.refused[vehicle]:
+                    ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
+                self.refused[vehicle] += 1
+
+    def _hear_time(self, mission_us: int, ears: Ears) -> None:
+        if mission_us < ears.mission_us - BEHIND_US:
+            self._time_due.set()
+        else:
+            self._time_due.clear()  # somebody else has answered
+        ears.passed(mission_us)
+        self._joined.set()
+
+
+def _all_but_closed_sockets(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell."""
+    error = context.get("exception")
+    if not (isinstance(error, OSError) and error.errno == errno.EBADF):
+        loop.default_exception_handler(context)
+
+
+async def _end(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they are: before Python 3.12 ``wait_for`` may swallow a cancellation."""
+    left = tasks
+    while left:
+        for task in left:
+            task.cancel()
+        _, left = await asyncio.wait(left, timeout=0.1)
+    for task in tasks:
+        if not task.cancelled():
+            task.exception()  # seen; one of them is raised

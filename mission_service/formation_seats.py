@@ -1,0 +1,259 @@
+"""The agents of a formation in flight: one a vehicle, each on its own map, talking in one process.
+
+Events become what an agent knows of itself; what one says the others hear at once, in the order of
+the scenario.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+from mission_service.commands import Say
+from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
+from mission_service.events import Observed
+from mission_service.fire_setup import burning_of
+from mission_service.formation.agent import Agent, Intention, Own
+from mission_service.formation.grid import grid_of
+from mission_service.formation.messages import AnyMessage, Leaving, State
+from mission_service.formation.settings import Airframe, Camera, Settings
+from mission_service.formation_lost import Lost, along_its_orbit
+from mission_service.planners.protocol import Decision
+from mission_service.planning import fire_position
+from mission_service.steering import Here
+
+Cells = NDArray[np.int64]
+BURNING, UNBURNED = ord("b"), ord("u")
+FOUR_BY_THREE = 0.75  # of a camera whose angle along the track is not given
+HOT_FOR_S = 1.5  # after the last look at fire straight below
+
+
+def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
+    """Table 1 with what the scenario says of the formation and of this vehicle."""
+    told = scenario.formation
+    across_rad = math.radians(section.camera_fov_deg)
+    along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(across_rad / 2.0))
+    if section.camera_along_deg is not None:
+        along_rad = math.radians(section.camera_along_deg)
+    airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
+    return Settings(
+        monitoring_m=told.monitoring_m,
+        altitude_agl_m=section.altitude_agl_m,
+        loiter_radius_m=section.loiter_radius_m,
+        agent_speed_m_s=told.agent_speed_m_s,
+        safety_radius_m=told.safety_radius_m,
+        neighbourhood_m=told.neighbourhood_m,
+        range_m=told.range_m,
+        camera=Camera(across_rad, along_rad),
+        airframe=airframe,
+    )
+
+
+def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
+    """What the base knows of the fire before the mission, as numbers of cells, in rising order.
+
+    The fire that burns at the start where the scenario gives one, else the cell where it is said
+    to be.
+    """
+    burning = burning_of(scenario, landscape)
+    if burning is not None:
+        return np.flatnonzero(np.isfinite(burning.arrival_s)).astype(np.int64)
+    row, col = landscape.row_col_of(*fire_position(scenario, landscape))
+    return np.array([round(float(row)) * landscape.shape[1] + round(float(col))], dtype=np.int64)
+
+
+class Seat:
+    """What one vehicle's events do to its agent."""
+
+    def __init__(self, agent: Agent, formation: "Formation") -> None:
+        self.agent = agent
+        self.wind_m_s = (0.0, 0.0)  # it blows towards (x, y)
+        self.hot_until_s = -math.inf
+        self.here: Here | None = None
+        self.flies = False
+        self.state: State | None = None  # said last
+        self._formation = formation
+
+    def observe(self, observed: Observed) -> None:
+        """Cells seen burning and unburned; fire straight below counts as heat.
+
+        No autopilot tells the temperature outside.
+        """
+        text = "".join(observed.cells).encode("ascii")
+        codes = np.frombuffer(text, dtype=np.uint8)
+        width, cols = len(observed.cells[0]), self._formation.cols
+        places = np.flatnonzero(codes != ord("."))
+        rows, columns = np.divmod(places, width)
+        cells = (observed.row + rows) * cols + observed.col + columns
+        burns = codes[places] == BURNING
+        self.agent.see(cells[burns], cells[~burns], observed.at_us)
+        self._formation.burns(cells[burns])
+        middle = observed.cells[len(observed.cells) // 2][width // 2]
+        if ord(middle) == BURNING:
+            self.hot_until_s = observed.at_us / 1e6 + HOT_FOR_S
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """The wind as the grid has it."""
+        towards = math.radians(from_deg + 180.0)
+        true_m_s = (speed_m_s * math.sin(towards), speed_m_s * math.cos(towards))
+        self.wind_m_s = self._formation.on_grid(*true_m_s)
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """Nothing: where it is, is for ``Formation.step``."""
+        return None
+
+    def left(self, at_s: float) -> None:
+        """It has no virtual agent until it steps again."""
+        if self.flies:
+            self.flies = False
+            self._formation.leave(self.agent.name, at_s)
+
+
+class Formation:
+    """All agents of a scenario."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
+        grid, fire = grid_of(landscape), first_fire(scenario, landscape)
+        self.cols = grid.cols
+        rows, columns = np.divmod(fire, grid.cols)
+        self._middle = (float(rows.mean()), float(columns.mean()))
+        self._cell_m = grid.cell_m
+        self.centre_m = grid.xy_of(*self._middle)
+        self.reach_m = self._cell_m
+        self.burns(fire)
+        turn = math.radians(landscape.grid_convergence_deg)
+        self._cos, self._sin = math.cos(turn), math.sin(turn)
+        told = scenario.formation
+        self._range_m, self._near_m = told.range_m, told.neighbourhood_m
+        self._talks = told.talks
+        self._said: list[Say] = []
+        self._lost: dict[str, Lost] = {}
+        at_us = round(scenario.start_s * 1e6)
+        self.seats: dict[str, Seat] = {
+            section.name: Seat(
+                Agent(
+                    section.name,
+                    settings_of(scenario, section),
+                    grid,
+                    fire,
+                    at_us,
+                    told.avoidance,
+                    told.synchronises,
+                ),
+                self,
+            )
+            for section in scenario.flown
+        }
+
+    def burns(self, cells: Cells) -> None:
+        """Cells that burn: ``reach_m`` is how far from ``centre_m`` the fire is known to be."""
+        if cells.size:
+            rows, cols = np.divmod(cells, self.cols)
+            off = np.hypot(rows - self._middle[0], cols - self._middle[1])
+            self.reach_m = max(self.reach_m, float(off.max()) * self._cell_m)
+
+    def on_grid(self, east_m_s: float, north_m_s: float) -> tuple[float, float]:
+        """A velocity by true north as (x, y) of the grid, whose north may be another."""
+        return (
+            east_m_s * self._cos - north_m_s * self._sin,
+            east_m_s * self._sin + north_m_s * self._cos,
+        )
+
+    def step(self, name: str, here: Here) -> Intention:
+        """A vehicle of the formation is here now; what it means to fly, told to the others."""
+        seat = self.seats[name]
+        seat.here, seat.flies = here, True
+        velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
+        air_m_s = (velocity_m_s[0] - seat.wind_m_s[0], velocity_m_s[1] - seat.wind_m_s[1])
+        own = Own(
+            round(here.at_s * 1e6),
+            here.x_m,
+            here.y_m,
+            here.altitude_m,
+            *velocity_m_s,
+            math.hypot(*air_m_s),
+            *seat.wind_m_s,
+            here.at_s < seat.hot_until_s,
+        )
+        self._lost.pop(name, None)
+        intention = seat.agent.step(own)
+        self._hand_on(seat, own.at_us)
+        self._speak_for_the_lost(own.at_us)
+        return intention
+
+    def is_near_others(self, name: str) -> bool:
+        """Whether another of the formation is in its neighbourhood."""
+        here = self.seats[name].here
+        return here is not None and any(
+            other.flies
+            and other.here is not None
+            and name != other_name
+            and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
+            for other_name, other in self.seats.items()
+        )
+
+    def leave(self, name: str, at_s: float) -> None:
+        """A vehicle is not of the formation now: on its way home, lost, or on the ground."""
+        seat, at_us = self.seats[name], round(at_s * 1e6)
+        seat.agent.leave(at_us, "left")
+        self._hand_on(seat, at_us)
+
+    def lost(self, name: str) -> None:
+        """The link of a vehicle is lost: others mind it for a while where it must be."""
+        state = self.seats[name].state
+        if state is not None:
+            self._lost[name] = Lost(state, state.at_us)
+
+    def not_lost(self, name: str) -> None:
+        """It is heard again, or is known to fly otherwise."""
+        self._lost.pop(name, None)
+
+    def _speak_for_the_lost(self, at_us: int) -> None:
+        for name, lost in list(self._lost.items()):
+            if lost.over(at_us):
+                del self._lost[name]
+                self._tell(self.seats[name], Leaving(at_us, name, "lost"))
+            elif lost.due(at_us):
+                lost.said_at_us = at_us
+                self._tell(self.seats[name], along_its_orbit(lost.state, at_us))
+
+    def hear(self, name: str, message: AnyMessage) -> None:
+        """A vehicle hears one that another process flies.
+
+        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
+        """
+        seat = self.seats[name]
+        if isinstance(message, State) and seat.here is not None:
+            here_m = (seat.here.x_m, seat.here.y_m)
+            if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
+                return
+        seat.agent.hear(message)
+
+    def said(self) -> list[Say]:
+        """What those of other processes are to be told since the last call."""
+        said, self._said = self._said, []
+        return said
+
+    def _hand_on(self, seat: Seat, at_us: int) -> None:
+        """Everybody hears everything, but of states only those within range."""
+        for message in seat.agent.messages(at_us):
+            if isinstance(message, State):
+                seat.state = message
+            self._tell(seat, message)
+
+    def _tell(self, seat: Seat, message: AnyMessage) -> None:
+        if self._talks:
+            self._said.append(Say(seat.agent.name, message))
+        for other in self.seats.values():
+            if other is not seat and (
+                not isinstance(message, State) or self._is_in_range(seat, other)
+            ):
+                other.agent.hear(message)
+
+    def _is_in_range(self, seat: Seat, other: Seat) -> bool:
+        here, there = seat.here, other.here
+        if here is None or there is None:
+            return True
+        return math.dist((here.x_m, here.y_m), (there.x_m, there.y_m)) <= self._range_m

@@ -1,0 +1,83 @@
+"""What the core knows of one vehicle, whatever it flies, and what flies it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import MissionItem
+from mission_service.commands import Announce, AnyCommand
+from mission_service.config_sections import VehicleSection
+from mission_service.events import AnyEvent
+from mission_service.planners.protocol import Decision
+from mission_service.steering import Here, Presence
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class Pending:
+    """A mission on its way to the vehicle."""
+
+    mission_id: int
+    line: shapely.LineString
+
+
+@dataclass
+class Vehicle:
+    """What the core knows of one vehicle."""
+
+    section: VehicleSection
+    presence: Presence
+    home_m: tuple[float, float]
+    landing: tuple[MissionItem, ...] = ()
+    atomic_upload: bool = False
+    deployed: bool = False
+    started: bool = False
+    holding: bool = False
+    start_again_at_s: float | None = None
+    return_again_at_s: float | None = None
+    going_home: bool = False  # led there, because its time in the air is nearly over
+    sent_home: bool = False
+    pending: Pending | None = None
+    flown_line: shapely.LineString | None = None  # of the mission on board that can be trusted
+    uploaded_at_s: float = -1e9
+    not_before_s: float = -1e9
+    due: str = ""  # why a new mission is due at once
+
+    @property
+    def name(self) -> str:
+        """By the scenario."""
+        return self.section.name
+
+
+class Leader(Protocol):
+    """What a vehicle does in the air, while it can be counted on: along a front, or on orbits."""
+
+    def heard(self, vehicle: Vehicle, event: AnyEvent) -> list[AnyCommand]:
+        """Take note of any event; it has been taken in by ``Steering`` already."""
+
+    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+        """What there is to tell at a position."""
+
+    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """What the vehicle is to do now; it flies, and has time left."""
+
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
+
+    def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
+        """Where its first mission leads: (n, 2) x, y in metres."""
+
+    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+        """The mission that flies a path and loiters at its end."""
+
+    def in_mission(self, name: str) -> bool:
+        """Whether the vehicle, in the air, flies the mission it has on board."""
+
+
+def say(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
+    """A line for the operator."""
+    return Announce(vehicle.name, text, "warning" if warning else "info")

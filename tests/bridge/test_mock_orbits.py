@@ -1,0 +1,59 @@
+"""The mock on orbits, as the real ones fly them (PX4 1.17, ArduPlane 4.6.2)."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import ModeChanged, Position
+from autopilot_bridge.stacks import Stack
+from tests.bridge.helpers import Pair
+from tests.bridge.mock_talk import PLANE, PX4
+from tests.bridge.test_orders import PLACE, accepted, airborne, distances_m, turned_deg
+
+NAN = math.nan
+planes = pytest.mark.parametrize("stack", [PX4, PLANE], ids=lambda stack: stack.name)
+
+
+def speed_m_s(pair: Pair) -> float:
+    here = pair.of(Position)[-1]
+    return math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+
+
+def test_arduplane_circles_wider_than_asked() -> None:
+    pair = airborne(PLANE)
+    accepted(pair, pair.client.orbit(*PLACE, 390.0, -150.0, pair.now_us, speed_m_s=22.0))
+    pair.run_for(120.0)
+    assert distances_m(pair, PLACE)[-1] == pytest.approx(162.0, abs=1.5)
+    assert turned_deg(pair, PLACE) < 0.0
+
+
+def test_a_px4_plane_orbits_where_it_is_by_its_own_radius_if_nothing_is_said() -> None:
+    pair = airborne(PX4)
+    here = pair.of(Position)[-1]
+    orbit = mavlink.MAVLink_command_int_message(
+        1, 1, 0, mavlink.MAV_CMD_DO_ORBIT, 0, 0, NAN, NAN, NAN, NAN, 2**31 - 1, 2**31 - 1, NAN
+    )
+    pair.client._send(orbit)
+    pair.run_for(120.0)
+    there = (here.lat_deg, here.lon_deg)
+    assert distances_m(pair, there)[-1] == pytest.approx(80.0, abs=8.0)  # it moved on meanwhile
+    assert turned_deg(pair, there) > 0.0
+    assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(here.altitude_amsl_m, abs=5.0)
+
+
+@planes
+def test_a_speed_survives_a_new_orbit_and_goes_with_a_change_of_mode(stack: Stack) -> None:
+    pair = airborne(stack)
+    cruise_m_s = speed_m_s(pair)
+    accepted(pair, pair.client.orbit(*PLACE, 390.0, -120.0, pair.now_us))
+    accepted(pair, pair.client.change_speed(13.0, pair.now_us))
+    pair.run_for(20.0)
+    accepted(pair, pair.client.orbit(PLACE[0] + 0.001, PLACE[1], 390.0, -120.0, pair.now_us))
+    pair.run_for(20.0)
+    assert speed_m_s(pair) == pytest.approx(13.0, abs=0.1)
+    accepted(pair, pair.client.return_home(pair.now_us))
+    pair.run_for(20.0)
+    assert pair.of(ModeChanged)[-1].name == "return"
+    assert speed_m_s(pair) == pytest.approx(cruise_m_s, abs=0.1)
+    assert cruise_m_s > 15.0

@@ -1,0 +1,303 @@
+"""What UAVs say over MQTT, with a real Mosquitto: nothing waits for it, nothing absurd comes in."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import aiomqtt
+import pytest
+
+from benchmarks.mosquitto import MOSQUITTO, Mosquitto
+from mission_service.errors import MissionServiceError
+from mission_service.formation.messages import (
+    AnyMessage,
+    Difference,
+    Digest,
+    FireUpdate,
+    Leaving,
+    State,
+)
+from mission_service.formation_mqtt import (
+    MOST_WAITING,
+    Broker,
+    Channel,
+    Exchange,
+    Inbox,
+    Outbox,
+    UnfitError,
+    check_prefix,
+    decoded,
+    encoded,
+    read_broker,
+    site_of,
+)
+
+needs_mosquitto = pytest.mark.skipif(
+    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
+)
+CELLS = 10_000
+CHANNEL = Channel(Broker("127.0.0.1"), "test", "fire")
+LATEST_US = 3_600_000_000
+
+
+def state(sender: str, at_us: int) -> State:
+    return State(at_us, sender, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, -150.0, 17.5, False)
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    mosquitto = Mosquitto(tmp_path)
+    yield mosquitto
+    mosquitto.kill()
+
+
+class Talker:
+    """One vehicle's end of the exchange, and what came out of it."""
+
+    def __init__(self, name: str, port: int) -> None:
+        self.name = name
+        self.heard: list[AnyMessage] = []
+        self.told: list[str] = []
+        self.mission_us = 0
+        channel = Channel(Broker("127.0.0.1", port), "test", "fire")
+        self.exchange = Exchange(channel, [name], LATEST_US)
+
+    def passed(self, mission_us: int) -> None:
+        self.mission_us = max(self.mission_us, mission_us)
+
+    def hear(self, message: AnyMessage) -> None:
+        self.heard.append(message)
+
+    def tell(self, text: str, warning: bool) -> None:
+        self.told.append(text)
+
+    def says(self, at_us: int) -> None:
+        self.exchange.say(state(self.name, at_us))
+
+
+@asynccontextmanager
+async def talking(port: int, *names: str) -> AsyncIterator[list[Talker]]:
+    talkers = [Talker(name, port) for name in names]
+    tasks = [asyncio.create_task(talker.exchange.run(talker)) for talker in talkers]
+    try:
+        yield talkers
+        assert not any(task.done() for task in tasks)
+    finally:
+        for task in tasks:
+            task.cancel()
+        _, left = await asyncio.wait(tasks, timeout=10.0)
+        assert not left, "it does not end"
+
+
+async def until(what: Callable[[], bool], within_s: float = 10.0) -> None:
+    end_s = time.monotonic() + within_s
+    while not what():
+        assert time.monotonic() < end_s, "it did not come about"
+        await asyncio.sleep(0.01)
+
+
+ALL_KINDS: tuple[AnyMessage, ...] = (
+    state("hawk", 1),
+    FireUpdate(2, "hawk", (3, 4), (5,)),
+    Digest(3, "hawk", ((1, 99),), 0, 9),
+    Difference(4, "hawk", ((7, 2, 3, True),), (1,)),
+    Leaving(5, "hawk", "fuel"),
+)
+
+
+@needs_mosquitto
+def test_all_kinds_reach_the_others_and_nobody_hears_itself(broker: Mosquitto) -> None:
+    async def talk() -> None:
+        async with talking(broker.port, "hawk", "kite", "wren") as (hawk, kite, wren):
+            await until(lambda: all(one.exchange.connected for one in (hawk, kite, wren)))
+            for message in ALL_KINDS:
+                hawk.exchange.say(message)
+            await until(lambda: len(kite.heard) == len(wren.heard) == len(ALL_KINDS))
+            assert set(kite.heard) == set(wren.heard) == set(ALL_KINDS)
+            assert hawk.heard == []
+
+    broker.start()
+    asyncio.run(talk())
+
+
+@needs_mosquitto
+def test_what_nobody_can_have_said_is_left_out_and_told_once(broker: Mosquitto) -> None:
+    async def talk() -> None:
+        async with (
+            talking(broker.port, "kite") as (kite,),
+            aiomqtt.Client("127.0.0.1", broker.port) as stranger,
+        ):
+            await until(lambda: kite.exchange.connected)
+            topic = CHANNEL.topic("hawk", "fireupdate")
+            for payload in (b"", b"\xff{", b'{"type":"State"}', encoded(state("wren", 1))[1]):
+                await stranger.publish(topic, payload)
+            await stranger.publish(CHANNEL.topic("hawk", "odd"), b"x")
+            await stranger.publish(topic, encoded(state("hawk", 9))[1])
+            await until(lambda: bool(kite.heard))
+            assert kite.heard == [state("hawk", 9)]
+            assert kite.exchange.refused == {"hawk": 5}
+            assert len([line for line in kite.told if "left out" in line]) == 1
+
+    broker.start()
+    asyncio.run(talk())
+
+
+@needs_mosquitto
+def test_mission_time_is_the_latest_there_is_and_who_joins_is_told_at_once(
+    broker: Mosquitto,
+) -> None:
+    async def talk() -> None:
+        async with talking(broker.port, "hawk", "kite") as (hawk, kite):
+            await until(lambda: hawk.exchange.connected and kite.exchange.connected)
+            hawk.mission_us = 600_000_000
+            await until(lambda: kite.mission_us == 600_000_000)
+            await asyncio.sleep(1.2)  # both have just told it
+            async with talking(broker.port, "wren") as (wren,):
+                await until(lambda: wren.exchange.connected)
+                began_s = time.monotonic()
+                await until(lambda: wren.mission_us == 600_000_000)
+                assert time.monotonic() - began_s < 0.5
+            async with aiomqtt.Client("127.0.0.1", broker.port) as stranger:
+                absurd = (b"", b"-1", b"nan", b"9" * 17, str(LATEST_US + 1).encode())
+                for number, payload in enumerate(absurd, start=1):
+                    await stranger.publish(CHANNEL.topic("crow", "time"), payload)
+                    await until(lambda number=number: hawk.exchange.refused["crow"] == number)  # type: ignore[misc]
+            assert hawk.mission_us == 600_000_000
+
+    broker.start()
+    asyncio.run(talk())
+
+
+@needs_mosquitto
+def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> None:
+    async def talk() -> None:
+        async with talking(broker.port, "hawk", "kite") as (hawk, kite):
+            for at_us in range(1000):  # nobody there: the newest state is what remains
+                hawk.says(at_us)
+            await until(lambda: any("on its own" in line for line in hawk.told))
+            broker.start()
+            await until(lambda: hawk.exchange.connected and kite.exchange.connected)
+            await until(lambda: hawk.exchange.sent["state"] == 1)
+            hawk.says(1000)
+            await until(lambda: state("hawk", 1000) in kite.heard)
+            assert set(kite.heard) <= {state("hawk", 999), state("hawk", 1000)}
+            for number in range(2):
+                broker.kill()
+                await until(lambda: not hawk.exchange.connected and not kite.exchange.connected)
+                hawk.says(2000 + number)
+                broker.start()
+                await until(lambda: hawk.exchange.connected and kite.exchange.connected)
+                hawk.says(3000 + number)
+                last = state("hawk", 3000 + number)
+                await until(lambda last=last: last in kite.heard)  # type: ignore[misc]
+            assert len(hawk.told) <= 6, hawk.told
+
+    asyncio.run(talk())
+
+
+@needs_mosquitto
+def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
+    async def talk() -> None:
+        async with talking(broker.port, "hawk", "kite") as (hawk, kite):
+            await until(lambda: hawk.exchange.connected and kite.exchange.connected)
+            broker.freeze(True)
+            longest_s, last_s = 0.0, time.monotonic()
+            cells = tuple(range(CELLS))
+            for number in range(200):  # some 10 MB: more than sockets hold
+                hawk.says(number)
+                hawk.exchange.say(FireUpdate(number, "hawk", cells))
+                await asyncio.sleep(0.005)
+                now_s = time.monotonic()
+                longest_s, last_s = max(longest_s, now_s - last_s), now_s
+            assert longest_s < 5.0
+            assert hawk.exchange.sent["fireupdate"] < 200  # the rest waits, or is dropped
+            broker.freeze(False)
+            hawk.says(1000)
+            await until(lambda: state("hawk", 1000) in kite.heard, 20.0)
+
+    broker.start()
+    asyncio.run(talk())
+
+
+@needs_mosquitto
+def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
+    async def talk() -> None:
+        async with talking(broker.port, "hawk") as (hawk,):
+            await until(lambda: hawk.exchange.connected)
+            broker.freeze(True)
+
+    broker.start()
+    asyncio.run(talk())
+
+
+def test_who_falls_behind_hears_only_the_newest_state_of_each() -> None:
+    inbox = Inbox(maxsize=3)
+    for at_us in range(50):
+        for name in ("hawk", "kite"):
+            payload = encoded(state(name, at_us))[1]
+            inbox.put_nowait(
+                aiomqtt.Message(CHANNEL.topic(name, "state"), payload, 0, False, 0, None)
+            )
+    update = aiomqtt.Message(CHANNEL.topic("hawk", "fireupdate"), b"1", 0, False, 0, None)
+    inbox.put_nowait(update)
+    got = [inbox.get_nowait() for _ in range(inbox.qsize())]
+    assert [each.payload for each in got[:2]] == [
+        encoded(state(name, 49))[1] for name in ("hawk", "kite")
+    ]
+    for _ in range(5):
+        inbox.put_nowait(update)
+    assert inbox.qsize() == 3
+
+
+def test_newer_states_overtake_and_the_rest_is_bounded() -> None:
+    outbox = Outbox()
+    for at_us in range(MOST_WAITING * 3):
+        outbox.put(state("hawk", at_us))
+        outbox.put(Digest(at_us, "hawk", ()))
+        outbox.put(FireUpdate(at_us, "hawk", (1,)))
+    taken = []
+    while (message := outbox.take()) is not None:
+        taken.append(message)
+    last_us = MOST_WAITING * 3 - 1
+    assert taken[0] == state("hawk", last_us)
+    assert taken[-1] == Digest(last_us, "hawk", ())
+    updates = [message.at_us for message in taken if isinstance(message, FireUpdate)]
+    assert updates == list(range(MOST_WAITING * 2, MOST_WAITING * 3))
+    assert not outbox.is_not_empty.is_set()
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (state("kite", 1), "a message of kite"),
+        (state("hawk", LATEST_US + 1), "of mission time 3600 s"),
+        (Difference(1, "hawk", ((1, 1, 61_000_002, True),)), "seen at 61 s"),
+        (FireUpdate(1, "hawk", (-1,)), "cannot be read"),
+    ],
+)
+def test_messages_that_would_do_harm_are_named(message: AnyMessage, words: str) -> None:
+    with pytest.raises(UnfitError, match=words):
+        decoded("hawk", encoded(message)[1], LATEST_US)
+
+
+@pytest.mark.parametrize("message", ALL_KINDS)
+def test_messages_come_back_as_they_were(message: AnyMessage) -> None:
+    assert decoded("hawk", encoded(message)[1], LATEST_US) == message
+
+
+def test_names_of_brokers_and_topics() -> None:
+    assert read_broker("broker.local") == Broker("broker.local", 1883)
+    assert str(read_broker("127.0.0.1:1884")) == "127.0.0.1:1884"
+    assert read_broker("[::1]:1884") == Broker("::1", 1884)
+    for text in ("", "a:b", "a:0", "a:70000", "mqtt://a", "a b"):
+        with pytest.raises(MissionServiceError, match="HOST:PORT"):
+            read_broker(text)
+    assert check_prefix("uav/east") == "uav/east"
+    for text in ("", "/a", "a/", "a/#", "+", "a b", "$SYS"):
+        with pytest.raises(MissionServiceError, match="topics"):
+            check_prefix(text)
+    assert site_of("Eight UAVs / #1") == "Eight-UAVs-1"
+    assert site_of("/") == "site"
+    assert CHANNEL.topic("hawk", "+") == "test/v1/fire/formation/hawk/+"
