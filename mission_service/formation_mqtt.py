@@ -30,6 +30,7 @@ ANSWER_S = 3.0  # a broker has for an answer ...
 TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
+READ_S = 0.02  # between one look at what has come and the next
 RECEIVE_BYTES = 32_768  # no more: what waits there is old news
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
@@ -213,7 +214,7 @@ class Exchange:
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
-        self._outbox = Outbox()
+        self._outbox, self._inbox = Outbox(), Inbox(MOST_UNREAD)
         self._time_due = asyncio.Event()
         self._joined = asyncio.Event()  # others have told what time it is
 
@@ -264,14 +265,14 @@ class Exchange:
             task.result()
 
     def _client(self) -> aiomqtt.Client:
+        self._inbox = Inbox(MOST_UNREAD)
         return aiomqtt.Client(
             self.channel.broker.host,
             self.channel.broker.port,
             keepalive=KEEPALIVE_S,
             timeout=ANSWER_S,
-            queue_type=Inbox,
+            queue_type=lambda maxsize: self._inbox,  # type: ignore[arg-type]  # any callable does
             socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
-            max_queued_incoming_messages=MOST_UNREAD,
         )
 
     async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:
@@ -297,19 +298,25 @@ class Exchange:
 
     async def _hear(self, client: aiomqtt.Client, ears: Ears) -> None:
         async for told in client.messages:
-            *_, vehicle, kind = str(told.topic).split("/")
-            if vehicle in self._own:
-                continue
-            payload = told.payload if isinstance(told.payload, bytes) else b""
-            try:
-                if kind == TIME:
-                    self._hear_time(decoded_time(payload, self._latest_us), ears)
-                else:
-                    ears.hear(decoded(vehicle, payload, self._latest_us))
-            except UnfitError as problem:
-                if not self.refused[vehicle]:
-                    ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
-                self.refused[vehicle] += 1
+            self._take(told, ears)
+            while not self._inbox.empty():
+                self._take(self._inbox.get_nowait(), ears)
+            await asyncio.sleep(READ_S)  # meanwhile more comes: who is busy handles only the newest
+
+    def _take(self, told: aiomqtt.Message, ears: Ears) -> None:
+        *_, vehicle, kind = told.topic.value.split("/")
+        if vehicle in self._own:
+            return
+        payload = told.payload if isinstance(told.payload, bytes) else b""
+        try:
+            if kind == TIME:
+                self._hear_time(decoded_time(payload, self._latest_us), ears)
+            else:
+                ears.hear(decoded(vehicle, payload, self._latest_us))
+        except UnfitError as problem:
+            if not self.refused[vehicle]:
+                ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
+            self.refused[vehicle] += 1
 
     def _hear_time(self, mission_us: int, ears: Ears) -> None:
         if mission_us < ears.mission_us - BEHIND_US:
