@@ -1,8 +1,8 @@
 """What UAVs of a formation tell each other, over MQTT: one process a vehicle, or several of them.
 
 Nothing here waits for a broker. What is said goes into a short queue, in which a newer state takes
-the place of an older one; what is lost, maps heal by their digests. While there is no broker the
-vehicle flies on with what it knows.
+the place of an older one; what is lost, maps heal by their digests. While there is no broker all
+circle on where they are: whoever moved would not know who is in its way.
 """
 
 import asyncio
@@ -24,7 +24,7 @@ from mission_service.formation.messages import AnyMessage, Difference, Digest, S
 PREFIX = "mission-service"
 VERSION = "v1"
 PORT = 1883
-LEAST_WAIT_S, MOST_WAIT_S = 0.25, 8.0  # before the next attempt to reach the broker
+LEAST_WAIT_S, MOST_WAIT_S = 0.25, 2.0  # before the next attempt to reach the broker
 KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
 ANSWER_S = 3.0  # a broker has for an answer ...
 TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
@@ -197,6 +197,9 @@ class Ears(Protocol):
     def hear(self, message: AnyMessage) -> None:
         """A vehicle that is flown elsewhere has said something."""
 
+    def contact(self, there: bool) -> None:
+        """Others can be talked to, or no longer."""
+
     def tell(self, text: str, warning: bool) -> None:
         """A line for the user."""
 
@@ -216,6 +219,7 @@ class Exchange:
         self._latest_us = latest_us
         self._outbox, self._inbox = Outbox(), Inbox(MOST_UNREAD)
         self._time_due = asyncio.Event()
+        self._in_contact = False
         self._joined = asyncio.Event()  # others have told what time it is
 
     def say(self, message: AnyMessage) -> None:
@@ -239,9 +243,10 @@ class Exchange:
                         raise
             except aiomqtt.MqttError as error:
                 if self.connected or wait_s == LEAST_WAIT_S:  # told once
-                    text = f"no broker at {broker} ({error}); on its own until there is"
+                    text = f"no broker at {broker} ({error}); it stays where it is until there is"
                     ears.tell(text, True)
                 self.connected = False
+                self._lose_contact(ears)
             if not ends:
                 await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MOST_WAIT_S)
@@ -255,7 +260,7 @@ class Exchange:
 
     async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
         """Until the broker is gone; raises what ends it."""
-        talks = (self._hear, self._send, self._tell_time)
+        talks = (self._hear, self._send, self._tell_time, self._find_contact)
         tasks = {asyncio.create_task(talk(client, ears)) for talk in talks}
         try:
             ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -284,6 +289,18 @@ class Exchange:
                 topic = self.channel.topic(message.sender, kind)
                 await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
+
+    def _lose_contact(self, ears: Ears) -> None:
+        if self._in_contact:
+            self._in_contact = False
+            ears.contact(False)
+
+    async def _find_contact(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """All come back to a broker within this time: who is not heard then is not there."""
+        await asyncio.sleep(MOST_WAIT_S + 0.5)
+        self._in_contact = True
+        ears.contact(True)
+        await asyncio.Event().wait()
 
     async def _tell_time(self, client: aiomqtt.Client, ears: Ears) -> None:
         """Now and then, and to who is behind: mission time is the latest there is anywhere."""
