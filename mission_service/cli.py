@@ -13,6 +13,7 @@ from mission_service.cli_parts import JSON, OVERRIDE, SIGNING_KEY, TLOG, echo, f
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
 from mission_service.mission_cli import mission, signing
+from mission_service.tune_cli import tune
 
 
 class Guarded(click.Group):
@@ -47,7 +48,7 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment):
+for group in (fire, bench, mission, signing, experiment, tune):
     main.add_command(group)
 
 
@@ -349,10 +350,10 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         return
     for vehicle in summary["vehicles"]:
-        click.echo(
-            f"{vehicle['name']}: {vehicle['decisions']} decisions, "
-            f"{vehicle['reversals']} reversals, uploads {vehicle['uploads']}"
-        )
+        done = f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
+        if vehicle["orders"]:
+            done = f"orders {vehicle['orders']}"
+        click.echo(f"{vehicle['name']}: {done}, uploads {vehicle['uploads']}")
     if closest_m is not None:
         click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(

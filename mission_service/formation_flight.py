@@ -24,6 +24,7 @@ from mission_service.events import (
     CommandFinished,
     Contact,
     Heard,
+    LinkLost,
     LinkRestored,
     ModeChanged,
     UploadFinished,
@@ -52,10 +53,13 @@ from mission_service.vehicle import Vehicle, say
 
 Floats = NDArray[np.float64]
 
-ORBIT_EVERY_S, ESCAPE_EVERY_S = 2.0, 0.5
-ORBIT_MOVES_M, RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 20.0, 1.0, 5.0
+ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
+# Where others are near, what is flown must be what its agent has said and checked.
+NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
+RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 LOOK_DOWN_EVERY_S = 10.0
 SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
+CLIMBS_BELOW_M = 30.0
 SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 AGAIN_AFTER_S = 5.0
@@ -83,7 +87,7 @@ class Led:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float | None = None  # led by its agent, at most until then
+    goes_home_until_s: float = math.inf  # led by its agent, at most until then
     sending: Circle | None = None  # what a mission under way ends in
     loiter: Circle | None = None  # what the mission on board ends in
 
@@ -114,9 +118,12 @@ class FormationFlight:
                 self._finished(led, event, at_s)
             case UploadFinished() if vehicle.pending is None:
                 led.loiter = led.sending if event.outcome == "accepted" else None
+            case LinkLost() if led.taken_over:
+                self.formation.lost(vehicle.name)
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
             case VehicleRebooted():
+                self.formation.not_lost(vehicle.name)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 commands += self._mode_changed(vehicle, led, event, at_s)
@@ -148,7 +155,7 @@ class FormationFlight:
             case "orbit":
                 led.circle, led.orbit_at_s = None, at_s + AGAIN_AFTER_S - ORBIT_EVERY_S
             case "change speed":
-                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S - SPEED_EVERY_S
+                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S
             case _:
                 led.start_not_before_s = at_s + 2.0 * AGAIN_AFTER_S
 
@@ -157,9 +164,11 @@ class FormationFlight:
     ) -> list[AnyCommand]:
         if not event.armed:
             self.formation.seats[vehicle.name].agent.come_back()
+            self.formation.not_lost(vehicle.name)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
-        led.mode, led.airspeed_m_s = event.mode, None  # both stacks forget the speed with the mode
+        if event.mode != led.mode:  # both stacks forget the speed with the mode
+            led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":
             led.leads = True
             if led.loiter is None or led.loiter != led.circle:
@@ -170,6 +179,7 @@ class FormationFlight:
             return []
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
         self.formation.seats[vehicle.name].left(at_s)
+        self.formation.not_lost(vehicle.name)
         if vehicle.presence.recalled:
             return []
         words = f"mode {event.mode} is not ours: not led until it is back in its mission"
@@ -224,13 +234,11 @@ class FormationFlight:
         if led.order == "orbit" or here.at_s < vehicle.not_before_s:
             return []
         settled = self._has_settled(led, here)
-        if led.loiter is not None:
-            if circle == led.loiter:
+        if led.loiter is not None and not settled:
+            near = math.dist(circle.centre_m, led.loiter.centre_m) < RENEW_BEYOND_M
+            if near or here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
-            off_m = math.dist(circle.centre_m, led.loiter.centre_m)
-            if not settled and off_m < RENEW_BEYOND_M:
-                return []
-        if not settled and here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
+        if circle == led.loiter:
             return []
         led.sending = circle
         items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing)
@@ -260,7 +268,8 @@ class FormationFlight:
             intention.orbit_radius_m,
             intention.climb_m,
         )
-        orbit_due = self._orbit_due(vehicle, led, wanted, here)
+        near = not intention.settled and self.formation.is_near_others(vehicle.name)
+        orbit_due = self._orbit_due(vehicle, led, wanted, here, near)
         if orbit_due or not intention.settled:
             led.settled_since_s = None
         elif led.settled_since_s is None:
@@ -275,7 +284,7 @@ class FormationFlight:
             led.start_not_before_s = here.at_s + AGAIN_AFTER_S
             commands.append(StartMission(vehicle.name))
         else:
-            commands += self._speed(vehicle, led, intention, here)
+            commands += self._speed(vehicle, led, intention, here, near)
         return [*commands, *self._renew(vehicle, led, here)]
 
     def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
@@ -284,7 +293,8 @@ class FormationFlight:
         away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not led.taken_over:
             return None
-        if led.goes_home_until_s is None:
+        if not vehicle.going_home:
+            vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             led.goes_home_until_s = here.at_s + away_m / slow_m_s
             self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
@@ -303,14 +313,17 @@ class FormationFlight:
         led.taken_over = here.altitude_m >= ground_m + clear_m
         return led.taken_over
 
-    def _orbit_due(self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here) -> bool:
+    def _orbit_due(
+        self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here, near: bool
+    ) -> bool:
         flown = led.circle
         if flown is None:
             return here.at_s - led.orbit_at_s >= ORBIT_EVERY_S
         wider = abs(wanted.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
-        if here.at_s - led.orbit_at_s < (ESCAPE_EVERY_S if wider else ORBIT_EVERY_S):
+        if here.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
             return False
-        if wider or math.dist(wanted.centre_m, flown.centre_m) > ORBIT_MOVES_M:
+        moves_m = NEAR_MOVES_M if near else ORBIT_MOVES_M
+        if wider or math.dist(wanted.centre_m, flown.centre_m) > moves_m:
             return True
         if abs(wanted.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
             return True
@@ -335,13 +348,17 @@ class FormationFlight:
         return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
 
     def _speed(
-        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here
+        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here, near: bool
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.least_airspeed_m_s, section.most_airspeed_m_s
+        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # to climb takes speed
+            least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
-        if here.at_s - led.speed_at_s < SPEED_EVERY_S:
+        # In another mode at once: there it flies as fast as it likes.
+        every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
+        if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
             return []
         if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
             return []

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from mission_service.errors import MissionServiceError
+from mission_service.formation.fire_maps import AgentMaps
+from mission_service.formation.grid import Grid
+from mission_service.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 LEAST_STEP_CELLS = 1.0 / 16.0
@@ -199,8 +202,37 @@ def best_placement(
         found = float(settle(part, taken, free, places, order, radius_cells, sums))
         if found > best + 1e-9:
             best, best_places = found, places
+        if best >= weights.sum() - 1e-9:
+            break
     best = float(refine(part, taken, free, best_places, radius_cells))
     return Placement(best_places + corner, best / float(weights.sum()))
+
+
+def best_around(
+    fire: NDArray[np.bool_], grid: Grid, settings: Settings, count: int, seed: int = 0
+) -> Placement:
+    """The best found places of ``count`` virtual agents around a fire (y, x), see above."""
+    maps = AgentMaps(
+        grid.shape,
+        grid.cell_m,
+        settings.augmentation_m(grid.cell_m),
+        settings.agent_area_m,
+        settings.monitoring_m,
+    )
+    maps.set(np.flatnonzero(fire), np.empty(0, dtype=np.int64))
+    return best_placement(
+        weights_of(maps),
+        maps.augmentation == 0,
+        count,
+        settings.coverage_radius_m / grid.cell_m,
+        seed=seed,
+    )
+
+
+def weights_of(maps: AgentMaps) -> Floats:
+    """The monitoring-area map (section 3.4), (y, x): 1 near fire, 0.2 within d_mon, else 0."""
+    weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
+    return np.where(maps.fire, 0.0, weights)
 
 
 def _near(cells: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bool_]:

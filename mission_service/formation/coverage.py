@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 WAY_PER_M = 0.03  # what a metre of way costs
 # Others nearer than the spacing cost up to this, nearer than the second number up to the third.
-NEIGHBOUR, CROWD_M, CROWD = 20.0, 150.0, 5000.0
+NEIGHBOUR, CROWD_M, CROWD = 800.0, 150.0, 5000.0
 LATTICE_M = 60.0
 MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
 ARRIVED_M = 0.5
@@ -299,22 +299,32 @@ def _next_errand(  # type: ignore[no-untyped-def]
         spacing,
         crowd_at,
     )
-    # What there is already: the goal, unless the fire has come.
+    # What there is already: the goal, unless the fire has come; and what is near it.
     found[0], found[1] = goal_row, goal_col
     r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
-    best, chosen_row, chosen_col = -math.inf, -1, -1
+    least, best = -math.inf, -math.inf
     if is_free(r, c, augmentation, 0):
-        best = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        least = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        near_row, near_col = climb(r, c, stride, scene)
+        way = math.hypot(near_row - row, near_col - col)
+        best = value(near_row, near_col, scene) - way_cost * way
+        if best > least:
+            found[0], found[1] = near_row, near_col
+    # What there is elsewhere: on the lattice, and from there uphill.
     field = wider(burning, area_reach, fire.shape)
+    on_lattice, node_row, node_col = -math.inf, -1, -1
     for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
         for c in range((field[2] + stride - 1) // stride * stride, field[3], stride):
             if area[r, c] != 0 and augmentation[r, c] == 0:
                 new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
-                if new > best:
-                    best, chosen_row, chosen_col = new, r, c
-    if chosen_row >= 0:
-        found[0], found[1] = climb(chosen_row, chosen_col, stride, scene)
-    elif best == -math.inf:
+                if new > on_lattice:
+                    on_lattice, node_row, node_col = new, r, c
+    if node_row >= 0:
+        r, c = climb(node_row, node_col, stride, scene)
+        new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        if new > max(best, least):
+            found[0], found[1] = r, c
+    elif least == -math.inf:
         return False
     found[2], found[3] = found[0], found[1]
     if is_clear(row, col, found[0], found[1], augmentation):

@@ -16,6 +16,7 @@ from firemodel.compiled import kernel
 
 NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
 RINGS = 8  # so far, in strides, the first free node is looked for
+PER_CELL = 4  # places looked at along a straight way
 NO_WAY = math.inf
 
 
@@ -128,7 +129,7 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
 @kernel
 def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped-def]
     """Whether the straight way between two places keeps out of the augmentation."""
-    steps = math.ceil(max(abs(to_row - row), abs(to_col - col)))
+    steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
     for k in range(steps + 1):
         share = k / max(steps, 1)
         r = math.floor(row + share * (to_row - row) + 0.5)
@@ -180,9 +181,8 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
             for b in range(max(j - 1, j_left), min(j + 2, j_end)):
                 longer = ways[np.uint64(node)] + (stride if a == i or b == j else slant)
                 other = np.uint64(a * wide + b)
-                if (
-                    longer < ways[other] - 1e-9
-                    and augmentation[np.uint64(a * stride), np.uint64(b * stride)] == 0
+                if longer < ways[other] - 1e-9 and is_clear(
+                    i * stride, j * stride, a * stride, b * stride, augmentation
                 ):
                     ways[other], before[other] = longer, node
                     if not queued[other]:

@@ -28,12 +28,11 @@ def unroll(  # type: ignore[no-untyped-def]
 ):
     """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
 
-    ``before`` (2, n) is room for where they were. Every agent hears all others. Returns how many
-    agents were at some moment where ``danger`` (a map like the others) is set.
+    ``before`` (2, n) is room for where they were. Every agent hears all others. Returns for how
+    many steps agents, taken together, were where ``danger`` (a map like the others) is set.
     """
     n = agents.shape[1]
     touched = 0
-    burnt = 0  # a bit an agent
     for _ in range(steps):
         for i in range(n):
             before[0, i], before[1, i] = agents[0, i], agents[1, i]
@@ -61,9 +60,6 @@ def unroll(  # type: ignore[no-untyped-def]
             before[0, i] = x_m
             agents[0, i] += east * step_s
             agents[1, i] += north * step_s
-            if not burnt >> i & 1 and is_set(
-                danger, agents[0, i], agents[1, i], west_m, north_m, cell_m
-            ):
-                burnt |= 1 << i
+            if is_set(danger, agents[0, i], agents[1, i], west_m, north_m, cell_m):
                 touched += 1
     return touched

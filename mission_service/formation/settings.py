@@ -50,16 +50,19 @@ class Airframe:
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """The eight tunable constants of section 5.2 (c1 to c5, e3, t1, t2)."""
+    """The eight tunable constants of section 5.2 (c1 to c5, e3, t1, t2).
 
-    c1: float = 2.0
-    c2: float = 15.0
-    c3: float = 1.0
-    c4: float = 18.0
-    c5: float = 5.0
-    e3: float = 1.0
-    t1: float = 1.0
-    t2: float = 8.0
+    As found by ``mission-service tune virtual-agents``; ``tuned.json`` is that run.
+    """
+
+    c1: float = 7.63
+    c2: float = 17.1
+    c3: float = 1.95
+    c4: float = 19.1
+    c5: float = 16.8
+    e3: float = 0.539
+    t1: float = 0.276
+    t2: float = 0.751
 
 
 @dataclass(frozen=True, slots=True)
