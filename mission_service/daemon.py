@@ -167,6 +167,10 @@ class Ears:
         self.passed(message.at_us)
         self._service.hear(message, self._clock.now_us, clock_us())
 
+    def contact(self, there: bool) -> None:
+        """Others can be talked to, or no longer."""
+        self._service.contact(there, self._clock.now_us, clock_us())
+
     def tell(self, text: str, warning: bool) -> None:
         """A line for the user."""
         level: Literal["info", "warning"] = "warning" if warning else "info"

@@ -23,6 +23,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
+    Contact,
     Heard,
     LinkLost,
     LinkRestored,
@@ -119,6 +120,7 @@ class FormationFlight:
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()
+        self._in_contact = not scenario.formation.talks  # else it circles on where it is
 
     # What comes in ----------------------------------------------------------------------------
 
@@ -140,6 +142,8 @@ class FormationFlight:
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 commands += self._mode_changed(vehicle, led, event, at_s)
+            case Contact():
+                self._in_contact = event.there
             case Heard():
                 commands += self._hear(vehicle, event.message)
             case _:
@@ -266,6 +270,8 @@ class FormationFlight:
         if not vehicle.started and vehicle.pending is None and vehicle.flown_line is None:
             return self._begin_again(vehicle, here)
         if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, here)):
+            return []
+        if not self._in_contact:
             return []
         intention = self.formation.step(vehicle.name, here)
         wanted = Circle(

@@ -61,6 +61,7 @@ class Talker:
         self.heard: list[AnyMessage] = []
         self.told: list[str] = []
         self.mission_us = 0
+        self.contacts: list[bool] = []
         channel = Channel(Broker("127.0.0.1", port), "test", "fire")
         self.exchange = Exchange(channel, [name], LATEST_US)
 
@@ -69,6 +70,9 @@ class Talker:
 
     def hear(self, message: AnyMessage) -> None:
         self.heard.append(message)
+
+    def contact(self, there: bool) -> None:
+        self.contacts.append(there)
 
     def tell(self, text: str, warning: bool) -> None:
         self.told.append(text)
@@ -176,7 +180,7 @@ def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> Non
         async with talking(broker.port, "hawk", "kite") as (hawk, kite):
             for at_us in range(1000):  # nobody there: the newest state is what remains
                 hawk.says(at_us)
-            await until(lambda: any("on its own" in line for line in hawk.told))
+            await until(lambda: any("no broker" in line for line in hawk.told))
             broker.start()
             await until(lambda: hawk.exchange.connected and kite.exchange.connected)
             await until(lambda: hawk.exchange.sent["state"] == 1)
@@ -193,6 +197,10 @@ def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> Non
                 last = state("hawk", 3000 + number)
                 await until(lambda last=last: last in kite.heard)  # type: ignore[misc]
             assert len(hawk.told) <= 6, hawk.told
+            assert hawk.contacts == []  # never for as long as all need to come back
+            await until(lambda: hawk.contacts == kite.contacts == [True])
+            broker.kill()
+            await until(lambda: hawk.contacts == kite.contacts == [True, False])
 
     asyncio.run(talk())
 

@@ -12,6 +12,7 @@ from mission_service.core import Core
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     AnyEvent,
+    Contact,
     Heard,
     ModeChanged,
     Telemetry,
@@ -46,6 +47,7 @@ class Flown:
             self.at(1, 0.0),
             UploadFinished(2 * S, "crane", 1, "accepted", ""),
             ModeChanged(3 * S, "crane", 0, True, "mission"),
+            Contact(4 * S, "crane", True),
         ]
         for event in self.events:
             self.core.handle(event)
@@ -97,6 +99,16 @@ def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None
     assert crane.peers == 1
     crane.hears(9, Leaving(9 * S, "eagle", "home"))
     assert crane.peers == 0
+
+
+def test_without_contact_it_circles_on_where_it_is() -> None:
+    crane = Flown()
+    assert crane.flies(9)
+    crane.core.handle(Contact(9 * S, "crane", False))
+    for second in range(10, 40):
+        assert crane.core.handle(crane.at(second, 0.006 + 15e-5 * second)) == []
+    crane.core.handle(Contact(40 * S, "crane", True))
+    assert crane.flies(40)
 
 
 def test_who_talks_to_nobody_says_nothing() -> None:
