@@ -185,6 +185,12 @@ class Mover:
         self._tie_rad = tie_rad
         self._due_s: float | None = None
 
+    @property
+    def goal_m(self) -> tuple[float, float] | None:
+        """Where it is going, for the others to know; None while forces move it."""
+        errand = self.errand
+        return None if errand is None else (errand.goal_x_m, errand.goal_y_m)
+
     def velocity(
         self,
         at_s: float,
@@ -197,7 +203,7 @@ class Mover:
     ) -> tuple[float, float]:
         """East and north in m/s for the next ``step_s``; times only rise. No fire, no move.
 
-        ``others_*`` (n) are the other virtual agents in range, nan for one that has none.
+        ``others_*`` (n): where the other virtual agents in range are or go, nan for one not there.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col
@@ -208,7 +214,9 @@ class Mover:
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.errand and self._is_at_via(x_m, y_m))
         ):
-            self._due_s = at_s + DECIDE_EVERY_S
+            # Its own moments stay its own, so that no two decide together again and again.
+            if at_s >= self._due_s:
+                self._due_s += DECIDE_EVERY_S * (1.0 + (at_s - self._due_s) // DECIDE_EVERY_S)
             self.errand = next_errand(
                 at_s,
                 x_m,

@@ -138,7 +138,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[who], y[who], altitude_m[who]
                 row[peers.VX] = airspeed[who] * math.cos(heading[who]) + wind_x
                 row[peers.VY] = airspeed[who] * math.sin(heading[who]) + wind_y
-                row[peers.AGENT_X], row[peers.AGENT_Y] = agent[who]
+                row[peers.GOAL_X], row[peers.GOAL_Y] = agent[who]
                 row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[who, 0], orbit[who, 1]
                 row[peers.RADIUS], row[peers.AIRSPEED] = orbit[who, 2], orbit[who, 3]
                 row[peers.AGE_S], row[peers.KEY] = at_s, keys[who]

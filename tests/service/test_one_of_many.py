@@ -79,6 +79,7 @@ class Flown:
 
 
 def state_of(state: State, sender: str, north_m: float) -> State:
+    assert state.agent_y_m is not None
     return State(
         state.at_us, sender, state.x_m, state.y_m + north_m, state.altitude_amsl_m, 0.0, 17.0,
         state.agent_x_m, state.agent_y_m + north_m, state.orbit_x_m, state.orbit_y_m + north_m,
