@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
+from msgspec.structs import replace as with_fields
 
 from mission_service.errors import MissionServiceError
 from mission_service.formation.agent import Agent, Own
@@ -134,7 +134,7 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
 
 def test_others_go_by_where_its_virtual_agent_is_going() -> None:
     agent = agent_of()
-    agent.hear(replace(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0))
+    agent.hear(with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0))
     assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
     said = []
     for tick in range(40):
