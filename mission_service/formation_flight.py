@@ -18,6 +18,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, ChangeSpeed, Orbit, StartMission
 from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
     AnyEvent,
@@ -92,18 +93,32 @@ class Led:
     loiter: Circle | None = None  # what the mission on board ends in
 
 
+def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
+    """How far from the fire's centre a vehicle's circle is clear of all fire that is known."""
+    return formation.reach_m + 3.0 * section.loiter_radius_m
+
+
+def waits_at(
+    scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
+) -> Place:
+    """Where a vehicle's first mission ends: each has a place of its own at the fire's edge."""
+    number = [each.name for each in scenario.vehicles].index(section.name)
+    reach_m = clear_of_fire_m(formation, section)
+    apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
+    return waiting_place(number, formation.centre_m, reach_m, home_m, apart_m)
+
+
 class FormationFlight:
     """Leads each vehicle as its agent means it to fly."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, formation: Formation, missions: MissionsSent
     ) -> None:
+        self.scenario = scenario
         self.landscape = landscape
         self.formation = formation
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
-        self._number = {section.name: n for n, section in enumerate(scenario.vehicles)}
-        self._safety_m = scenario.formation.safety_radius_m
         self._not_understood: set[str] = set()
         self._in_contact = not scenario.formation.talks  # else it circles on where it is
 
@@ -198,14 +213,11 @@ class FormationFlight:
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
         """To the edge of the fire; in the air to the nearest place clear of it."""
         section, centre_m = vehicle.section, self.formation.centre_m
-        radius_m = section.loiter_radius_m
-        reach_m = self.formation.reach_m + 3.0 * radius_m
         if vehicle.presence.airborne:
+            reach_m = clear_of_fire_m(self.formation, section)
             place_m = pushed_out((here.x_m, here.y_m), centre_m, reach_m)
         else:
-            apart_m = 2.0 * radius_m + 4.0 * self._safety_m
-            number = self._number[vehicle.name]
-            place_m = waiting_place(number, centre_m, reach_m, vehicle.home_m, apart_m)
+            place_m = waits_at(self.scenario, self.formation, section, vehicle.home_m)
         return np.array([(here.x_m, here.y_m), place_m])
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:

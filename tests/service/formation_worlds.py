@@ -39,6 +39,7 @@ class World:
     delay_s: float = 0.0
     lost: float = 0.0
     altitude_m: Floats | None = None
+    wide: float = 1.0  # circles are flown so many times wider than meant, as autopilots do
 
 
 @dataclass
@@ -84,7 +85,7 @@ def _episodes(seen, last, tick):  # type: ignore[no-untyped-def]
 @cached
 def _fly(  # type: ignore[no-untyped-def]
     start, begins_s, all_places, agent_m_s, jumps_s, drift_m_s, wind_x, wind_y, delay_s, lost,
-    altitude_m, kind, rule, frame, every_s, horizon_s, keys, until_s, rng, settled_s, trace,
+    altitude_m, kind, rule, frame, every_s, horizon_s, keys, until_s, rng, settled_s, wide, trace,
 ):  # fmt: skip
     count = start.shape[0]
     least_m_s, most_m_s, bank_rad = frame
@@ -185,7 +186,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 orbit[who, :2] = agent[who]
             aim = loiter.wanted_heading_rad(
                 x[who], y[who], heading[who], airspeed[who], orbit[who, 0], orbit[who, 1],
-                orbit[who, 2], wind_x, wind_y, STEP_S, bank_rad,
+                orbit[who, 2] * wide, wind_x, wind_y, STEP_S, bank_rad,
             )  # fmt: skip
             over_x = airspeed[who] * math.cos(heading[who]) + wind_x
             over_y = airspeed[who] * math.sin(heading[who]) + wind_y
@@ -280,6 +281,7 @@ def fly(
         until_s,
         np.random.default_rng(world.seed),
         settled_s,
+        world.wide,
         np.empty((0, 0, 0)) if trace is None else trace,
     )
     return Outcome(

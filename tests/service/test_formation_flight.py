@@ -1,11 +1,13 @@
 """Flight in a formation, event by event, with an agent that means what it is told to."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from autopilot_bridge.planfile import read_any
 from firemodel.landscape import Landscape
 from mission_service import formation_seats
 from mission_service.commands import (
@@ -19,6 +21,7 @@ from mission_service.commands import (
 )
 from mission_service.config import load_scenario
 from mission_service.core import Core
+from mission_service.demo import write_plan
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -205,6 +208,17 @@ def test_the_first_mission_takes_off_and_loiters_anticlockwise_clear_of_the_fire
     assert loiter.z >= float(land.elevation_at(x_m, y_m)) + 300.0
     starts = flight.uploaded(mission)
     assert of(starts, StartMission)
+
+
+def test_the_plan_of_a_vehicle_is_its_first_mission(land: Landscape, tmp_path: Path) -> None:
+    plan = tmp_path / "heron.plan"
+    count = write_plan("virtual-agents", "heron", plan, ("fire.initial_cells=40",))
+    flight = Flight(land)
+    flight.place_m = (0.0, 0.0)
+    (mission,) = of(flight.at(0.0), UploadMission)
+    loiter = read_any(plan).mission[1]
+    assert count == len(mission.items) == 5
+    assert (loiter.x, loiter.y, loiter.param3) == (mission.items[1].x, mission.items[1].y, -150.0)
 
 
 def test_no_two_take_off_together(land: Landscape) -> None:

@@ -109,6 +109,7 @@ WORLDS = {
     "deploy 16": (deployment(16, 300.0, 130.0, 1, drift_m_s=1.0), 400.0),
     "deploy 16, wind": (deployment(16, 280.0, 120.0, 1, wind_m_s=WIND), 400.0),
     "deploy 16, lost": (deployment(16, 350.0, 130.0, 1, delay_s=0.5, lost=0.3), 400.0),
+    "deploy 16, wide circles": (deployment(16, 300.0, 130.0, 1, wide=1.03), 400.0),
     "deploy 32": (deployment(32, 280.0, 120.0, 1), 560.0),
     "swap 8": (swap(8, 280.0), 400.0),
     "home and back 16": (home_and_back(16, 280.0, 1, wind_m_s=WIND), 700.0),

@@ -61,6 +61,14 @@ def test_the_mean_is_taken_on_the_circle() -> None:
     assert ahead(0.3) == 0.0
 
 
+def test_phases_without_a_mean_go_by_the_lowest_key() -> None:
+    """Else it is a matter of rounding who is ahead and who behind of a mean that is opposite."""
+    quarter = math.pi / 2.0
+    others = [row(number * quarter, 300.0 * number, key=3 + number) for number in (1, 2, 3)]
+    assert ahead(0.0, *others, key=9) == pytest.approx(-quarter)
+    assert ahead(0.0, *others, key=1) == pytest.approx(0.0)
+
+
 def test_news_is_carried_on_and_who_is_not_on_its_orbit_does_not_count() -> None:
     assert ahead(0.0, row(0.0, age_s=2.0)) == pytest.approx(-0.2)
     assert ahead(0.0, row(1.0, at_m=500.0), row(0.5, 300.0)) == pytest.approx(-0.5)

@@ -44,21 +44,24 @@ def test_conflicts() -> None:
 def test_each_takes_half_of_the_way_out() -> None:
     """Head-on at 300 m: the relative velocity has to turn by asin(60 / 300), 11.5 degrees.
 
-    A vehicle that had to do it alone would turn by twice as much as it does here: of 2 v' - v_A -
-    v_B = (40 cos a, 40 sin a) + ..., each one's own share is half.
+    2 v' - v_A - v_B is (40 cos a, 40 sin a) here; one that turned alone would have to turn by
+    twice as much.
     """
     other = row(300.0, 0.0, -20.0, 0.0)
     heading_rad, was = rvo.clear_heading_rad(
         0.0, 0.0, 20.0, 0.0, 0.0, 20.0, 0.0, 0.0, other[None], APART_M, NEIGHBOURHOOD_M
     )
     assert was
-    # tan 11.5° = 40 sin a / (40 cos a): v_A + v_B = 0 here, so a is 11.5°; alone it is 2 · 11.5°.
     assert abs(heading_rad) == pytest.approx(math.asin(0.2), abs=rvo.YAW_STEP_RAD)
     alone_rad = 2.0 * math.asin(0.2)
     assert rvo.meets_after_s(
         300.0, 0.0, 20.0 * math.cos(alone_rad) + 20.0, 20.0 * math.sin(alone_rad), APART_M
     ) == np.inf  # fmt: skip
     assert not conflict((20.0 * math.cos(heading_rad), 20.0 * math.sin(heading_rad)), other)
+    # 7° off for the velocities themselves, but with the other doing as much 14°.
+    assert rvo.meets_after_s(300.0, 0.0, 20.0 + 20.0, 5.0, APART_M) < np.inf
+    assert not conflict((20.0, 5.0), other)
+    assert conflict((20.0, 3.0), other)
 
 
 def test_a_clear_heading_is_left_alone_and_the_nearest_is_taken() -> None:
