@@ -6,8 +6,8 @@ again; at last the broker is killed and started again. Printed is the coverage b
 next to that of as many UAVs in the ideal world over the same fire. A few minutes on two cores.
 
 ``closest_m`` is by what the UAVs say, each at its own mission time: processes may be a second apart
-in that, so it can be wrong by some 20 m. What happens while messages come late, on a machine that is
-too slow for SPEEDUP, says nothing of a flight in real time.
+in that, so it can be wrong by some 20 m. A machine that is too slow for SPEEDUP has messages come
+late, which says nothing of a flight in real time.
 """
 
 import asyncio
