@@ -4,6 +4,10 @@ So many UAVs of ``virtual-agents`` (8), each flown by a process of its own, mock
 SPEEDUP (15) times as fast as real time, and a real Mosquitto. Two agents are killed, then started
 again; at last the broker is killed and started again. Printed is the coverage by virtual agents,
 next to that of as many UAVs in the ideal world over the same fire. A few minutes on two cores.
+
+``closest_m`` is by what the UAVs say, each at its own mission time: processes may be a second apart
+in that, so it can be wrong by some 20 m. A machine that is too slow for SPEEDUP has messages come
+late, which says nothing of a flight in real time.
 """
 
 import asyncio

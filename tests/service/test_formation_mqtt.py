@@ -232,9 +232,15 @@ def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
 @needs_mosquitto
 def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
     async def talk() -> None:
-        async with talking(broker.port, "hawk") as (hawk,):
-            await until(lambda: hawk.exchange.connected)
-            broker.freeze(True)
+        try:
+            async with talking(broker.port, "hawk") as (hawk,):
+                await until(lambda: hawk.exchange.connected)
+                broker.freeze(True)
+                for number in range(200):  # until nothing more goes into the socket
+                    hawk.exchange.say(FireUpdate(number, "hawk", tuple(range(CELLS))))
+                    await asyncio.sleep(0.005)
+        finally:  # or what did not end would not end now either
+            broker.kill()
 
     broker.start()
     asyncio.run(talk())
