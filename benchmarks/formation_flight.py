@@ -100,6 +100,7 @@ def figures_of(path: Path, from_s: float = FROM_S) -> dict[str, Any]:
         "uploads": counts["uploads"],
         "refused": counts["refused"],
         "uploads_not_accepted": counts["uploads not accepted"],
+        "samples": len(found),
         "on_circles_share": round(len(found) / max(counts["samples"], 1), 3),
         "radius_off_median": round(float(np.median(off_radius)), 4),
         "radius_off_95": round(float(np.percentile(off_radius, 95)), 4),

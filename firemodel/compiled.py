@@ -20,7 +20,7 @@ PACKAGE = Path(__file__).parent
 
 
 @cache
-def _cache_folder(home: Path) -> Path:
+def cache_folder(home: Path) -> Path:
     """For functions of ``home``: in the package or, if that is read-only, in the user's cache."""
     sha = hashlib.sha256()
     for source in sorted({*PACKAGE.glob("*.py"), *home.glob("*.py")}):
@@ -36,7 +36,7 @@ def _cache_folder(home: Path) -> Path:
 
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
     given = NUMBA.CACHE_DIR
-    NUMBA.CACHE_DIR = str(_cache_folder(Path(function.__code__.co_filename).parent))
+    NUMBA.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).parent))
     try:
         return njit(cache=True, error_model="numpy", **options)(function)
     finally:

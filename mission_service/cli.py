@@ -350,10 +350,10 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         return
     for vehicle in summary["vehicles"]:
-        click.echo(
-            f"{vehicle['name']}: {vehicle['decisions']} decisions, "
-            f"{vehicle['reversals']} reversals, uploads {vehicle['uploads']}"
-        )
+        done = f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
+        if vehicle["orders"]:
+            done = f"orders {vehicle['orders']}"
+        click.echo(f"{vehicle['name']}: {done}, uploads {vehicle['uploads']}")
     if closest_m is not None:
         click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(

@@ -159,6 +159,8 @@ class Core:
         section = vehicle.section
         if section.endurance_s is None or vehicle.sent_home:
             return False
+        if vehicle.going_home:
+            return True
         against_m_s = max(
             section.airspeed_m_s - vehicle.presence.wind_m_s, section.airspeed_m_s / 3
         )
@@ -184,7 +186,7 @@ class Core:
     ) -> list[AnyCommand]:
         if was_airborne and not event.armed:
             # What is on board begins in the air: it takes off again with another.
-            vehicle.sent_home = vehicle.holding = False
+            vehicle.sent_home = vehicle.going_home = vehicle.holding = False
             vehicle.flown_line = vehicle.return_again_at_s = None
             self.spacing.forget(vehicle.name)
             return [say(vehicle, "landed")]
@@ -248,7 +250,8 @@ class Core:
 
     def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""
-        vehicle.deployed = vehicle.started = vehicle.holding = vehicle.sent_home = False
+        vehicle.deployed = vehicle.started = vehicle.holding = False
+        vehicle.sent_home = vehicle.going_home = False
         vehicle.pending = vehicle.flown_line = None
         vehicle.start_again_at_s = vehicle.return_again_at_s = None
         self.spacing.forget(vehicle.name)

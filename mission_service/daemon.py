@@ -21,9 +21,11 @@ from mission_service.config_sections import VehicleSection
 from mission_service.core import Core
 from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.formation.messages import AnyMessage
+from mission_service.formation.warm_up import warm_up
 from mission_service.formation_mqtt import Channel, Exchange
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
+from mission_service.planning import FORMATION
 from mission_service.record import Record
 from mission_service.service import Service, unheard
 from mission_service.signed import Refusals, refusal, signings
@@ -60,6 +62,8 @@ async def serve(
     of other processes.
     """
     landscape = landscape_of(scenario)
+    if scenario.planner.rule == FORMATION:  # compiling takes long: nobody flies yet
+        warm_up(scenario.formation.avoidance)
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     world.advance(clock.now_us)
@@ -97,13 +101,15 @@ async def serve(
         stop = asyncio.Event()
         _stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
-            flights = [
-                group.create_task(_fly(connection, gateway, service))
-                for connection, gateway in zip(connections, gateways.values(), strict=True)
-            ]
+            flights = []
             if exchange is not None:
                 ears = Ears(service, clock)
                 flights.append(group.create_task(exchange.run(ears)))
+                await exchange.join()
+            flights += [
+                group.create_task(_fly(connection, gateway, service))
+                for connection, gateway in zip(connections, gateways.values(), strict=True)
+            ]
             while not stop.is_set() and clock.now_us < scenario.duration_s * 1e6:
                 watch()
                 silence.tell(record)
@@ -160,6 +166,10 @@ class Ears:
         """A vehicle flown elsewhere has said something."""
         self.passed(message.at_us)
         self._service.hear(message, self._clock.now_us, clock_us())
+
+    def contact(self, there: bool) -> None:
+        """Others can be talked to, or no longer."""
+        self._service.contact(there, self._clock.now_us, clock_us())
 
     def tell(self, text: str, warning: bool) -> None:
         """A line for the user."""

@@ -8,17 +8,22 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from autopilot_bridge.items import Plan
+from autopilot_bridge.items import MissionItem, Plan
 from autopilot_bridge.link import other_end
 from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
-from mission_service.approach import approach_mission
+from firemodel.landscape import Landscape
+from mission_service.approach import approach_mission, landing_of_vehicle
 from mission_service.config import Scenario, flying, load_scenario, scenario_path
 from mission_service.config_sections import VehicleSection
 from mission_service.daemon import serve
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire_setup import landscape_of
+from mission_service.formation_flight import waits_at
+from mission_service.formation_seats import Formation
+from mission_service.orbits import Circle, first_mission
 from mission_service.outputs import write_outputs
+from mission_service.planning import FORMATION
 from mission_service.record import Record
 from mission_service.world import FireWorld
 
@@ -79,12 +84,24 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
     raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
 
 
+def _first_mission(
+    scenario: Scenario, section: VehicleSection, landscape: Landscape
+) -> tuple[MissionItem, ...]:
+    if scenario.planner.rule != FORMATION:
+        return approach_mission(scenario, section, landscape)
+    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
+    circle = Circle(*place_m, -section.loiter_radius_m)
+    landing = landing_of_vehicle(scenario, section, landscape)
+    return first_mission(landscape, circle, section, landing)
+
+
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
     """Write a vehicle's first mission as a .plan file; returns the number of items."""
     scenario = flying(load_scenario(name, overrides))
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)
-    items = approach_mission(scenario, section, landscape)
+    items = _first_mission(scenario, section, landscape)
     x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     home = (section.home_lat_deg, section.home_lon_deg, float(landscape.elevation_at(x_m, y_m)))
     write_any(output, Plan(items, home=home), stack_named(section.stack, section.kind))

@@ -103,6 +103,12 @@ class Heard(Event, frozen=True, tag=True):
     message: AnyMessage
 
 
+class Contact(Event, frozen=True, tag=True):
+    """Whether UAVs that other processes fly can be talked to from now on."""
+
+    there: bool
+
+
 AnyEvent = (
     VehicleConnected
     | LinkLost
@@ -116,4 +122,5 @@ AnyEvent = (
     | CommandFinished
     | ModeChanged
     | Heard
+    | Contact
 )

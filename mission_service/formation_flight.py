@@ -18,11 +18,14 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, ChangeSpeed, Orbit, StartMission
 from mission_service.config import Scenario
+from mission_service.config_sections import VehicleSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
+    Contact,
     Heard,
+    LinkLost,
     LinkRestored,
     ModeChanged,
     UploadFinished,
@@ -51,10 +54,13 @@ from mission_service.vehicle import Vehicle, say
 
 Floats = NDArray[np.float64]
 
-ORBIT_EVERY_S, ESCAPE_EVERY_S = 2.0, 0.5
-ORBIT_MOVES_M, RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 20.0, 1.0, 5.0
+ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
+# Where others are near, what is flown must be what its agent has said and checked.
+NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
+RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 LOOK_DOWN_EVERY_S = 10.0
 SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
+CLIMBS_BELOW_M = 30.0
 SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 AGAIN_AFTER_S = 5.0
@@ -82,9 +88,24 @@ class Led:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float | None = None  # led by its agent, at most until then
+    goes_home_until_s: float = math.inf  # led by its agent, at most until then
     sending: Circle | None = None  # what a mission under way ends in
     loiter: Circle | None = None  # what the mission on board ends in
+
+
+def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
+    """How far from the fire's centre a vehicle's circle is clear of all fire that is known."""
+    return formation.reach_m + 3.0 * section.loiter_radius_m
+
+
+def waits_at(
+    scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
+) -> Place:
+    """Where a vehicle's first mission ends: each has a place of its own at the fire's edge."""
+    number = [each.name for each in scenario.vehicles].index(section.name)
+    reach_m = clear_of_fire_m(formation, section)
+    apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
+    return waiting_place(number, formation.centre_m, reach_m, home_m, apart_m)
 
 
 class FormationFlight:
@@ -93,13 +114,13 @@ class FormationFlight:
     def __init__(
         self, scenario: Scenario, landscape: Landscape, formation: Formation, missions: MissionsSent
     ) -> None:
+        self.scenario = scenario
         self.landscape = landscape
         self.formation = formation
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
-        self._number = {section.name: n for n, section in enumerate(scenario.vehicles)}
-        self._safety_m = scenario.formation.safety_radius_m
         self._not_understood: set[str] = set()
+        self._in_contact = not scenario.formation.talks  # else it circles on where it is
 
     # What comes in ----------------------------------------------------------------------------
 
@@ -112,12 +133,17 @@ class FormationFlight:
                 self._finished(led, event, at_s)
             case UploadFinished() if vehicle.pending is None:
                 led.loiter = led.sending if event.outcome == "accepted" else None
+            case LinkLost() if led.taken_over:
+                self.formation.lost(vehicle.name)
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
             case VehicleRebooted():
+                self.formation.not_lost(vehicle.name)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 commands += self._mode_changed(vehicle, led, event, at_s)
+            case Contact():
+                self._in_contact = event.there
             case Heard():
                 commands += self._hear(vehicle, event.message)
             case _:
@@ -144,7 +170,7 @@ class FormationFlight:
             case "orbit":
                 led.circle, led.orbit_at_s = None, at_s + AGAIN_AFTER_S - ORBIT_EVERY_S
             case "change speed":
-                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S - SPEED_EVERY_S
+                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S
             case _:
                 led.start_not_before_s = at_s + 2.0 * AGAIN_AFTER_S
 
@@ -153,9 +179,11 @@ class FormationFlight:
     ) -> list[AnyCommand]:
         if not event.armed:
             self.formation.seats[vehicle.name].agent.come_back()
+            self.formation.not_lost(vehicle.name)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
-        led.mode, led.airspeed_m_s = event.mode, None  # both stacks forget the speed with the mode
+        if event.mode != led.mode:  # both stacks forget the speed with the mode
+            led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":
             led.leads = True
             if led.loiter is None or led.loiter != led.circle:
@@ -166,6 +194,7 @@ class FormationFlight:
             return []
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
         self.formation.seats[vehicle.name].left(at_s)
+        self.formation.not_lost(vehicle.name)
         if vehicle.presence.recalled:
             return []
         words = f"mode {event.mode} is not ours: not led until it is back in its mission"
@@ -184,14 +213,11 @@ class FormationFlight:
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
         """To the edge of the fire; in the air to the nearest place clear of it."""
         section, centre_m = vehicle.section, self.formation.centre_m
-        radius_m = section.loiter_radius_m
-        reach_m = self.formation.reach_m + 3.0 * radius_m
         if vehicle.presence.airborne:
+            reach_m = clear_of_fire_m(self.formation, section)
             place_m = pushed_out((here.x_m, here.y_m), centre_m, reach_m)
         else:
-            apart_m = 2.0 * radius_m + 4.0 * self._safety_m
-            number = self._number[vehicle.name]
-            place_m = waiting_place(number, centre_m, reach_m, vehicle.home_m, apart_m)
+            place_m = waits_at(self.scenario, self.formation, section, vehicle.home_m)
         return np.array([(here.x_m, here.y_m), place_m])
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
@@ -204,6 +230,14 @@ class FormationFlight:
         altitude_m = self._altitude(vehicle, circle, here)
         return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing)
 
+    def _begin_again(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """The first mission for one that was in the air when this service began, and refused it."""
+        if here.at_s < vehicle.not_before_s:
+            return []
+        path_m = self.first_path(vehicle, here)
+        items = self.items(vehicle, path_m, here)
+        return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
+
     def _renew(self, vehicle: Vehicle, led: Led, here: Here) -> list[AnyCommand]:
         """The circle that is flown becomes the mission's loiter, if that is due."""
         circle = led.circle
@@ -212,13 +246,11 @@ class FormationFlight:
         if led.order == "orbit" or here.at_s < vehicle.not_before_s:
             return []
         settled = self._has_settled(led, here)
-        if led.loiter is not None:
-            if circle == led.loiter:
+        if led.loiter is not None and not settled:
+            near = math.dist(circle.centre_m, led.loiter.centre_m) < RENEW_BEYOND_M
+            if near or here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
-            off_m = math.dist(circle.centre_m, led.loiter.centre_m)
-            if not settled and off_m < RENEW_BEYOND_M:
-                return []
-        if not settled and here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
+        if circle == led.loiter:
             return []
         led.sending = circle
         items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing)
@@ -235,7 +267,11 @@ class FormationFlight:
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Follow the agent; nothing before the vehicle is well on its way by its mission."""
         led = self._led[vehicle.name]
+        if not vehicle.started and vehicle.pending is None and vehicle.flown_line is None:
+            return self._begin_again(vehicle, here)
         if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, here)):
+            return []
+        if not self._in_contact:
             return []
         intention = self.formation.step(vehicle.name, here)
         wanted = Circle(
@@ -244,7 +280,8 @@ class FormationFlight:
             intention.orbit_radius_m,
             intention.climb_m,
         )
-        orbit_due = self._orbit_due(vehicle, led, wanted, here)
+        near = not intention.settled and self.formation.is_near_others(vehicle.name)
+        orbit_due = self._orbit_due(vehicle, led, wanted, here, near)
         if orbit_due or not intention.settled:
             led.settled_since_s = None
         elif led.settled_since_s is None:
@@ -259,7 +296,7 @@ class FormationFlight:
             led.start_not_before_s = here.at_s + AGAIN_AFTER_S
             commands.append(StartMission(vehicle.name))
         else:
-            commands += self._speed(vehicle, led, intention, here)
+            commands += self._speed(vehicle, led, intention, here, near)
         return [*commands, *self._renew(vehicle, led, here)]
 
     def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
@@ -268,7 +305,8 @@ class FormationFlight:
         away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not led.taken_over:
             return None
-        if led.goes_home_until_s is None:
+        if not vehicle.going_home:
+            vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             led.goes_home_until_s = here.at_s + away_m / slow_m_s
             self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
@@ -287,14 +325,17 @@ class FormationFlight:
         led.taken_over = here.altitude_m >= ground_m + clear_m
         return led.taken_over
 
-    def _orbit_due(self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here) -> bool:
+    def _orbit_due(
+        self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here, near: bool
+    ) -> bool:
         flown = led.circle
         if flown is None:
             return here.at_s - led.orbit_at_s >= ORBIT_EVERY_S
         wider = abs(wanted.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
-        if here.at_s - led.orbit_at_s < (ESCAPE_EVERY_S if wider else ORBIT_EVERY_S):
+        if here.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
             return False
-        if wider or math.dist(wanted.centre_m, flown.centre_m) > ORBIT_MOVES_M:
+        moves_m = NEAR_MOVES_M if near else ORBIT_MOVES_M
+        if wider or math.dist(wanted.centre_m, flown.centre_m) > moves_m:
             return True
         if abs(wanted.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
             return True
@@ -319,13 +360,17 @@ class FormationFlight:
         return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
 
     def _speed(
-        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here
+        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here, near: bool
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.least_airspeed_m_s, section.most_airspeed_m_s
+        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # to climb takes speed
+            least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
-        if here.at_s - led.speed_at_s < SPEED_EVERY_S:
+        # In another mode at once: there it flies as fast as it likes.
+        every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
+        if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
             return []
         if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
             return []

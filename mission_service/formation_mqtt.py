@@ -1,13 +1,15 @@
 """What UAVs of a formation tell each other, over MQTT: one process a vehicle, or several of them.
 
 Nothing here waits for a broker. What is said goes into a short queue, in which a newer state takes
-the place of an older one; what is lost, maps heal by their digests. While there is no broker the
-vehicle flies on with what it knows.
+the place of an older one; what is lost, maps heal by their digests. While there is no broker all
+circle on where they are: whoever moved would not know who is in its way.
 """
 
 import asyncio
 import contextlib
+import errno
 import re
+import socket
 from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -22,15 +24,18 @@ from mission_service.formation.messages import AnyMessage, Difference, Digest, S
 PREFIX = "mission-service"
 VERSION = "v1"
 PORT = 1883
-LEAST_WAIT_S, MOST_WAIT_S = 0.25, 8.0  # before the next attempt to reach the broker
+LEAST_WAIT_S, MOST_WAIT_S = 0.25, 2.0  # before the next attempt to reach the broker
 KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
 ANSWER_S = 3.0  # a broker has for an answer ...
 TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
+READ_S = 0.02  # between one look at what has come and the next
+RECEIVE_BYTES = 32_768  # no more: what waits there is old news
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
-TIME_EVERY_S, TIME_LEAST_S = 1.0, 0.1
-BEHIND_US = 500_000
+TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
+BEHIND_US = 10_000_000  # who has only just been held up is told nothing
+OVERTAKEN = ("/state", f"/{TIME}")  # the newest message of these is all that counts
 AHEAD_US = 60_000_000  # of one who talks, others may be
 
 _encode = msgspec.json.Encoder().encode
@@ -156,10 +161,23 @@ class Outbox:
         return None
 
 
-class Newest(asyncio.Queue[Any]):
-    """A queue that drops its oldest entry rather than refuse another one."""
+class Inbox(asyncio.Queue[aiomqtt.Message]):
+    """What has come and is still to be handled: of states only the newest of each vehicle.
 
-    def put_nowait(self, item: Any) -> None:
+    A process that falls behind must not live in the past. When full, the oldest is dropped.
+    """
+
+    def _init(self, maxsize: int) -> None:
+        self._queue: dict[object, aiomqtt.Message] = {}
+
+    def _put(self, item: aiomqtt.Message) -> None:
+        overtaken = item.topic.value.endswith(OVERTAKEN)
+        self._queue[item.topic.value if overtaken else object()] = item
+
+    def _get(self) -> aiomqtt.Message:
+        return self._queue.pop(next(iter(self._queue)))
+
+    def put_nowait(self, item: aiomqtt.Message) -> None:
         """Never full."""
         if self.full():
             self.get_nowait()
@@ -179,6 +197,9 @@ class Ears(Protocol):
     def hear(self, message: AnyMessage) -> None:
         """A vehicle that is flown elsewhere has said something."""
 
+    def contact(self, there: bool) -> None:
+        """Others can be talked to, or no longer."""
+
     def tell(self, text: str, warning: bool) -> None:
         """A line for the user."""
 
@@ -196,8 +217,10 @@ class Exchange:
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
-        self._outbox = Outbox()
+        self._outbox, self._inbox = Outbox(), Inbox(MOST_UNREAD)
         self._time_due = asyncio.Event()
+        self._in_contact = False
+        self._joined = asyncio.Event()  # others have told what time it is
 
     def say(self, message: AnyMessage) -> None:
         """Send a message as soon as the broker takes it."""
@@ -205,6 +228,7 @@ class Exchange:
 
     async def run(self, ears: Ears) -> None:
         """Talk until cancelled, whatever becomes of the broker."""
+        asyncio.get_running_loop().set_exception_handler(_all_but_closed_sockets)
         broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
         while not ends:
             try:
@@ -219,17 +243,24 @@ class Exchange:
                         raise
             except aiomqtt.MqttError as error:
                 if self.connected or wait_s == LEAST_WAIT_S:  # told once
-                    text = f"no broker at {broker} ({error}); on its own until there is"
+                    text = f"no broker at {broker} ({error}); it stays where it is until there is"
                     ears.tell(text, True)
                 self.connected = False
+                self._lose_contact(ears)
             if not ends:
                 await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MOST_WAIT_S)
         raise asyncio.CancelledError
 
+    async def join(self) -> None:
+        """Wait a moment until others have told what time it is; returns also if nobody does."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(JOIN_S):
+                await self._joined.wait()
+
     async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
         """Until the broker is gone; raises what ends it."""
-        talks = (self._hear, self._send, self._tell_time)
+        talks = (self._hear, self._send, self._tell_time, self._find_contact)
         tasks = {asyncio.create_task(talk(client, ears)) for talk in talks}
         try:
             ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -239,13 +270,14 @@ class Exchange:
             task.result()
 
     def _client(self) -> aiomqtt.Client:
+        self._inbox = Inbox(MOST_UNREAD)
         return aiomqtt.Client(
             self.channel.broker.host,
             self.channel.broker.port,
             keepalive=KEEPALIVE_S,
             timeout=ANSWER_S,
-            queue_type=Newest,
-            max_queued_incoming_messages=MOST_UNREAD,
+            queue_type=lambda maxsize: self._inbox,  # type: ignore[arg-type]  # any callable does
+            socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
         )
 
     async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:
@@ -257,6 +289,18 @@ class Exchange:
                 topic = self.channel.topic(message.sender, kind)
                 await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
+
+    def _lose_contact(self, ears: Ears) -> None:
+        if self._in_contact:
+            self._in_contact = False
+            ears.contact(False)
+
+    async def _find_contact(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """All come back to a broker within this time: who is not heard then is not there."""
+        await asyncio.sleep(MOST_WAIT_S + 0.5)
+        self._in_contact = True
+        ears.contact(True)
+        await asyncio.Event().wait()
 
     async def _tell_time(self, client: aiomqtt.Client, ears: Ears) -> None:
         """Now and then, and to who is behind: mission time is the latest there is anywhere."""
@@ -271,24 +315,40 @@ class Exchange:
 
     async def _hear(self, client: aiomqtt.Client, ears: Ears) -> None:
         async for told in client.messages:
-            *_, vehicle, kind = str(told.topic).split("/")
-            if vehicle in self._own:
-                continue
-            payload = told.payload if isinstance(told.payload, bytes) else b""
-            try:
-                if kind == TIME:
-                    self._hear_time(decoded_time(payload, self._latest_us), ears)
-                else:
-                    ears.hear(decoded(vehicle, payload, self._latest_us))
-            except UnfitError as problem:
-                if not self.refused[vehicle]:
-                    ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
-                self.refused[vehicle] += 1
+            self._take(told, ears)
+            while not self._inbox.empty():
+                self._take(self._inbox.get_nowait(), ears)
+            await asyncio.sleep(READ_S)  # meanwhile more comes: who is busy handles only the newest
+
+    def _take(self, told: aiomqtt.Message, ears: Ears) -> None:
+        *_, vehicle, kind = told.topic.value.split("/")
+        if vehicle in self._own:
+            return
+        payload = told.payload if isinstance(told.payload, bytes) else b""
+        try:
+            if kind == TIME:
+                self._hear_time(decoded_time(payload, self._latest_us), ears)
+            else:
+                ears.hear(decoded(vehicle, payload, self._latest_us))
+        except UnfitError as problem:
+            if not self.refused[vehicle]:
+                ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
+            self.refused[vehicle] += 1
 
     def _hear_time(self, mission_us: int, ears: Ears) -> None:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
+        else:
+            self._time_due.clear()  # somebody else has answered
         ears.passed(mission_us)
+        self._joined.set()
+
+
+def _all_but_closed_sockets(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell."""
+    error = context.get("exception")
+    if not (isinstance(error, OSError) and error.errno == errno.EBADF):
+        loop.default_exception_handler(context)
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:

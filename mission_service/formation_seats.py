@@ -17,8 +17,9 @@ from mission_service.events import Observed
 from mission_service.fire_setup import burning_of
 from mission_service.formation.agent import Agent, Intention, Own
 from mission_service.formation.grid import grid_of
-from mission_service.formation.messages import AnyMessage, State
+from mission_service.formation.messages import AnyMessage, Leaving, State
 from mission_service.formation.settings import Airframe, Camera, Settings
+from mission_service.formation_lost import Lost, along_its_orbit
 from mission_service.planners.protocol import Decision
 from mission_service.planning import fire_position
 from mission_service.steering import Here
@@ -72,6 +73,7 @@ class Seat:
         self.hot_until_s = -math.inf
         self.here: Here | None = None
         self.flies = False
+        self.state: State | None = None  # said last
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
@@ -124,9 +126,10 @@ class Formation:
         turn = math.radians(landscape.grid_convergence_deg)
         self._cos, self._sin = math.cos(turn), math.sin(turn)
         told = scenario.formation
-        self._range_m = told.range_m
+        self._range_m, self._near_m = told.range_m, told.neighbourhood_m
         self._talks = told.talks
         self._said: list[Say] = []
+        self._lost: dict[str, Lost] = {}
         at_us = round(scenario.start_s * 1e6)
         self.seats: dict[str, Seat] = {
             section.name: Seat(
@@ -174,15 +177,47 @@ class Formation:
             *seat.wind_m_s,
             here.at_s < seat.hot_until_s,
         )
+        self._lost.pop(name, None)
         intention = seat.agent.step(own)
         self._hand_on(seat, own.at_us)
+        self._speak_for_the_lost(own.at_us)
         return intention
+
+    def is_near_others(self, name: str) -> bool:
+        """Whether another of the formation is in its neighbourhood."""
+        here = self.seats[name].here
+        return here is not None and any(
+            other.flies
+            and other.here is not None
+            and name != other_name
+            and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
+            for other_name, other in self.seats.items()
+        )
 
     def leave(self, name: str, at_s: float) -> None:
         """A vehicle is not of the formation now: on its way home, lost, or on the ground."""
         seat, at_us = self.seats[name], round(at_s * 1e6)
         seat.agent.leave(at_us, "left")
         self._hand_on(seat, at_us)
+
+    def lost(self, name: str) -> None:
+        """The link of a vehicle is lost: others mind it for a while where it must be."""
+        state = self.seats[name].state
+        if state is not None:
+            self._lost[name] = Lost(state, state.at_us)
+
+    def not_lost(self, name: str) -> None:
+        """It is heard again, or is known to fly otherwise."""
+        self._lost.pop(name, None)
+
+    def _speak_for_the_lost(self, at_us: int) -> None:
+        for name, lost in list(self._lost.items()):
+            if lost.over(at_us):
+                del self._lost[name]
+                self._tell(self.seats[name], Leaving(at_us, name, "lost"))
+            elif lost.due(at_us):
+                lost.said_at_us = at_us
+                self._tell(self.seats[name], along_its_orbit(lost.state, at_us))
 
     def hear(self, name: str, message: AnyMessage) -> None:
         """A vehicle hears one that another process flies.
@@ -204,13 +239,18 @@ class Formation:
     def _hand_on(self, seat: Seat, at_us: int) -> None:
         """Everybody hears everything, but of states only those within range."""
         for message in seat.agent.messages(at_us):
-            if self._talks:
-                self._said.append(Say(seat.agent.name, message))
-            for other in self.seats.values():
-                if other is not seat and (
-                    not isinstance(message, State) or self._is_in_range(seat, other)
-                ):
-                    other.agent.hear(message)
+            if isinstance(message, State):
+                seat.state = message
+            self._tell(seat, message)
+
+    def _tell(self, seat: Seat, message: AnyMessage) -> None:
+        if self._talks:
+            self._said.append(Say(seat.agent.name, message))
+        for other in self.seats.values():
+            if other is not seat and (
+                not isinstance(message, State) or self._is_in_range(seat, other)
+            ):
+                other.agent.hear(message)
 
     def _is_in_range(self, seat: Seat, other: Seat) -> bool:
         here, there = seat.here, other.here

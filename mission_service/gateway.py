@@ -54,6 +54,7 @@ class MissionClock:
 
     def __init__(self, start_us: int, wall: bool) -> None:
         self.now_us = start_us
+        self.latest_us = start_us  # of all processes
         self.wall = wall
         self._start_us = start_us
         self._began_us: int | None = None
@@ -69,10 +70,14 @@ class MissionClock:
     def autopilot_passed(self, mission_us: int) -> None:
         """An autopilot's clock has reached this mission time."""
         self.now_us = max(self.now_us, mission_us)
+        self.latest_us = max(self.latest_us, mission_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
-        """Another process has reached this mission time: who joins late, joins there."""
-        self.now_us = max(self.now_us, mission_us)
+        """Another process has reached this mission time: who joins late, joins there.
+
+        Who is only a little late stays so: all events of a process are on one time.
+        """
+        self.latest_us = max(self.latest_us, mission_us)
         self.wall_passed(wall_us)
         if self._began_us is not None:
             self._began_us = min(self._began_us, wall_us - (mission_us - self._start_us))
@@ -122,11 +127,11 @@ class Gateway:
         if self._clock.wall:
             return self._clock.now_us
         if self._offset_us is None:
-            self._offset_us = self._clock.now_us - boot_us
+            self._offset_us = self._clock.latest_us - boot_us
             self._least_behind_us, self._watched_from_us = 0, now_us
         mission_us = self._offset_us + boot_us
         self._clock.autopilot_passed(mission_us)
-        self._watch_behind(self._clock.now_us - mission_us, now_us)
+        self._watch_behind(self._clock.latest_us - mission_us, now_us)
         return mission_us
 
     def _watch_behind(self, behind_us: int, now_us: int) -> None:

@@ -43,6 +43,7 @@ def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]
                 "reversals": len(vehicle.reversals),
                 "uploads": dict(sorted(vehicle.uploads.items())),
                 "upload_reasons": dict(sorted(vehicle.upload_reasons.items())),
+                "orders": dict(sorted(vehicle.orders.items())),
             }
             for name, vehicle in record.vehicles.items()
         ],

@@ -4,7 +4,14 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ChangeSpeed,
+    Decided,
+    Orbit,
+    UploadMission,
+)
 from mission_service.events import AnyEvent, Observed, Telemetry, UploadFinished
 from mission_service.steering import AIRBORNE_M
 
@@ -23,6 +30,7 @@ class VehicleRecord:
     direction: str = ""
     uploads: Counter[str] = field(default_factory=Counter)
     upload_reasons: Counter[str] = field(default_factory=Counter)
+    orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
     here: tuple[int, float, float, float] | None = None
 
 
@@ -92,6 +100,8 @@ class Record:
                     vehicle.reversals.append(vehicle.here[:3])
             case UploadMission():
                 vehicle.upload_reasons[command.why] += 1
+            case Orbit() | ChangeSpeed():
+                vehicle.orders[type(command).__name__] += 1
             case Announce():
                 self.news.append((self.at_us, command))
             case _:

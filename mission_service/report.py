@@ -36,9 +36,12 @@ def status_lines(record: Record, world: FireWorld) -> list[str]:
     for name, vehicle in record.vehicles.items():
         accepted = vehicle.uploads["accepted"]
         other = vehicle.uploads.total() - accepted
+        way = vehicle.direction or ("in formation" if vehicle.orders else "under way")
+        done = f"{len(vehicle.reversals):3d} reversals"
+        if vehicle.orders:
+            done = f"{vehicle.orders['Orbit']:3d} orbits"
         lines.append(
-            f"{fire}  {name}: {vehicle.direction or 'under way':<13} "
-            f"{len(vehicle.reversals):3d} reversals  {accepted:4d} uploads accepted"
+            f"{fire}  {name}: {way:<13} {done}  {accepted:4d} uploads accepted"
             + (f", {other} not" if other else "")
         )
     return lines

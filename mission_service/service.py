@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from mission_service.commands import Say
 from mission_service.config import Scenario
 from mission_service.core import Core
-from mission_service.events import AnyEvent, Heard, Telemetry
+from mission_service.events import AnyEvent, Contact, Heard, Telemetry
 from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import Gateway
 from mission_service.journal import Journal
@@ -57,6 +57,11 @@ class Service:
         """Handle what a vehicle of another process has said; all here hear it."""
         for name in self._gateways:
             self._handle(Heard(at_us, name, message), now_us)
+
+    def contact(self, there: bool, at_us: int, now_us: int) -> None:
+        """Whether other processes can be talked to; for all vehicles here."""
+        for name in self._gateways:
+            self._handle(Contact(at_us, name, there), now_us)
 
     def _look(self, here: Telemetry, now_us: int) -> None:
         name = here.vehicle

@@ -39,6 +39,7 @@ class Vehicle:
     holding: bool = False
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
+    going_home: bool = False  # led there, because its time in the air is nearly over
     sent_home: bool = False
     pending: Pending | None = None
     flown_line: shapely.LineString | None = None  # of the mission on board that can be trusted

@@ -23,14 +23,14 @@ Place = tuple[float, float]  # metres north and east of home
 APPROACH_M = 60.0
 LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
 GLIDE = math.tan(math.radians(6.0))
-WIDER_M, WIDER_AT_M_S = 13.0, 22.0
+WIDER_M = 12.0  # 11 at 12.6 m/s, 13 at 22 m/s, at radii of 100 and 150 m
 FALL_M_S = 8.0  # of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
-def wider_m(stack: Stack, airspeed_m_s: float) -> float:
-    """How much wider than asked a plane circles: ArduPlane 4.6 about 13 m at 22 m/s, PX4 not."""
-    return WIDER_M * (airspeed_m_s / WIDER_AT_M_S) ** 2 if stack.name == "ardupilot" else 0.0
+def wider_m(stack: Stack) -> float:
+    """How much wider than asked a plane circles: ArduPlane 4.6 by 10 to 13 m, PX4 not."""
+    return WIDER_M if stack.name == "ardupilot" else 0.0
 
 
 @dataclass(slots=True)
@@ -111,7 +111,7 @@ class Body:
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
         clockwise, radius_m = radius_m > 0.0, abs(radius_m)
-        radius_m += wider_m(self.stack, self.limits.airspeed_m_s)
+        radius_m += wider_m(self.stack)
         course = course_around(self.motion, centre, radius_m, clockwise)
         near = abs(self.distance(centre) - radius_m) < 0.2 * radius_m
         turn = self.limits.airspeed_m_s / radius_m if near else 0.0

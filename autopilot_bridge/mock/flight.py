@@ -8,7 +8,7 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
-from autopilot_bridge.mock.body import Body, Place
+from autopilot_bridge.mock.body import Body, Place, wider_m
 from autopilot_bridge.mock.course_of_items import (
     DEFAULT_RADIUS_M,
     LANDINGS,
@@ -331,7 +331,8 @@ class Flight(Body):
             return False
         if target.arrived_at_s is None:
             on_circle = turns or self.stack.vehicle == "plane"
-            if self.distance(centre) > (abs(radius_m) * 1.1 if on_circle else 0.0) + NEAR_M:
+            circle_m = abs(radius_m) * 1.1 + wider_m(self.stack) if on_circle else 0.0
+            if self.distance(centre) > circle_m + NEAR_M:
                 return False
             target.arrived_at_s = now_s
         if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:

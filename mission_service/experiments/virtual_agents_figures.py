@@ -77,7 +77,7 @@ def draw_agents(path: Path, flight: Flight) -> None:
         _zoom(axes, flight.agents_m[chosen])
         axes.set_title(f"{from_s:.0f} to {until_s:.0f} s")
     panels[0].set_ylabel("north of the ignition (m)")
-    panels[0].legend(loc="best", fontsize=8)
+    panels[0].legend(loc="lower right", fontsize=8)
     figure.savefig(path)
 
 

@@ -18,7 +18,7 @@ from mission_service.formation.forces import tie_rad
 from mission_service.formation.grid import Grid
 from mission_service.formation.intent import Choice, Flying, Orbit, choose, rules
 from mission_service.formation.messages import AnyMessage, Leaving, State
-from mission_service.formation.peers import AGENT_X, AGENT_Y, Peers, key_of
+from mission_service.formation.peers import GOAL_X, GOAL_Y, Peers, key_of
 from mission_service.formation.phase import airspeed_in_phase_m_s, is_on_orbit
 from mission_service.formation.settings import Settings
 from mission_service.formation.shared_map import SharedMap
@@ -29,7 +29,7 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-NEWS_M = 20.0  # another orbit than was told is told at once
+NEWS_M = 20.0  # another orbit than was told is told at once, and so is another goal
 LONGEST_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
@@ -116,6 +116,7 @@ class Agent:
         self._cool_at_us = at_us
         self._climb_m = 0.0
         self._told_orbit_m = (math.inf, math.inf)
+        self._told_goal_m: tuple[float, float] | None = None
         self._to_say: list[AnyMessage] = []
         self.map.start(fire, at_us)
         self.maps.set(fire, NO_CELLS)
@@ -180,8 +181,8 @@ class Agent:
         east_m_s, north_m_s = self._mover.velocity(
             own.at_us / 1e6,
             *agent_m,
-            peers[:, AGENT_X],
-            peers[:, AGENT_Y],
+            peers[:, GOAL_X],
+            peers[:, GOAL_Y],
             self.maps,
             self._step_s,
         )
@@ -266,10 +267,11 @@ class Agent:
     def _tell(self, own: Own, intention: Intention) -> None:
         """Say the state when it is time, or at once when another orbit is meant."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
-        is_news = math.dist(self._told_orbit_m, orbit_m) > NEWS_M
+        goal_m = self.agent_m and self._mover.goal_m
+        is_news = math.dist(self._told_orbit_m, orbit_m) > NEWS_M or goal_m != self._told_goal_m
         if own.at_us < self._state_due_us and not is_news:
             return
-        self._told_orbit_m = orbit_m
+        self._told_orbit_m, self._told_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
         state = State(
             own.at_us,
@@ -279,12 +281,14 @@ class Agent:
             own.altitude_amsl_m,
             own.velocity_x_m_s,
             own.velocity_y_m_s,
-            intention.agent_x_m,
-            intention.agent_y_m,
+            self.agent_m and self.agent_m[0],
+            self.agent_m and self.agent_m[1],
             intention.orbit_x_m,
             intention.orbit_y_m,
             intention.orbit_radius_m,
             intention.airspeed_m_s,
             intention.settled,
+            goal_m and goal_m[0],
+            goal_m and goal_m[1],
         )
         self._to_say.append(state)

@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 WAY_PER_M = 0.03  # what a metre of way costs
 # Others nearer than the spacing cost up to this, nearer than the second number up to the third.
-NEIGHBOUR, CROWD_M, CROWD = 250.0, 150.0, 5000.0
+NEIGHBOUR, CROWD_M, CROWD = 800.0, 150.0, 5000.0
 LATTICE_M = 60.0
 MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
 ARRIVED_M = 0.5
@@ -186,6 +186,12 @@ class Mover:
         self._due_s: float | None = None
         self._others_m: Floats = np.empty((0, 2))  # when it decided last
 
+    @property
+    def goal_m(self) -> tuple[float, float] | None:
+        """Where it is going, for the others to know; None while forces move it."""
+        errand = self.errand
+        return None if errand is None else (errand.goal_x_m, errand.goal_y_m)
+
     def velocity(
         self,
         at_s: float,
@@ -198,7 +204,7 @@ class Mover:
     ) -> tuple[float, float]:
         """East and north in m/s for the next ``step_s``; times only rise. No fire, no move.
 
-        ``others_*`` (n) are the other virtual agents in range, nan for one that has none.
+        ``others_*`` (n): where the other virtual agents in range are or go, nan for one not there.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col
@@ -209,7 +215,9 @@ class Mover:
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.errand and self._is_at_via(x_m, y_m, self.errand))
         ):
-            self._due_s = at_s + DECIDE_EVERY_S
+            # Its own moments stay its own, so that no two decide together again and again.
+            if at_s >= self._due_s:
+                self._due_s += DECIDE_EVERY_S * (1.0 + (at_s - self._due_s) // DECIDE_EVERY_S)
             others_m = np.stack([others_x_m, others_y_m], axis=1)
             self._decide(at_s, x_m, y_m, others_m[np.isfinite(others_x_m)], maps)
         if self.errand is not None:

@@ -59,7 +59,7 @@ class Rules:
     apart_m: float  # nearer is a collision: 2 r_s
     margin_m: float = 15.0  # more than that between paths
     margin_m_s: float = 5.0  # and more for each second that news of a peer is late
-    horizon_s: float = 50.0
+    horizon_s: float = 40.0
     every_s: float = 0.5  # thinks no more often
     turn_s: float = 2.0  # how long a turn takes: news from all who are near must come in it
     layers_m: float = 1e9  # planned altitudes this far apart need no avoidance

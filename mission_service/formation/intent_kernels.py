@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.formation.loiter import GRAVITY_M_S2, predict
+from mission_service.formation.loiter import at_fork, predict, tightest_m
 from mission_service.formation.peers import (
     AGE_S,
     AIRSPEED,
@@ -24,11 +24,13 @@ from mission_service.formation.peers import (
 )
 
 STEP_S = 1.0
-REACH_M = 450.0  # ways round lead no farther away from the vehicle and its orbits
+REACH_M = 600.0  # ways round lead no farther from the vehicle, nor do those it meets there
 NEAR_M = 200.0  # who comes nearer than this within NEAR_S takes turns
 NEAR_S = 5.0
 FRESH_S = 1.0  # news no older is not late
+LATE_M = 45.0  # what is added to a margin for late news, at most
 HASTE_S = 8.0  # a path clear for less is left at once, whoever's turn it is
+SMALL_M = 40.0  # radius of circles to wait on, at least
 WORTH_M = 40.0  # another way round is taken if it leads so much nearer
 NOTES = 6  # of a peer whose path is known: west, east, south, north, least distance, of the held
 
@@ -79,17 +81,23 @@ def is_own_turn(at_s, own, peers, turn_s):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _box(path, more_m):  # type: ignore[no-untyped-def]
+    """West, east, south, north of a path, and some more."""
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for row in range(path.shape[0]):
+        west, east = min(west, path[row, 0]), max(east, path[row, 0])
+        south, north = min(south, path[row, 1]), max(north, path[row, 1])
+    return west - more_m, east + more_m, south - more_m, north + more_m
+
+
+@kernel
 def clear_for_s(path, paths, notes, count, apart_at, most_m_s):  # type: ignore[no-untyped-def]
     """How long a path (rows, 2) stays clear of the first ``count`` of ``paths`` (n, rows, 2).
 
     ``apart_at`` is the note (APART or HELD_APART) of how far apart is clear.
     """
-    last = path.shape[0] - 1
-    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
-    for row in range(last + 1):
-        west, east = min(west, path[row, 0]), max(east, path[row, 0])
-        south, north = min(south, path[row, 1]), max(north, path[row, 1])
-    first = last
+    west, east, south, north = _box(path, 0.0)
+    first = path.shape[0] - 1
     for peer in range(count):
         apart_m = notes[peer, apart_at]
         if (
@@ -123,23 +131,30 @@ def clear_for_s(path, paths, notes, count, apart_at, most_m_s):  # type: ignore[
 
 
 @kernel
-def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[no-untyped-def]
-    """Paths and notes of all peers that may come near; returns how many."""
+def _meets(row, peers, box):  # type: ignore[no-untyped-def]
+    """Whether a peer's way to and round its orbit touches a box: west, east, south, north."""
+    west, east, south, north = box
+    span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
+    return (
+        min(peers[row, X], peers[row, ORBIT_X]) - span_m < east
+        and max(peers[row, X], peers[row, ORBIT_X]) + span_m > west
+        and min(peers[row, Y], peers[row, ORBIT_Y]) - span_m < north
+        and max(peers[row, Y], peers[row, ORBIT_Y]) + span_m > south
+    )
+
+
+@kernel
+def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
+    """Add the paths and notes of peers that may come into a box, and were not in ``seen``.
+
+    Returns how many there are now.
+    """
     apart_m, margin_m, margin_m_s, _, layers_m = rule
-    _, _, bank_rad = frame
-    count = 0
-    reach_m = REACH_M + apart_m + margin_m
-    west = min(own[OWN_X], wanted[0], held[0]) - reach_m
-    east = max(own[OWN_X], wanted[0], held[0]) + reach_m
-    south = min(own[OWN_Y], wanted[1], held[1]) - reach_m
-    north = max(own[OWN_Y], wanted[1], held[1]) + reach_m
+    bank_rad = frame[2]
     for row in range(peers.shape[0]):
-        span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
         if (
-            min(peers[row, X], peers[row, ORBIT_X]) - span_m > east
-            or max(peers[row, X], peers[row, ORBIT_X]) + span_m < west
-            or min(peers[row, Y], peers[row, ORBIT_Y]) - span_m > north
-            or max(peers[row, Y], peers[row, ORBIT_Y]) + span_m < south
+            not _meets(row, peers, box)
+            or _meets(row, peers, seen)
             or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
         ):
             continue
@@ -150,15 +165,12 @@ def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[
             peers[row, ORBIT_X], peers[row, ORBIT_Y], peers[row, RADIUS], peers[row, AIRSPEED],
             own[WIND_X], own[WIND_Y], bank_rad, peers[row, AGE_S], STEP_S, paths[count],
         )  # fmt: skip
-        west_m, east_m, south_m, north_m = np.inf, -np.inf, np.inf, -np.inf
-        for at in range(paths.shape[1]):
-            west_m, east_m = min(west_m, paths[count, at, 0]), max(east_m, paths[count, at, 0])
-            south_m, north_m = min(south_m, paths[count, at, 1]), max(north_m, paths[count, at, 1])
-        notes[count, WEST], notes[count, EAST] = west_m, east_m
-        notes[count, SOUTH], notes[count, NORTH] = south_m, north_m
+        notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
+            paths[count], 0.0
+        )
         # Who is too near already must not come nearer.
         now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
-        late_m = margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0)
+        late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
         least_m = max(apart_m + 1.0, now_m - 2.0)
         notes[count, APART] = min(apart_m + margin_m + late_m, least_m)
         notes[count, HELD_APART] = min(apart_m + margin_m / 3.0, least_m)
@@ -167,15 +179,36 @@ def _look(own, wanted, held, peers, rule, frame, paths, notes):  # type: ignore[
 
 
 @kernel
-def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """How long the path to and round an orbit would be clear."""
-    _, most_m_s, bank_rad = frame
+def _joined(one, other):  # type: ignore[no-untyped-def]
+    """The box around two."""
+    return (
+        min(one[0], other[0]),
+        max(one[1], other[1]),
+        min(one[2], other[2]),
+        max(one[3], other[3]),
+    )
+
+
+@kernel
+def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
+    """The path to and round an orbit."""
     predict(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
         orbit[0], orbit[1], orbit[2], orbit[3],
-        own[WIND_X], own[WIND_Y], bank_rad, 0.0, STEP_S, path,
+        own[WIND_X], own[WIND_Y], frame[2], 0.0, STEP_S, path,
     )  # fmt: skip
-    return clear_for_s(path, paths, notes, count, apart_at, most_m_s)
+
+
+@kernel
+def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
+    """How long the path to and round an orbit would be clear; 0 if others cannot tell the path."""
+    if apart_at == APART and at_fork(
+        own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
+        own[WIND_X], own[WIND_Y],
+    ):  # fmt: skip
+        return 0.0
+    _ahead(own, orbit, frame, path)
+    return clear_for_s(path, paths, notes, count, apart_at, frame[1])
 
 
 @kernel
@@ -200,12 +233,20 @@ KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 
 
 @kernel
+def slow_of(own, frame):  # type: ignore[no-untyped-def]
+    """The airspeed to wait at: between cruise and the least, over the wind in any case."""
+    least_m_s, most_m_s, _ = frame
+    slow_m_s = 0.5 * (least_m_s + max(0.7 * most_m_s, least_m_s))
+    return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), most_m_s)
+
+
+@kernel
 def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
     """Fill in the orbit of one of KINDS ways: other airspeeds, waiting, ways round."""
     least_m_s, most_m_s, _ = frame
     sense = 1.0 if wanted[2] > 0.0 else -1.0
     least_m_s = max(least_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
-    cruise_m_s = min(max(0.7 * most_m_s, least_m_s), most_m_s)
+    slow_m_s = slow_of(own, frame)
     _copy(wanted, orbit)
     if number < AIRSPEEDS:  # as wanted, at another airspeed
         orbit[3] = least_m_s + (most_m_s - least_m_s) * number / (AIRSPEEDS - 1)
@@ -216,7 +257,7 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
         orbit[3] = least_m_s + (most_m_s - least_m_s) * number / (AIRSPEEDS - 1)
         return
     number -= AIRSPEEDS
-    orbit[3] = cruise_m_s
+    orbit[3] = slow_m_s
     if number < 3:  # waiting in the middle of the orbit
         orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(wanted[2]))
         return
@@ -232,7 +273,7 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
     number -= 2 * ROUND  # a circle that begins here, to the left and to the right
     radius_m = small_m * (1.0 + number // 4)
     left = number % 2 == 0
-    orbit[3] = cruise_m_s if number // 2 % 2 == 0 else least_m_s
+    orbit[3] = slow_m_s if number // 2 % 2 == 0 else least_m_s
     off_m = radius_m if left else -radius_m
     orbit[0] = own[OWN_X] - off_m * math.sin(own[HEADING])
     orbit[1] = own[OWN_Y] + off_m * math.cos(own[HEADING])
@@ -252,32 +293,44 @@ def _is_other(orbit, than):  # type: ignore[no-untyped-def]
 def think(  # type: ignore[no-untyped-def]
     at_s, own, wanted, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Whether another orbit is adopted (then in ``adopted``), whether it, or the one kept, is not
-    the one wanted, and how long it is clear.
+    """Whether another orbit is adopted (then in ``adopted``); whether the one wanted is not flown,
+    because somebody is in the way; how long the one adopted or kept is clear.
     """
-    count = _look(own, wanted, held, peers, rule, frame, paths, notes)
+    near_m = rule[0] + rule[1] + LATE_M
+    nowhere = (np.inf, -np.inf, np.inf, -np.inf)
+    _ahead(own, held, frame, path)
+    box = _box(path, near_m)
+    count = _look(own, peers, rule, frame, box, nowhere, 0, paths, notes)
     horizon_s = (path.shape[0] - 1) * STEP_S
-    held_s = _try(own, held, frame, path, paths, notes, count, HELD_APART)
+    held_s = clear_for_s(path, paths, notes, count, HELD_APART, frame[1])
     other = _cost_m(held, wanted) > WORTH_M
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _is_other(wanted, held):
         return False, False, held_s
     if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3]):
         return False, other, held_s
+    _ahead(own, wanted, frame, path)
+    wider = _joined(_box(path, near_m), box)
+    count = _look(own, peers, rule, frame, wider, box, count, paths, notes)
     _copy(wanted, adopted)
     clear_s = _try(own, wanted, frame, path, paths, notes, count, APART)
     if clear_s >= horizon_s:
         return _is_other(wanted, held), False, clear_s
-    most_m_s, bank_rad = frame[1], frame[2]
-    cruise_m_s = max(0.7 * most_m_s, frame[0])
-    small_m = 1.3 * cruise_m_s * cruise_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
+    reach = (own[OWN_X] - REACH_M, own[OWN_X] + REACH_M, own[OWN_Y] - REACH_M, own[OWN_Y] + REACH_M)
+    adopted[3] = frame[1]
+    _ahead(own, adopted, frame, path)
+    widest = _joined(_joined(_box(path, near_m), reach), wider)
+    count = _look(own, peers, rule, frame, widest, wider, count, paths, notes)
+    wind_m_s = math.hypot(own[WIND_X], own[WIND_Y])
+    small_m = max(1.2 * tightest_m(slow_of(own, frame), wind_m_s, frame[2]), SMALL_M)
     twist = mixed(own[OWN_KEY], slot) / 4294967296.0
     best_m = _cost_m(held, wanted) - WORTH_M if held_s >= horizon_s else np.inf
     best, best_s, best_kind = False, clear_s, -1
     for kind in range(KINDS):
         _way(kind, own, wanted, held, frame, small_m, twist, adopted)
         cost_m = _cost_m(adopted, wanted)
-        if cost_m >= best_m:
+        tightest = 1.05 * tightest_m(adopted[3], wind_m_s, frame[2])
+        if cost_m >= best_m or abs(adopted[2]) < min(tightest, abs(wanted[2])):
             continue
         clear_s = _try(own, adopted, frame, path, paths, notes, count, APART)
         if clear_s >= horizon_s:
@@ -289,5 +342,5 @@ def think(  # type: ignore[no-untyped-def]
             _copy(wanted, adopted)
         else:
             _way(best_kind, own, wanted, held, frame, small_m, twist, adopted)
-        return True, _cost_m(adopted, wanted) > WORTH_M, best_s
-    return False, other, held_s
+        return True, best_kind >= 0, best_s
+    return False, True, held_s

@@ -5,8 +5,12 @@ signed as in MAVLink: negative is anticlockwise, the paper's way.
 
 What is steered is the course over the ground; in wind the heading crabs. The law looks at the place
 the vehicle comes to at the end of the step, not where it is, so that the circle flown has the
-radius asked for. Beyond the paper: eq. 14 counts only outside the orbit, because a vehicle that has
-its agent inside its own turning circle would turn for ever to get it to the other side.
+radius asked for.
+
+Eq. 14 (turn right, anticlockwise, until the agent is on the left) is here to the letter, but eq. 15
+leads there by itself, and the rule does harm: a vehicle that has its agent inside its own turning
+circle turns for ever. In its place, who has to turn about does it the way of the orbit: nobody
+wavers between left and right, and others can tell the path.
 """
 
 import math
@@ -15,6 +19,14 @@ from firemodel.compiled import kernel
 
 GRAVITY_M_S2 = 9.80665
 ACCELERATION_M_S2 = 1.5  # of the airspeed, both ways
+ABOUT = -0.7  # cosine of the angle from which on a turn is about
+FORK = 0.15  # nearer to where the way of turning changes than this is at the fork
+
+
+@kernel
+def sense_of(radius_m):  # type: ignore[no-untyped-def]
+    """1 for anticlockwise, -1 for clockwise."""
+    return -1.0 if radius_m > 0.0 else 1.0
 
 
 @kernel
@@ -33,8 +45,22 @@ def wanted_course_rad(  # type: ignore[no-untyped-def]
     """
     polar_rad = math.atan2(y_m - agent_y_m, x_m - agent_x_m)
     distance_m = math.hypot(x_m - agent_x_m, y_m - agent_y_m)
-    sense = -1.0 if radius_m > 0.0 else 1.0
+    sense = sense_of(radius_m)
     return polar_rad + sense * 2.0 * math.atan(distance_m / abs(radius_m))
+
+
+@kernel
+def literal_course_rad(  # type: ignore[no-untyped-def]
+    x_m, y_m, course_rad, agent_x_m, agent_y_m, radius_m, turn_rad
+):
+    """Eqs. 14 and 15 to the letter: turn on until the agent is on the right side, then eq. 15.
+
+    Anticlockwise that is to the right until it is on the left. Nothing here flies by it, see above.
+    """
+    sense = sense_of(radius_m)
+    if sense * side_of_agent_m(x_m, y_m, course_rad, agent_x_m, agent_y_m) <= 0.0:
+        return course_rad - sense * turn_rad
+    return wanted_course_rad(x_m, y_m, agent_x_m, agent_y_m, radius_m)
 
 
 @kernel
@@ -53,48 +79,53 @@ def next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s):  # type: ignore[no-unty
 @kernel
 def _aim(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
-    wind_x_m_s, wind_y_m_s, step_s, clear_m,
+    wind_x_m_s, wind_y_m_s, step_s,
 ):  # fmt: skip
-    """The unit heading wanted at the end of a step, and 0, or the way (1 left) it must turn first.
+    """The unit heading wanted at the end of a step.
 
     Eq. 15 without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
     """
-    sense = -1.0 if radius_m > 0.0 else 1.0
+    sense = sense_of(radius_m)
+    radius_m = abs(radius_m)
     over_x = airspeed_m_s * head_x + wind_x_m_s
     over_y = airspeed_m_s * head_y + wind_y_m_s
     away_x = x_m + over_x * step_s - orbit_x_m
     away_y = y_m + over_y * step_s - orbit_y_m
-    distance_m = math.sqrt(away_x * away_x + away_y * away_y)
-    first = 0.0
-    if distance_m > max(abs(radius_m), clear_m):
-        left = over_x * (orbit_y_m - y_m) - over_y * (orbit_x_m - x_m)  # eq. 14
-        if sense * left <= 0.0:
-            first = -sense
+    distance2 = away_x * away_x + away_y * away_y
+    distance_m = math.sqrt(distance2)
     if distance_m > 1e-6:
-        radius = abs(radius_m)
-        share = 1.0 / ((radius * radius + distance_m * distance_m) * distance_m)
-        along = (radius * radius - distance_m * distance_m) * share
-        across = sense * 2.0 * radius * distance_m * share
+        # The step is an arc: what it goes along the circle does not lead away from it.
+        round_m = (away_x * over_y - away_y * over_x) * step_s / distance_m
+        arc2 = max(distance2 - round_m * round_m, 0.0)
+        share = 1.0 / ((radius_m * radius_m + arc2) * distance_m)
+        along = (radius_m * radius_m - arc2) * share
+        across = sense * 2.0 * radius_m * math.sqrt(arc2) * share
         course_x = along * away_x - across * away_y
         course_y = along * away_y + across * away_x
     else:
         course_x, course_y = head_x, head_y
     if wind_x_m_s == 0.0 and wind_y_m_s == 0.0:
-        return course_x, course_y, first
+        return course_x, course_y
     drift = (wind_y_m_s * course_x - wind_x_m_s * course_y) / airspeed_m_s
     drift = min(max(drift, -1.0), 1.0)
     ahead = math.sqrt(1.0 - drift * drift)
-    return ahead * course_x + drift * course_y, ahead * course_y - drift * course_x, first
+    return ahead * course_x + drift * course_y, ahead * course_y - drift * course_x
 
 
 @kernel
-def _turned(head_x, head_y, aim_x, aim_y, first, cos, sin):  # type: ignore[no-untyped-def]
-    """The unit heading after turning towards another one, by the angle of cos, sin at most."""
-    if first == 0.0:
-        if head_x * aim_x + head_y * aim_y >= cos:
-            return aim_x, aim_y
-        first = 1.0 if head_x * aim_y - head_y * aim_x >= 0.0 else -1.0
-    sin *= first
+def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-untyped-def]
+    """The unit heading after turning towards another one, by the angle of cos, sin at most.
+
+    If that is about, it is turned the way of ``sense``, or with 0 the shorter one.
+    """
+    along = head_x * aim_x + head_y * aim_y
+    if along >= cos:
+        return aim_x, aim_y
+    left = head_x * aim_y - head_y * aim_x >= 0.0
+    if along < ABOUT and sense != 0.0:
+        left = sense > 0.0
+    if not left:
+        sin = -sin
     return cos * head_x - sin * head_y, cos * head_y + sin * head_x
 
 
@@ -114,9 +145,10 @@ def _moved(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def clear_of_turn_m(airspeed_m_s, bank_rad):  # type: ignore[no-untyped-def]
-    """An agent at least this far away cannot be inside the vehicle's tightest turn."""
-    return 2.0 * airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
+def tightest_m(airspeed_m_s, wind_m_s, bank_rad):  # type: ignore[no-untyped-def]
+    """The smallest circle over the ground that can be flown, downwind too."""
+    over_m_s = airspeed_m_s + wind_m_s
+    return over_m_s * over_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
 
 
 @kernel
@@ -126,13 +158,28 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """The heading that flies to and round an orbit, for the end of a step; for ``steered``."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y, first = _aim(
+    aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
-        wind_x_m_s, wind_y_m_s, step_s, clear_of_turn_m(airspeed_m_s, bank_rad),
+        wind_x_m_s, wind_y_m_s, step_s,
     )  # fmt: skip
-    if first != 0.0:
-        return heading_rad + first * most_turn_rad(airspeed_m_s, bank_rad, step_s)
+    if head_x * aim_x + head_y * aim_y < ABOUT:
+        return heading_rad + sense_of(radius_m) * most_turn_rad(airspeed_m_s, bank_rad, step_s)
     return math.atan2(aim_y, aim_x)
+
+
+@kernel
+def at_fork(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wind_x_m_s, wind_y_m_s
+):
+    """Whether a little more or less decides which way the vehicle turns to an orbit."""
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    aim_x, aim_y = _aim(
+        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+        wind_x_m_s, wind_y_m_s, 0.0,
+    )  # fmt: skip
+    along = head_x * aim_x + head_y * aim_y
+    left = head_x * aim_y - head_y * aim_x
+    return abs(along - ABOUT) < FORK and left * sense_of(radius_m) < 0.0
 
 
 @kernel
@@ -144,7 +191,8 @@ def steered(  # type: ignore[no-untyped-def]
 
     Returns x, y, heading, airspeed at its end.
     """
-    airspeed_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
     new_x, new_y = _turned(
@@ -152,9 +200,10 @@ def steered(  # type: ignore[no-untyped-def]
         math.cos(turn_rad), math.sin(turn_rad),
     )  # fmt: skip
     x_m, y_m = _moved(
-        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
-    )
-    return x_m, y_m, math.atan2(new_y, new_x), airspeed_m_s
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s,
+    )  # fmt: skip
+    return x_m, y_m, math.atan2(new_y, new_x), new_m_s
 
 
 @kernel
@@ -166,20 +215,22 @@ def flown(  # type: ignore[no-untyped-def]
 
     Returns x, y, heading, airspeed at its end.
     """
-    airspeed_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y, first = _aim(
+    aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
-        wind_x_m_s, wind_y_m_s, step_s, clear_of_turn_m(airspeed_m_s, bank_rad),
+        wind_x_m_s, wind_y_m_s, step_s,
     )  # fmt: skip
     turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
     new_x, new_y = _turned(
-        head_x, head_y, aim_x, aim_y, first, math.cos(turn_rad), math.sin(turn_rad)
+        head_x, head_y, aim_x, aim_y, sense_of(radius_m), math.cos(turn_rad), math.sin(turn_rad)
     )
     x_m, y_m = _moved(
-        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
-    )
-    return x_m, y_m, math.atan2(new_y, new_x), airspeed_m_s
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s,
+    )  # fmt: skip
+    return x_m, y_m, math.atan2(new_y, new_x), new_m_s
 
 
 @kernel
@@ -194,29 +245,28 @@ def predict(  # type: ignore[no-untyped-def]
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     bits = math.ceil(first_s / step_s)
     part_s = first_s / bits if bits > 0 else step_s
-    clear_m = clear_of_turn_m(max(airspeed_m_s, wanted_m_s), bank_rad)
-    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
-    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+    sense = sense_of(radius_m)
+    turns_at_m_s, cos, sin = 0.0, 1.0, 0.0
     for row in range(min(1 - bits, 0), path_m.shape[0]):
         if row == 1:
             part_s = step_s
-            turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
-            cos, sin = math.cos(turn_rad), math.sin(turn_rad)
         if row > 0 or bits > 0:
-            if airspeed_m_s != wanted_m_s:
-                airspeed_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, part_s)
+            new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, part_s)
+            airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
+            if airspeed_m_s != turns_at_m_s or row == 1:
+                turns_at_m_s = airspeed_m_s
                 turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
                 cos, sin = math.cos(turn_rad), math.sin(turn_rad)
-            aim_x, aim_y, first = _aim(
+            aim_x, aim_y = _aim(
                 x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
-                wind_x_m_s, wind_y_m_s, part_s, clear_m,
+                wind_x_m_s, wind_y_m_s, part_s,
             )  # fmt: skip
-            new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, first, cos, sin)
+            new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin)
             x_m, y_m = _moved(
                 x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
                 wind_x_m_s, wind_y_m_s, part_s,
             )  # fmt: skip
-            head_x, head_y = new_x, new_y
+            head_x, head_y, airspeed_m_s = new_x, new_y, new_m_s
         if row >= 0:
             path_m[row, 0] = x_m
             path_m[row, 1] = y_m

@@ -24,6 +24,7 @@ class State(Message, frozen=True, tag=True):
 
     ``orbit_*`` is the circle the UAV flies to or on: its intention, checked by the sender against
     all it knew of. A negative radius is anticlockwise, as in MAVLink: the paper's orbit has -150.
+    On the way home there is no virtual agent. ``goal_*`` is where it is going; none: it stays.
     """
 
     x_m: float
@@ -31,13 +32,15 @@ class State(Message, frozen=True, tag=True):
     altitude_amsl_m: float
     velocity_x_m_s: float  # over the ground
     velocity_y_m_s: float
-    agent_x_m: float
-    agent_y_m: float
+    agent_x_m: float | None
+    agent_y_m: float | None
     orbit_x_m: float
     orbit_y_m: float
     orbit_radius_m: float
     airspeed_m_s: float
     settled: bool
+    goal_x_m: float | None = None
+    goal_y_m: float | None = None
 
 
 class FireUpdate(Message, frozen=True, tag=True):

@@ -1,5 +1,6 @@
 """What a UAV last heard of each other one, as rows of numbers for the kernels."""
 
+import math
 import zlib
 
 import numpy as np
@@ -10,7 +11,8 @@ from mission_service.formation.messages import State
 Floats = NDArray[np.float64]
 
 # Columns of a row.
-X, Y, ALTITUDE, VX, VY, AGENT_X, AGENT_Y = range(7)
+X, Y, ALTITUDE, VX, VY = range(5)
+GOAL_X, GOAL_Y = 5, 6  # where its virtual agent goes or is; not a number where it has none
 ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S, KEY = range(7, 13)
 COLUMNS = 13
 
@@ -38,14 +40,16 @@ class Peers:
         if state.at_us <= self._heard_at_us[row]:
             return
         self._heard_at_us[row] = state.at_us
+        goal_x_m = state.agent_x_m if state.goal_x_m is None else state.goal_x_m
+        goal_y_m = state.agent_y_m if state.goal_y_m is None else state.goal_y_m
         self._rows[row, :AGE_S] = (
             state.x_m,
             state.y_m,
             state.altitude_amsl_m,
             state.velocity_x_m_s,
             state.velocity_y_m_s,
-            state.agent_x_m,
-            state.agent_y_m,
+            math.nan if goal_x_m is None else goal_x_m,
+            math.nan if goal_y_m is None else goal_y_m,
             state.orbit_x_m,
             state.orbit_y_m,
             state.orbit_radius_m,

@@ -55,7 +55,7 @@ def test_a_mission_is_flown_in_order_and_ends_in_its_loiter(stack: Stack) -> Non
     if stack.vehicle == "copter":
         assert max(off_m) < 2.0
     else:
-        flown_m = 90.0 + wider_m(stack, 18.0)
+        flown_m = 90.0 + wider_m(stack)
         assert max(abs(distance - flown_m) for distance in off_m) < 4.0
         turned = (last[-1].heading_deg - last[-5].heading_deg + 180.0) % 360.0 - 180.0
         assert turned < 0.0  # a negative radius is flown anticlockwise

@@ -224,3 +224,14 @@ def test_a_missing_package_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "mavsdk", None)
     with pytest.raises(BridgeError, match=r"pip install 'mission-service\[mavsdk\]'"):
         library.__wrapped__()
+
+
+def test_orbits_and_speeds_are_refused_in_words() -> None:
+    vehicle = MavsdkVehicle("udpin:127.0.0.1:14999", 1, clock_us)
+    vehicle.orbit(36.0, -84.0, 500.0, 100.0, 5)
+    vehicle.change_speed(12.0, 6)
+    for command in ("orbit", "change speed"):
+        told = vehicle.next_event()
+        assert isinstance(told, events.CommandFinished)
+        assert (told.name, told.accepted) == (command, False)
+        assert "use backend native" in told.reason

@@ -167,7 +167,7 @@ def test_loiter_time_ends_after_its_time_and_turns_as_its_sign_says(
         off = math.hypot(motions[-1].north_m - centre[0], motions[-1].east_m - centre[1])
         # ArduPilot keeps of this radius only the sign.
         asked_m = 80.0 if stack.name == "ardupilot" else 100.0
-        assert off == pytest.approx(asked_m + wider_m(stack, 18.0), abs=3.0)
+        assert off == pytest.approx(asked_m + wider_m(stack), abs=3.0)
 
 
 @pytest.mark.parametrize("stack", [PLANE, COPTER], ids=lambda s: s.vehicle)
@@ -186,7 +186,7 @@ def test_ardupilot_flies_its_turns(stack: Stack) -> None:
     )
     assert turned < -math.radians(450.0)
     last = [math.hypot(m.north_m - centre[0], m.east_m - centre[1]) for m in motions[-100:]]
-    flown_m = 60.0 + (wider_m(stack, 18.0) if stack.vehicle == "plane" else 0.0)
+    flown_m = 60.0 + (wider_m(stack) if stack.vehicle == "plane" else 0.0)
     assert max(abs(distance - flown_m) for distance in last) < 6.0
 
 
@@ -235,7 +235,7 @@ def test_the_return_item_brings_it_home(stack: Stack) -> None:
         assert vehicle.mode == ("mission" if stack.name == "ardupilot" else "rtl")
     else:
         assert (vehicle.armed, vehicle.mode) == (True, "rtl")
-        assert home_m == pytest.approx(80.0 + wider_m(stack, 18.0), abs=3.0)
+        assert home_m == pytest.approx(80.0 + wider_m(stack), abs=3.0)
 
 
 @each_stack

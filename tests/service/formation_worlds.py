@@ -39,6 +39,7 @@ class World:
     delay_s: float = 0.0
     lost: float = 0.0
     altitude_m: Floats | None = None
+    wide: float = 1.0  # circles are flown so many times wider than meant, as autopilots do
 
 
 @dataclass
@@ -84,9 +85,8 @@ def _episodes(seen, last, tick):  # type: ignore[no-untyped-def]
 @cached
 def _fly(  # type: ignore[no-untyped-def]
     start, begins_s, all_places, agent_m_s, jumps_s, drift_m_s, wind_x, wind_y, delay_s, lost,
-    altitude_m, kind, rule, frame, every_s, horizon_s, keys, until_s, seed, settled_s, trace,
+    altitude_m, kind, rule, frame, every_s, horizon_s, keys, until_s, rng, settled_s, wide, trace,
 ):  # fmt: skip
-    np.random.seed(seed)
     count = start.shape[0]
     least_m_s, most_m_s, bank_rad = frame
     wind = math.hypot(wind_x, wind_y)
@@ -99,7 +99,7 @@ def _fly(  # type: ignore[no-untyped-def]
     posted = np.full((delay + 1, count, peers.COLUMNS), np.nan)
     known = np.full((count, count, peers.COLUMNS), -1e9)
     others = np.empty((count, peers.COLUMNS))
-    talks = np.random.randint(0, 2, count)
+    talks = rng.integers(0, 2, count)
     collided, met = np.full((count, count), -10_000), np.full((count, count), -10_000)
     seen = np.zeros((count, count), np.bool_)
     rows = int(horizon_s) + 1
@@ -126,7 +126,7 @@ def _fly(  # type: ignore[no-untyped-def]
             agent[who, 0] += part * way_x
             agent[who, 1] += part * way_y
             far_m = math.hypot(agent[who, 0] - x[who], agent[who, 1] - y[who])
-            if far_m > 600.0 or (jumps_s > 0.0 and np.random.random() < STEP_S / jumps_s):
+            if far_m > 600.0 or (jumps_s > 0.0 and rng.random() < STEP_S / jumps_s):
                 agent[who, 0] = x[who] + 150.0 * math.cos(heading[who])
                 agent[who, 1] = y[who] + 150.0 * math.sin(heading[who])
         # Messages.
@@ -138,7 +138,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[who], y[who], altitude_m[who]
                 row[peers.VX] = airspeed[who] * math.cos(heading[who]) + wind_x
                 row[peers.VY] = airspeed[who] * math.sin(heading[who]) + wind_y
-                row[peers.AGENT_X], row[peers.AGENT_Y] = agent[who]
+                row[peers.GOAL_X], row[peers.GOAL_Y] = agent[who]
                 row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[who, 0], orbit[who, 1]
                 row[peers.RADIUS], row[peers.AIRSPEED] = orbit[who, 2], orbit[who, 3]
                 row[peers.AGE_S], row[peers.KEY] = at_s, keys[who]
@@ -146,7 +146,7 @@ def _fly(  # type: ignore[no-untyped-def]
         for who in range(count):
             if not np.isnan(posted[then, who, 0]):
                 for to in range(count):
-                    if to != who and np.random.random() >= lost:
+                    if to != who and rng.random() >= lost:
                         known[to, who] = posted[then, who]
         # What everybody wants, and does.
         seen[:] = False
@@ -186,7 +186,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 orbit[who, :2] = agent[who]
             aim = loiter.wanted_heading_rad(
                 x[who], y[who], heading[who], airspeed[who], orbit[who, 0], orbit[who, 1],
-                orbit[who, 2], wind_x, wind_y, STEP_S, bank_rad,
+                orbit[who, 2] * wide, wind_x, wind_y, STEP_S, bank_rad,
             )  # fmt: skip
             over_x = airspeed[who] * math.cos(heading[who]) + wind_x
             over_y = airspeed[who] * math.sin(heading[who]) + wind_y
@@ -247,9 +247,17 @@ def _fly(  # type: ignore[no-untyped-def]
 
 
 def fly(
-    world: World, avoidance: str, until_s: float, rules: intent.Rules | None = None, trace=None
+    world: World,
+    avoidance: str,
+    until_s: float,
+    rules: intent.Rules | None = None,
+    trace: Floats | None = None,
 ) -> Outcome:
-    """All vehicles with one of AVOIDANCES."""
+    """All vehicles with one of AVOIDANCES.
+
+    ``trace`` (steps, n, 11) is filled, to look at: x, y, heading, orbit, agent, how long the orbit
+    was clear when last thought about, whether it was a new one then.
+    """
     rules = rules or intent.rules(SETTINGS)
     count = len(world.start)
     settled_s = np.empty(count)
@@ -271,8 +279,9 @@ def fly(
         rules.horizon_s,
         np.array([float(peers.key_of(f"uav{number}")) for number in range(count)]),
         until_s,
-        world.seed,
+        np.random.default_rng(world.seed),
         settled_s,
+        world.wide,
         np.empty((0, 0, 0)) if trace is None else trace,
     )
     return Outcome(
@@ -305,3 +314,39 @@ def deployment(count: int, spacing_m: float, gap_m: float, seed: int, **more: ob
         queue(count, gap_m, size_m + 600.0), [(0.0, places[rng.permutation(count)])],
         seed=seed, **more,  # type: ignore[arg-type]
     )  # fmt: skip
+
+
+def settled_on(places: Floats) -> Floats:
+    """Vehicles (n, 3) on their orbits about places, in phase."""
+    east = np.full(len(places), np.pi / 2)
+    return np.stack([places[:, 0] - RADIUS_M, places[:, 1], east], axis=1)
+
+
+def shuffle(count: int, spacing_m: float, seed: int, **more: object) -> World:
+    """Agents on a square grid deal their places out anew, four times."""
+    rng = np.random.default_rng(seed)
+    side = math.ceil(math.sqrt(count))
+    number = np.arange(count)
+    grid = spacing_m * np.stack([number % side, number // side], axis=1).astype(float)
+    dealt = [(60.0 + 150.0 * time, grid[rng.permutation(count)]) for time in range(4)]
+    return World(settled_on(grid), [(0.0, grid), *dealt], seed=seed, **more)  # type: ignore[arg-type]
+
+
+def home_and_back(count: int, spacing_m: float, seed: int, **more: object) -> World:
+    """Half of a ring goes home through the others, waits there and comes back."""
+    rng = np.random.default_rng(seed)
+    places = ring(count, spacing_m)
+    home, half = places.copy(), rng.permutation(count)[: count // 2]
+    home[half, 0] = -3000.0
+    home[half, 1] = 320.0 * (np.arange(len(half)) - len(half) / 2)
+    return World(
+        settled_on(places), [(0.0, places), (60.0, home), (260.0, places)],
+        seed=seed, **more,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def swap(count: int, spacing_m: float, **more: object) -> World:
+    """Agents of a ring change to the opposite side."""
+    places = ring(count, spacing_m)
+    opposite = np.roll(places, count // 2, axis=0)
+    return World(settled_on(places), [(0.0, places), (60.0, opposite)], **more)  # type: ignore[arg-type]

@@ -57,6 +57,12 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ('scheme = "devs8"', 'arrival = "."', ["fire.arrival", "is a folder, not a file"]),
         ('scheme = "devs8"', 'perimeter = "gone.kml"', ["fire.perimeter", "no such file"]),
         ("seed = 1", 'weather_file = {path = "w.csv"}', ["either weather entries"]),
+        ('scheme = "devs8"', "initial_cells = 9", ["fire", 'scheme = "probabilistic"']),
+        (
+            "airspeed_m_s = 12",
+            "least_airspeed_m_s = 30",
+            ["vehicles.0", "less than most_airspeed_m_s"],
+        ),
         ("[[ignition]]\nlat_deg = 36", "[[ignition]]\nlat_deg = 46", ["outside the landscape"]),
     ],
 )
@@ -83,6 +89,20 @@ def test_an_override_changes_one_key() -> None:
     assert scenario.planner.alpha == 5.0
     assert scenario.vehicles[0].stack == "ardupilot"
     assert load_scenario("default").planner.alpha == 1.0
+
+
+@pytest.mark.parametrize(
+    ("overrides", "named"),
+    [
+        (("vehicles.0.kind=copter",), "hawk: .* is for planes"),
+        (("vehicles.0.backend=mavsdk", "vehicles.0.link=udpin:127.0.0.1:14551"), "no orbits"),
+    ],
+)
+def test_only_planes_with_our_own_client_fly_in_a_formation(
+    overrides: tuple[str, ...], named: str
+) -> None:
+    with pytest.raises(ScenarioError, match=named):
+        load_scenario("default", ("planner.rule=formation", *overrides))
 
 
 @pytest.mark.parametrize("override", ["planner.alpha", "vehicles.7.name=x", "name.first=x"])

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as with_fields
 
 from mission_service.errors import MissionServiceError
 from mission_service.formation.agent import Agent, Own
 from mission_service.formation.grid import Grid
 from mission_service.formation.messages import FireUpdate, Leaving, State
+from mission_service.formation.peers import GOAL_X, GOAL_Y
 from mission_service.formation.settings import Settings
 
 GRID = Grid(300, 300, 10.0, -1500.0, 1500.0)
@@ -120,12 +122,25 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
     agent = agent_of()
     agent.step(own_at(0.0, -600.0, 0.0))
     agent.go_home(-1200.0, -1200.0)
-    intention = agent.step(own_at(0.25, -600.0, 4.0))
+    intention = agent.step(own_at(1.0, -600.0, 17.5))  # it thinks twice a second
     assert (intention.orbit_x_m, intention.orbit_y_m) == (-1200.0, -1200.0)
     assert math.isnan(intention.agent_x_m)
+    (state,) = (m for m in agent.messages(1_000_000) if isinstance(m, State) and m.at_us)
+    assert (state.agent_x_m, state.goal_x_m) == (None, None)
     agent.come_back()
-    back = agent.step(own_at(0.5, -600.0, 8.0))
-    assert (back.agent_x_m, back.agent_y_m) == pytest.approx((-600.0, 158.0), abs=15.0)
+    back = agent.step(own_at(1.25, -600.0, 22.0))
+    assert (back.agent_x_m, back.agent_y_m) == pytest.approx((-600.0, 172.0), abs=15.0)
+
+
+def test_others_go_by_where_its_virtual_agent_is_going() -> None:
+    agent = agent_of()
+    agent.hear(with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0))
+    assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
+    said = []
+    for tick in range(40):
+        agent.step(own_at(tick * 0.25, -400.0, 0.0))
+        said += [m for m in agent.messages(tick * 250_000) if isinstance(m, State)]
+    assert said[-1].goal_x_m is not None
 
 
 def test_it_is_settled_after_a_while_on_one_orbit() -> None:

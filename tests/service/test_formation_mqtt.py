@@ -9,6 +9,7 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
+from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.errors import MissionServiceError
 from mission_service.formation.messages import (
     AnyMessage,
@@ -23,6 +24,7 @@ from mission_service.formation_mqtt import (
     Broker,
     Channel,
     Exchange,
+    Inbox,
     Outbox,
     UnfitError,
     check_prefix,
@@ -31,8 +33,10 @@ from mission_service.formation_mqtt import (
     read_broker,
     site_of,
 )
-from tests.service.mqtt_helpers import Mosquitto, needs_mosquitto
 
+needs_mosquitto = pytest.mark.skipif(
+    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
+)
 CELLS = 10_000
 CHANNEL = Channel(Broker("127.0.0.1"), "test", "fire")
 LATEST_US = 3_600_000_000
@@ -57,6 +61,7 @@ class Talker:
         self.heard: list[AnyMessage] = []
         self.told: list[str] = []
         self.mission_us = 0
+        self.contacts: list[bool] = []
         channel = Channel(Broker("127.0.0.1", port), "test", "fire")
         self.exchange = Exchange(channel, [name], LATEST_US)
 
@@ -65,6 +70,9 @@ class Talker:
 
     def hear(self, message: AnyMessage) -> None:
         self.heard.append(message)
+
+    def contact(self, there: bool) -> None:
+        self.contacts.append(there)
 
     def tell(self, text: str, warning: bool) -> None:
         self.told.append(text)
@@ -126,7 +134,7 @@ def test_what_nobody_can_have_said_is_left_out_and_told_once(broker: Mosquitto) 
             aiomqtt.Client("127.0.0.1", broker.port) as stranger,
         ):
             await until(lambda: kite.exchange.connected)
-            topic = CHANNEL.topic("hawk", "state")
+            topic = CHANNEL.topic("hawk", "fireupdate")
             for payload in (b"", b"\xff{", b'{"type":"State"}', encoded(state("wren", 1))[1]):
                 await stranger.publish(topic, payload)
             await stranger.publish(CHANNEL.topic("hawk", "odd"), b"x")
@@ -156,9 +164,10 @@ def test_mission_time_is_the_latest_there_is_and_who_joins_is_told_at_once(
                 await until(lambda: wren.mission_us == 600_000_000)
                 assert time.monotonic() - began_s < 0.5
             async with aiomqtt.Client("127.0.0.1", broker.port) as stranger:
-                for absurd in (b"", b"-1", b"nan", b"9" * 17, str(LATEST_US + 1).encode()):
-                    await stranger.publish(CHANNEL.topic("crow", "time"), absurd)
-                await until(lambda: hawk.exchange.refused["crow"] == 5)
+                absurd = (b"", b"-1", b"nan", b"9" * 17, str(LATEST_US + 1).encode())
+                for number, payload in enumerate(absurd, start=1):
+                    await stranger.publish(CHANNEL.topic("crow", "time"), payload)
+                    await until(lambda number=number: hawk.exchange.refused["crow"] == number)  # type: ignore[misc]
             assert hawk.mission_us == 600_000_000
 
     broker.start()
@@ -171,7 +180,7 @@ def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> Non
         async with talking(broker.port, "hawk", "kite") as (hawk, kite):
             for at_us in range(1000):  # nobody there: the newest state is what remains
                 hawk.says(at_us)
-            await until(lambda: any("on its own" in line for line in hawk.told))
+            await until(lambda: any("no broker" in line for line in hawk.told))
             broker.start()
             await until(lambda: hawk.exchange.connected and kite.exchange.connected)
             await until(lambda: hawk.exchange.sent["state"] == 1)
@@ -188,6 +197,10 @@ def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> Non
                 last = state("hawk", 3000 + number)
                 await until(lambda last=last: last in kite.heard)  # type: ignore[misc]
             assert len(hawk.told) <= 6, hawk.told
+            assert hawk.contacts == []  # never for as long as all need to come back
+            await until(lambda: hawk.contacts == kite.contacts == [True])
+            broker.kill()
+            await until(lambda: hawk.contacts == kite.contacts == [True, False])
 
     asyncio.run(talk())
 
@@ -219,12 +232,37 @@ def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
 @needs_mosquitto
 def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
     async def talk() -> None:
-        async with talking(broker.port, "hawk") as (hawk,):
-            await until(lambda: hawk.exchange.connected)
-            broker.freeze(True)
+        try:
+            async with talking(broker.port, "hawk") as (hawk,):
+                await until(lambda: hawk.exchange.connected)
+                broker.freeze(True)
+                for number in range(200):  # until nothing more goes into the socket
+                    hawk.exchange.say(FireUpdate(number, "hawk", tuple(range(CELLS))))
+                    await asyncio.sleep(0.005)
+        finally:  # or what did not end would not end now either
+            broker.kill()
 
     broker.start()
     asyncio.run(talk())
+
+
+def test_who_falls_behind_hears_only_the_newest_state_of_each() -> None:
+    inbox = Inbox(maxsize=3)
+    for at_us in range(50):
+        for name in ("hawk", "kite"):
+            payload = encoded(state(name, at_us))[1]
+            inbox.put_nowait(
+                aiomqtt.Message(CHANNEL.topic(name, "state"), payload, 0, False, 0, None)
+            )
+    update = aiomqtt.Message(CHANNEL.topic("hawk", "fireupdate"), b"1", 0, False, 0, None)
+    inbox.put_nowait(update)
+    got = [inbox.get_nowait() for _ in range(inbox.qsize())]
+    assert [each.payload for each in got[:2]] == [
+        encoded(state(name, 49))[1] for name in ("hawk", "kite")
+    ]
+    for _ in range(5):
+        inbox.put_nowait(update)
+    assert inbox.qsize() == 3
 
 
 def test_newer_states_overtake_and_the_rest_is_bounded() -> None:

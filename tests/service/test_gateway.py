@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.rates import rates_for
 from autopilot_bridge.stacks import stack_named
-from mission_service.commands import Hold, Return
+from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
 from mission_service.config import load_scenario
 from mission_service.events import ModeChanged, WindMeasured
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
@@ -40,6 +40,22 @@ def test_a_return_is_ordered_of_the_client() -> None:
     gateway.execute(Return("hawk"), 0)
     gateway.execute(Hold("hawk"), 0)
     assert client.orders == ["return_home", "hold"]
+
+
+def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
+    ordered: list[tuple[Any, ...]] = []
+
+    class Ordered(Client):
+        def __getattr__(self, name: str) -> Any:
+            return lambda *told: ordered.append((name, *told))
+
+    gateway = Gateway("hawk", Ordered(), MissionClock(0, wall=False))
+    gateway.execute(Orbit("hawk", 36.0, -84.0, 700.0, -150.0), 5)
+    gateway.execute(ChangeSpeed("hawk", 17.5), 6)
+    assert ordered == [
+        ("orbit", 36.0, -84.0, 700.0, -150.0, 5),
+        ("change_speed", 17.5, 6),
+    ]
 
 
 def test_wind_and_modes_are_told_with_mission_time() -> None:

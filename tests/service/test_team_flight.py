@@ -150,4 +150,4 @@ def test_planners_alone_decide_the_same_and_another_rule_decides_otherwise(run: 
     other = decide(run.journal, "team.circling")
     assert {each.direction for _, each in other.found[-100:]} == {"clockwise"}
     assert other.difference is None
-    assert {each.direction for _, each in alone.found[-100:]} == {"clockwise", "anticlockwise"}
+    assert {each.direction for _, each in alone.found} == {"clockwise", "anticlockwise"}

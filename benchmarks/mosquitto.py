@@ -1,4 +1,4 @@
-"""A real Mosquitto for tests, on a port of its own."""
+"""A real Mosquitto on a port of its own, for tests and benchmarks."""
 
 import os
 import shutil
@@ -8,12 +8,7 @@ import subprocess
 import time
 from pathlib import Path
 
-import pytest
-
 MOSQUITTO = shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/sbin")
-needs_mosquitto = pytest.mark.skipif(
-    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
-)
 
 
 class Mosquitto:
@@ -36,7 +31,8 @@ class Mosquitto:
 
     def start(self) -> None:
         """Returns when it takes connections."""
-        assert MOSQUITTO is not None
+        if MOSQUITTO is None:
+            raise RuntimeError("no mosquitto here: apt-get install mosquitto")
         self._process = subprocess.Popen(
             [MOSQUITTO, "-c", str(self._config)],
             stdout=subprocess.DEVNULL,
@@ -47,7 +43,7 @@ class Mosquitto:
                 if sock.connect_ex(("127.0.0.1", self.port)) == 0:
                     return
             time.sleep(0.02)
-        pytest.fail(f"mosquitto does not listen on {self.port}")
+        raise RuntimeError(f"mosquitto does not listen on {self.port}")
 
     def kill(self) -> None:
         """Gone at once, as in a power cut."""

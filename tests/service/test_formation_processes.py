@@ -1,0 +1,61 @@
+"""A process a vehicle: three agents over a real broker, and what is killed of them."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from benchmarks.formation_processes import formation, map_of
+from benchmarks.mosquitto import MOSQUITTO
+from mission_service.config import load_scenario
+from mission_service.fire_setup import landscape_of
+from mission_service.formation_seats import first_fire
+from mission_service.replay import verify
+
+NAMES, SPEEDUP = ("heron", "stork", "crane"), 10.0
+
+
+@pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto")
+def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
+    async def fly() -> None:
+        async with formation(tmp_path, len(NAMES), SPEEDUP) as stage:
+            first, killed, third = NAMES
+            await stage.passes(60.0)
+            stage.kill(killed)
+            await stage.passes(30.0)
+            assert {state.sender for state in stage.present()} == {first, third}
+
+            at_us = stage.now_us
+            stage.start(killed)
+            back = lambda: killed in stage.states  # noqa: E731
+            await stage.until(back, 60.0, "it is back")
+            # It has joined the others' time, and knows their fire.
+            assert stage.states[killed].at_us > at_us
+
+            stage.broker.kill()
+            await asyncio.sleep(40.0 / SPEEDUP)
+            stage.states.clear()
+            at_us = stage.now_us
+            stage.broker.start()
+            await stage.until(lambda: len(stage.states) == len(NAMES), 30.0, "all talk again")
+            # They have flown on meanwhile.
+            assert all(state.at_us > at_us + 20_000_000 for state in stage.states.values())
+            await stage.passes(40.0)
+
+    asyncio.run(fly())
+    for log in tmp_path.glob("*.log"):
+        assert "Traceback" not in log.read_text(encoding="utf-8"), log
+    assert "no broker at" in (tmp_path / "heron.log").read_text(encoding="utf-8")
+    journals = sorted(tmp_path.glob("*/journal.jsonl"))
+    assert len(journals) == len(NAMES) + 1
+    result = verify(journals[-1])  # what was heard and said is reproduced too
+    assert result.difference is None
+    # One that came back late and one that was there all the time have the same map but for what
+    # was seen in the last seconds; without its history the former would lack many cells.
+    last = [paths[-1] for paths in (sorted(tmp_path.glob(f"{name}-*")) for name in NAMES)]
+    heron, stork, crane = (map_of(folder / "journal.jsonl") for folder in last)
+    scenario = load_scenario(str(tmp_path / "scenario.toml"))
+    grown = int(heron.sum()) - len(first_fire(scenario, landscape_of(scenario)))
+    assert grown > 50
+    for other in (stork, crane):
+        assert int((heron != other).sum()) < 0.2 * grown

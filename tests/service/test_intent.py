@@ -1,0 +1,150 @@
+"""Avoidance by intentions: nobody meets anybody, and all get where they want to be."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mission_service.formation import peers
+from mission_service.formation.intent import Choice, Flying, Orbit, Rules, choose, rules
+from mission_service.formation.settings import Settings
+from tests.service.formation_worlds import (
+    deployment,
+    fly,
+    home_and_back,
+    shuffle,
+    swap,
+)
+
+RULES = rules(Settings())
+HERE = Orbit(0.0, 0.0, -150.0, 17.5)
+OWN = Flying(7, 150.0, 0.0, 300.0, math.pi / 2, 17.5)
+NOBODY = np.zeros((0, peers.COLUMNS))
+
+
+def on_orbit(
+    x_m: float,
+    y_m: float,
+    angle_rad: float = 0.0,
+    key: int = 3,
+    age_s: float = 0.25,
+    altitude_m: float = 300.0,
+) -> NDArray[np.float64]:
+    """A row of one on an orbit about a place."""
+    row = np.zeros(peers.COLUMNS)
+    row[peers.X], row[peers.Y] = x_m + 150 * math.cos(angle_rad), y_m + 150 * math.sin(angle_rad)
+    row[peers.VX], row[peers.VY] = -17.5 * math.sin(angle_rad), 17.5 * math.cos(angle_rad)
+    row[[peers.ORBIT_X, peers.ORBIT_Y, peers.RADIUS]] = x_m, y_m, -150.0
+    row[[peers.AIRSPEED, peers.AGE_S, peers.KEY]] = 17.5, age_s, key
+    row[peers.ALTITUDE] = altitude_m
+    return row[None]
+
+
+def think(
+    wanted: Orbit, others: NDArray[np.float64], at_s: float = 101.5, rules: Rules = RULES
+) -> Choice:
+    return choose(at_s, OWN, wanted, Choice(HERE), others, rules)
+
+
+def test_alone_what_is_wanted_is_flown() -> None:
+    wanted = Orbit(300.0, 0.0, -150.0, 20.0)
+    choice = think(wanted, NOBODY)
+    assert choice.orbit == wanted
+    assert not choice.in_conflict
+    assert choice.clear_s == RULES.horizon_s
+
+
+def test_what_is_hardly_other_is_not_adopted_and_nobody_thinks_all_the_time() -> None:
+    assert think(Orbit(0.5, 0.5, -150.0, 17.6), NOBODY).orbit == HERE
+    held = choose(100.0, OWN, HERE, Choice(HERE), NOBODY, RULES)
+    wanted = Orbit(300.0, 0.0, -150.0, 20.0)
+    assert choose(100.25, OWN, wanted, held, NOBODY, RULES) == held
+    assert choose(100.5, OWN, wanted, held, NOBODY, RULES).orbit == wanted
+
+
+def test_an_orbit_beside_another_in_phase_is_adopted_and_out_of_phase_is_not() -> None:
+    wanted = Orbit(20.0, 0.0, -150.0, 17.5)
+    turns = np.arange(16) * RULES.turn_s + 1.5
+    in_phase = [think(wanted, on_orbit(270.0, 0.0), at_s) for at_s in turns]
+    assert wanted in [choice.orbit for choice in in_phase]
+    opposite = [think(wanted, on_orbit(270.0, 0.0, math.pi), at_s) for at_s in turns]
+    assert wanted not in [choice.orbit for choice in opposite]
+    assert any(choice.in_conflict for choice in opposite)
+
+
+def test_near_ones_take_turns_and_a_turn_needs_news() -> None:
+    wanted = Orbit(20.0, 0.0, -150.0, 17.5)
+    seconds = np.arange(64) * RULES.turn_s + 1.5
+    other = on_orbit(160.0, 0.0)
+    mine = [think(wanted, other, at_s).orbit == wanted for at_s in seconds]
+    assert 8 < sum(mine) < 56
+    theirs = [
+        choose(
+            at_s, OWN._replace(key=3), wanted, Choice(HERE), on_orbit(160.0, 0.0, key=7), RULES
+        ).orbit
+        == wanted
+        for at_s in seconds
+    ]
+    assert [not turn for turn in mine] == theirs
+    late = on_orbit(160.0, 0.0, age_s=1.6)  # from before the turn began
+    assert not any(think(wanted, late, at_s).orbit == wanted for at_s in seconds)
+
+
+def test_layers_need_no_avoidance() -> None:
+    wanted = Orbit(20.0, 0.0, -150.0, 17.5)
+    above = on_orbit(270.0, 0.0, math.pi, altitude_m=360.0)
+    turns = np.arange(16) * RULES.turn_s + 1.5
+    layered = dataclasses.replace(RULES, layers_m=60.0)
+    # Turns are for those that could meet: here they are not needed either, but do no harm.
+    assert wanted in [think(wanted, above, at_s, layered).orbit for at_s in turns]
+    assert wanted not in [think(wanted, above, at_s).orbit for at_s in turns]
+
+
+WIND = (6.0, 5.0)
+WORLDS = {
+    "deploy 4": (deployment(4, 250.0, 120.0, 1), 240.0),
+    "deploy 8": (deployment(8, 250.0, 120.0, 1, jumps_s=150.0), 300.0),
+    "deploy 16": (deployment(16, 300.0, 130.0, 1, drift_m_s=1.0), 400.0),
+    "deploy 16, wind": (deployment(16, 280.0, 120.0, 1, wind_m_s=WIND), 400.0),
+    "deploy 16, lost": (deployment(16, 350.0, 130.0, 1, delay_s=0.5, lost=0.3), 400.0),
+    "deploy 16, wide circles": (deployment(16, 300.0, 130.0, 1, wide=1.03), 400.0),
+    "deploy 32": (deployment(32, 280.0, 120.0, 1), 560.0),
+    "swap 8": (swap(8, 280.0), 400.0),
+    "home and back 16": (home_and_back(16, 280.0, 1, wind_m_s=WIND), 700.0),
+    "shuffle 16, lost": (shuffle(16, 280.0, 1, delay_s=0.5, lost=0.3), 800.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_nobody_meets_anybody_and_all_arrive(name: str) -> None:
+    world, until_s = WORLDS[name]
+    without = fly(world, "none", until_s)
+    outcome = fly(world, "intent", until_s)
+    assert outcome.collisions == 0
+    assert outcome.nearest_m >= 60.0
+    if world.jumps_s == 0.0:
+        assert np.all(np.isfinite(outcome.settled_s))
+        begun_s = world.places[-1][0]
+        took_s, alone_s = outcome.settled_s.mean() - begun_s, without.settled_s.mean() - begun_s
+        assert took_s < (1.3 if name.startswith(("deploy", "home")) else 2.5) * alone_s
+        assert outcome.on_orbit > 0.97
+        assert outcome.spread_rad < math.radians(10.0)
+    assert outcome.changes_per_s < 0.6
+
+
+def test_without_avoidance_the_same_worlds_have_collisions_and_with_the_papers_fewer() -> None:
+    ends = {"none": 0, "rvo": 0}
+    for name, (world, until_s) in WORLDS.items():
+        if name != "deploy 4":  # one behind the other, in phase from the beginning
+            for avoidance in ends:
+                ends[avoidance] += fly(world, avoidance, until_s).collisions
+    assert ends["none"] > 50
+    assert 0 < ends["rvo"] < 0.6 * ends["none"]
+
+
+def test_sixty_four_from_one_base() -> None:
+    outcome = fly(deployment(64, 280.0, 130.0, 1), "intent", 500.0)
+    assert outcome.collisions == 0
+    assert outcome.nearest_m >= 60.0

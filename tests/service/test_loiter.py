@@ -1,0 +1,149 @@
+"""Circling a virtual agent (eqs. 14, 15): the ideal fixed wing and its path ahead."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mission_service.formation import loiter
+
+BANK = 0.7
+STEP_S = 0.25
+
+
+def fly(
+    state: tuple[float, float, float, float],
+    orbit: tuple[float, float, float, float],
+    wind: tuple[float, float],
+    seconds: float,
+    step_s: float = STEP_S,
+) -> NDArray[np.float64]:
+    """(n, 4) states from the first on."""
+    states = [state]
+    for _ in range(round(seconds / step_s)):
+        states.append(loiter.flown(*states[-1], *orbit, *wind, step_s, BANK))
+    return np.array(states)
+
+
+def test_the_law_points_at_the_agent_from_afar_and_along_the_circle_on_it() -> None:
+    east = (1e7, 0.0, 0.0, 0.0)  # of the agent
+    assert loiter.wanted_course_rad(*east, -150.0) == pytest.approx(math.pi, abs=1e-3)
+    assert loiter.wanted_course_rad(150.0, 0.0, 0.0, 0.0, -150.0) == pytest.approx(math.pi / 2)
+    assert loiter.wanted_course_rad(150.0, 0.0, 0.0, 0.0, 150.0) == pytest.approx(-math.pi / 2)
+    assert loiter.wanted_course_rad(0.0, -150.0, 0.0, 0.0, -150.0) == pytest.approx(0.0)
+    assert loiter.wanted_course_rad(1e-6, 0.0, 0.0, 0.0, -150.0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_agent_is_to_the_left_or_to_the_right() -> None:
+    assert loiter.side_of_agent_m(0.0, 0.0, 0.0, 5.0, 3.0) == pytest.approx(3.0)
+    assert loiter.side_of_agent_m(0.0, 0.0, math.pi / 2, 5.0, 3.0) == pytest.approx(-5.0)
+
+
+@pytest.mark.parametrize("radius_m", [-150.0, 150.0, -100.0])
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (8.75, 0.0), (-5.0, 7.0)])
+@pytest.mark.parametrize("airspeed_m_s", [17.5, 10.5])
+def test_the_circle_flown_has_the_radius_asked_for(
+    radius_m: float, wind: tuple[float, float], airspeed_m_s: float
+) -> None:
+    wind = (wind[0] * airspeed_m_s / 17.5, wind[1] * airspeed_m_s / 17.5)
+    states = fly(
+        (500.0, -300.0, 1.0, airspeed_m_s), (20.0, 10.0, radius_m, airspeed_m_s), wind, 400.0
+    )
+    x, y = states[800:, 0] - 20.0, states[800:, 1] - 10.0
+    assert np.hypot(x, y) == pytest.approx(abs(radius_m), rel=0.01)
+    turned = np.diff(np.unwrap(np.arctan2(y, x)))
+    assert np.all(turned * radius_m < 0.0)  # negative is anticlockwise, everywhere
+    assert states[:, 3] == pytest.approx(airspeed_m_s)
+
+
+def test_no_turn_is_tighter_than_the_bank_allows() -> None:
+    states = fly((400.0, 50.0, 0.3, 17.5), (0.0, 0.0, -150.0, 17.5), (6.0, -6.0), 120.0)
+    turned = np.abs(np.angle(np.exp(1j * np.diff(states[:, 2]))))
+    most = 9.80665 * math.tan(BANK) / 17.5 * STEP_S
+    assert turned.max() == pytest.approx(most)
+    ground = np.hypot(*np.diff(states[:, :2], axis=0).T) / STEP_S
+    assert ground.max() < 17.5 + math.hypot(6.0, 6.0) + 1e-6
+
+
+def test_speed_changes_take_time() -> None:
+    states = fly((150.0, 0.0, 1.57, 17.5), (0.0, 0.0, -150.0, 25.0), (0.0, 0.0), 10.0)
+    assert states[4, 3] == pytest.approx(17.5 + loiter.ACCELERATION_M_S2)
+    assert states[-1, 3] == pytest.approx(25.0)
+
+
+def test_to_the_letter_an_agent_on_the_wrong_side_is_turned_to_first() -> None:
+    literal = loiter.literal_course_rad
+    assert literal(0.0, 0.0, 0.0, 500.0, -1.0, -150.0, 0.1) == pytest.approx(-0.1)
+    assert literal(0.0, 0.0, 0.0, 500.0, 1.0, 150.0, 0.1) == pytest.approx(0.1)
+    wanted_rad = loiter.wanted_course_rad(0.0, 0.0, 500.0, 1.0, -150.0)
+    assert literal(0.0, 0.0, 0.0, 500.0, 1.0, -150.0, 0.1) == wanted_rad
+
+
+def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_ever() -> None:
+    """To the letter it would be: 30 m to the right of a vehicle that turns within 37 m."""
+    start = (0.0, 0.0, 0.0, 17.5)
+    states = fly(start, (0.0, -30.0, -150.0, 17.5), (0.0, 0.0), 60.0)
+    assert math.hypot(states[-1, 0], states[-1, 1] + 30.0) == pytest.approx(150.0, rel=0.02)
+    literal = start
+    turn_rad = loiter.most_turn_rad(17.5, BANK, STEP_S)
+    for _ in range(1000):
+        course_rad = loiter.literal_course_rad(*literal[:3], 0.0, -30.0, -150.0, turn_rad)
+        literal = loiter.steered(*literal, course_rad, 17.5, 0.0, 0.0, STEP_S, BANK)
+        assert math.hypot(literal[0], literal[1] + 30.0) < 75.0
+
+
+def test_who_must_turn_about_turns_the_way_of_the_orbit() -> None:
+    for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # wanted near 0: outwards
+        state = (10.0, 0.0, heading_rad, 17.5)
+        anticlockwise = loiter.flown(*state, 0.0, 0.0, -150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
+        clockwise = loiter.flown(*state, 0.0, 0.0, 150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
+        assert math.sin(anticlockwise[2] - heading_rad) > 0.1
+        assert math.sin(clockwise[2] - heading_rad) < -0.1
+
+
+def test_a_wanted_heading_steered_is_the_same_flight() -> None:
+    state = (400.0, 50.0, 2.0, 17.5)
+    orbit, wind = (0.0, 0.0, -150.0), (6.0, 3.0)
+    for _ in range(200):
+        heading_rad = loiter.wanted_heading_rad(*state, *orbit, *wind, STEP_S, BANK)
+        steered = loiter.steered(*state, heading_rad, 17.5, *wind, STEP_S, BANK)
+        state = loiter.flown(*state, *orbit, 17.5, *wind, STEP_S, BANK)
+        assert steered == pytest.approx(state)
+
+
+@pytest.mark.parametrize(
+    "orbit", [(0.0, 0.0, -150.0, 17.5), (-300.0, 200.0, 60.0, 12.0), (500.0, 0.0, -150.0, 25.0)]
+)
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (5.0, -5.0)])
+def test_the_path_ahead_is_the_one_flown(
+    orbit: tuple[float, float, float, float], wind: tuple[float, float]
+) -> None:
+    state = (300.0, 50.0, 2.5, 17.5)
+    flown = fly(state, orbit, wind, 50.0)
+    path_m = np.empty((200, 2))
+    loiter.predict(*state, *orbit, *wind, BANK, STEP_S, STEP_S, path_m)
+    assert path_m == pytest.approx(flown[1:, :2], abs=0.2)
+    coarse_m = np.empty((50, 2))  # what avoidance looks at
+    loiter.predict(*state, *orbit, *wind, BANK, 0.0, 1.0, coarse_m)
+    assert np.hypot(*(coarse_m - flown[:200:4, :2]).T).max() < 6.0
+
+
+def test_news_of_some_age_is_carried_on_to_now() -> None:
+    state, orbit, wind = (300.0, 50.0, 2.5, 17.5), (0.0, 0.0, -150.0, 14.0), (3.0, 0.0)
+    now = fly(state, orbit, wind, 1.5)[-1]
+    late_m, fresh_m = np.empty((40, 2)), np.empty((40, 2))
+    loiter.predict(*state, *orbit, *wind, BANK, 1.5, 1.0, late_m)
+    loiter.predict(*now, *orbit, *wind, BANK, 0.0, 1.0, fresh_m)
+    assert late_m == pytest.approx(fresh_m, abs=3.0)
+    assert np.hypot(*(fresh_m[0] - now[:2])) == 0.0
+
+
+def test_where_left_or_right_is_a_matter_of_little_is_known() -> None:
+    orbit = (0.0, 0.0, -150.0, 0.0, 0.0)
+    wanted_rad = loiter.wanted_course_rad(20.0, 0.0, *orbit[:3])
+    about_rad = math.acos(loiter.ABOUT)
+    assert loiter.at_fork(20.0, 0.0, wanted_rad + about_rad, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, wanted_rad - about_rad, 17.5, *orbit)  # left anyway
+    assert not loiter.at_fork(20.0, 0.0, wanted_rad + math.pi, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, wanted_rad + 1.0, 17.5, *orbit)

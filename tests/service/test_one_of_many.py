@@ -1,0 +1,208 @@
+"""A process that flies one vehicle of many: whom it flies, what it says and hears, its time."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from mission_service.cli import main
+from mission_service.commands import Announce, Say
+from mission_service.config import Scenario, load_scenario, one_of_many
+from mission_service.core import Core
+from mission_service.errors import ScenarioError
+from mission_service.events import (
+    AnyEvent,
+    Contact,
+    Heard,
+    ModeChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.formation.messages import AnyMessage, Digest, FireUpdate, Leaving, State
+from mission_service.formation_flight import FormationFlight
+from mission_service.gateway import Gateway, MissionClock
+from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.replay import verify
+from tests.service.test_gateway import Client, at
+
+S = 1_000_000
+
+
+def scenario(talks: bool = True) -> Scenario:
+    whole = load_scenario("virtual-agents", ("fire.initial_cells=50",))
+    return one_of_many(whole, "crane", talks)
+
+
+class Flown:
+    """Crane's core, its vehicle in the air in its mission."""
+
+    def __init__(self, talks: bool = True) -> None:
+        self.scenario = scenario(talks)
+        self.core = Core(self.scenario, landscape_of(self.scenario))
+        self.home = self.scenario.flown[0]
+        self.events: list[AnyEvent] = [
+            VehicleConnected(0, "crane", "px4 plane", True),
+            self.at(1, 0.0),
+            UploadFinished(2 * S, "crane", 1, "accepted", ""),
+            ModeChanged(3 * S, "crane", 0, True, "mission"),
+            Contact(4 * S, "crane", True),
+        ]
+        for event in self.events:
+            self.core.handle(event)
+
+    def at(self, second: int, north_deg: float) -> Telemetry:
+        height_m = 0.0 if north_deg == 0.0 else 250.0
+        lat_deg, lon_deg = self.home.home_lat_deg + north_deg, self.home.home_lon_deg
+        place = (lat_deg, lon_deg, 600.0 + height_m, height_m)
+        return Telemetry(second * S, "crane", *place, 17.0, 0.0, 0.0)
+
+    def flies(self, *seconds: int) -> list[AnyMessage]:
+        """What is said meanwhile."""
+        said: list[AnyMessage] = []
+        for second in seconds:
+            commands = self.core.handle(self.at(second, 0.006 + 15e-5 * second))
+            said += [each.message for each in commands if isinstance(each, Say)]
+        return said
+
+    def hears(self, second: int, message: AnyMessage) -> list[str]:
+        commands = self.core.handle(Heard(second * S, "crane", message))
+        return [each.text for each in commands if isinstance(each, Announce)]
+
+    @property
+    def peers(self) -> int:
+        leader = self.core.leader
+        assert isinstance(leader, FormationFlight)
+        assert list(leader.formation.seats) == ["crane"]
+        return len(leader.formation.seats["crane"].agent.peers.rows(10 * S))
+
+
+def state_of(state: State, sender: str, north_m: float) -> State:
+    assert state.agent_y_m is not None
+    return State(
+        state.at_us, sender, state.x_m, state.y_m + north_m, state.altitude_amsl_m, 0.0, 17.0,
+        state.agent_x_m, state.agent_y_m + north_m, state.orbit_x_m, state.orbit_y_m + north_m,
+        -150.0, 17.5, False,
+    )  # fmt: skip
+
+
+def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None:
+    crane = Flown()
+    said = crane.flies(9)
+    states = [message for message in said if isinstance(message, State)]
+    assert {message.sender for message in said} == {"crane"}
+    assert len(states) == 1
+    assert any(isinstance(message, Digest) for message in said)
+    assert crane.hears(9, state_of(states[0], "eagle", 500.0)) == []
+    assert crane.peers == 1
+    crane.hears(9, state_of(states[0], "heron", 2500.0))  # farther than states are heard
+    assert crane.peers == 1
+    crane.hears(9, Leaving(9 * S, "eagle", "home"))
+    assert crane.peers == 0
+
+
+def test_without_contact_it_circles_on_where_it_is() -> None:
+    crane = Flown()
+    assert crane.flies(9)
+    crane.core.handle(Contact(9 * S, "crane", False))
+    for second in range(10, 40):
+        assert crane.core.handle(crane.at(second, 0.006 + 15e-5 * second)) == []
+    crane.core.handle(Contact(40 * S, "crane", True))
+    assert crane.flies(40)
+
+
+def test_who_talks_to_nobody_says_nothing() -> None:
+    assert Flown(talks=False).flies(9, 10, 11) == []
+
+
+def test_cells_of_another_map_are_left_out_and_told_once() -> None:
+    crane = Flown()
+    wrong = FireUpdate(9 * S, "eagle", (10**9,))
+    (told,) = crane.hears(9, wrong)
+    assert "eagle" in told
+    assert "not on the map" in told
+    assert crane.hears(10, wrong) == []
+
+
+def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> None:
+    crane = Flown()
+    fresh = Core(crane.scenario, landscape_of(crane.scenario))
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path, header_of(crane.scenario, fresh.landscape.digest(), ""), durable=False)
+    (state,) = [each for each in crane.flies(9) if isinstance(each, State)]
+    heard: list[AnyEvent] = [
+        Heard(9 * S, "crane", state_of(state, "eagle", 200.0)),
+        Heard(9 * S, "crane", FireUpdate(9 * S, "eagle", (7,))),
+        Heard(9 * S, "crane", FireUpdate(9 * S, "eagle", (10**9,))),
+    ]
+    for event in [*crane.events, crane.at(9, 0.006), *heard, crane.at(10, 0.0062)]:
+        journal.event(event)
+        journal.commands(fresh.handle(event))
+    journal.close()
+    kinds = {type(entry.content).__name__ for entry in JournalReader(path)}
+    assert {"Heard", "Say"} <= kinds
+    result = verify(path)
+    assert (result.difference, result.cut_at_line) == (None, None)
+
+
+def test_only_its_own_vehicle_is_flown() -> None:
+    assert [section.name for section in scenario().flown] == ["crane"]
+    assert len(scenario().vehicles) == 8
+    with pytest.raises(ScenarioError, match="--vehicle dodo: virtual-agents has heron, stork"):
+        one_of_many(load_scenario("virtual-agents"), "dodo", talks=True)
+    with pytest.raises(ScenarioError, match='--broker is for rule = "formation"'):
+        one_of_many(load_scenario("team"), None, talks=True)
+    with pytest.raises(ScenarioError, match="only: no vehicle dodo"):
+        load_scenario("team", ('only="dodo"',))
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--broker", "mqtt://x"], "--broker mqtt://x: write it as HOST or HOST:PORT"),
+        (["--broker", "x", "--prefix", "a/#"], "--prefix a/#"),
+        (["--vehicle", "dodo"], "--vehicle dodo"),
+    ],
+)
+def test_the_command_says_what_is_wrong_with_its_flags(
+    tmp_path: Path, flags: list[str], words: str
+) -> None:
+    result = CliRunner().invoke(main, ["run", "virtual-agents", "--out", str(tmp_path), *flags])
+    assert result.exit_code == 1
+    assert words in result.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_who_joins_late_joins_at_the_latest_time_there_is() -> None:
+    clock = MissionClock(0, wall=False)
+    clock.others_passed(600 * S, 0)
+    assert clock.now_us == 0  # a process is on its own time until its vehicle tells one
+    client = Client(at(5.0))
+    (told,) = Gateway("crane", client, clock).events(0)
+    assert told.at_us == clock.now_us == 600 * S
+
+
+def test_who_is_behind_the_others_catches_up() -> None:
+    clock = MissionClock(0, wall=False)
+    client = Client()
+    gateway = Gateway("crane", client, clock)
+    at_us = []
+    for second in range(14):
+        clock.others_passed((100 + second) * S if second > 2 else 0, second * S)
+        client.hears(at(second))
+        at_us += [event.at_us for event in gateway.events(second * S)]
+    assert at_us[3] == 3 * S
+    assert at_us[-1] == pytest.approx(113 * S, abs=1.1 * S)
+    assert at_us == sorted(at_us)
+
+
+def test_with_the_wall_clock_it_joins_at_once_and_goes_on_from_there() -> None:
+    clock = MissionClock(0, wall=True)
+    clock.wall_passed(50 * S)
+    clock.others_passed(600 * S, 51 * S)
+    clock.wall_passed(52 * S)
+    assert clock.now_us == 601 * S
+    clock.others_passed(500 * S, 52 * S)  # who is behind changes nothing
+    clock.wall_passed(53 * S)
+    assert clock.now_us == 602 * S
