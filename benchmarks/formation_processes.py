@@ -175,8 +175,9 @@ class Stage:
 
     def ideal_coverage(self, count: int, over_s: float = 400.0) -> float:
         """By so many UAVs in the ideal world, after they have flown for a while until now."""
-        over_s = min(over_s, self.now_us / 1e6)
-        arrival_s = self._world.fire.arrival_time_s - self.now_us / 1e6 + over_s
+        since_s = max(self.now_us / 1e6 - over_s, 0.0)
+        arrival_s = self._world.fire.arrival_time_s - since_s
+        over_s = self.now_us / 1e6 - since_s
         world = FormationWorld(arrival_s, count, self._settings, Rules(duration_s=over_s), seed=1)
         return fly(world).at_end("va_coverage", 30.0)
 

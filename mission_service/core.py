@@ -33,6 +33,7 @@ from mission_service.vehicle import Leader, Pending, Vehicle, say
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
+TAKEOFF_EVERY_S = 20.0
 # Orders that come all the time: only their refusal is worth a word.
 UNTOLD = ("orbit", "change speed")
 
@@ -142,10 +143,18 @@ class Core:
 
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Start the mission; a takeoff waits until nobody is near."""
-        if vehicle.presence.airborne or self.spacing.may_take_off(vehicle.name, at_s):
+        if vehicle.presence.airborne or self._may_take_off(vehicle, at_s):
             return [StartMission(vehicle.name)]
         vehicle.start_again_at_s = at_s + CHECK_EVERY_S
         return []
+
+    def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Those that other processes fly are not seen while they take off: each has its time."""
+        if self.scenario.only is not None:
+            number = list(self.vehicles).index(vehicle.name)
+            if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
+                return False
+        return self.spacing.may_take_off(vehicle.name, at_s)
 
     def _deploy(self, vehicle: Vehicle, here: Here) -> UploadMission:
         """Send the vehicle to the fire."""

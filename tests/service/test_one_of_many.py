@@ -6,9 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 from mission_service.cli import main
-from mission_service.commands import Announce, Say
+from mission_service.commands import Announce, Say, StartMission, UploadMission
 from mission_service.config import Scenario, load_scenario, one_of_many
-from mission_service.core import Core
+from mission_service.core import TAKEOFF_EVERY_S, Core
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     AnyEvent,
@@ -110,6 +110,22 @@ def test_without_contact_it_circles_on_where_it_is() -> None:
         assert crane.core.handle(crane.at(second, 0.006 + 15e-5 * second)) == []
     crane.core.handle(Contact(40 * S, "crane", True))
     assert crane.flies(40)
+
+
+def test_each_has_its_time_to_take_off() -> None:
+    whole = scenario()
+    core = Core(whole, landscape_of(whole))
+    home = whole.flown[0]
+    core.handle(VehicleConnected(0, "crane", "px4 plane", True))
+    started_at_s = None
+    for second in range(1, 60):
+        place = (home.home_lat_deg, home.home_lon_deg, 600.0, 0.0)
+        commands = core.handle(Telemetry(second * S, "crane", *place, 0.0, 0.0, 0.0))
+        if any(isinstance(each, UploadMission) for each in commands):
+            commands = core.handle(UploadFinished(second * S, "crane", 1, "accepted", ""))
+        if started_at_s is None and any(isinstance(each, StartMission) for each in commands):
+            started_at_s = second
+    assert started_at_s == pytest.approx(2 * TAKEOFF_EVERY_S, abs=2.0)  # it is the third
 
 
 def test_who_talks_to_nobody_says_nothing() -> None:
