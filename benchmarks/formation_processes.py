@@ -21,6 +21,7 @@ import tempfile
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.formation.grid import grid_of
 from mission_service.formation.messages import State
 from mission_service.formation.monitoring import MonitoringArea
+from mission_service.formation.settings import Settings
 from mission_service.formation.warm_up import warm_up
 from mission_service.formation_flight import FormationFlight
 from mission_service.formation_mqtt import TIME, channel_of, decoded
@@ -174,11 +176,13 @@ class Stage:
         return self._area.agent_coverage(agents_m.reshape(-1, 2), self._settings.coverage_radius_m)
 
     def ideal_coverage(self, count: int, over_s: float = 400.0) -> float:
-        """By so many UAVs in the ideal world, after they have flown for a while until now."""
-        since_s = max(self.now_us / 1e6 - over_s, 0.0)
-        arrival_s = self._world.fire.arrival_time_s - since_s
-        over_s = self.now_us / 1e6 - since_s
-        world = FormationWorld(arrival_s, count, self._settings, Rules(duration_s=over_s), seed=1)
+        """By so many UAVs in the ideal world, after they have flown for a while.
+
+        With the paper's safety radius: with a wider one the ideal world's queue stays where it is.
+        """
+        arrival_s = self._world.fire.arrival_time_s - max(self.now_us / 1e6 - over_s, 0.0)
+        settings = replace(self._settings, safety_radius_m=Settings().safety_radius_m)
+        world = FormationWorld(arrival_s, count, settings, Rules(duration_s=over_s), seed=1)
         return fly(world).at_end("va_coverage", 30.0)
 
     async def until(self, what: Callable[[], bool], within_s: float, words: str) -> None:
