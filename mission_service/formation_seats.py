@@ -19,7 +19,8 @@ from mission_service.formation.agent import Agent, Intention, Own
 from mission_service.formation.grid import grid_of
 from mission_service.formation.messages import AnyMessage, Leaving, State
 from mission_service.formation.settings import Airframe, Camera, Settings
-from mission_service.formation_lost import Lost, along_its_orbit
+from mission_service.formation.silent import along_its_orbit
+from mission_service.formation_lost import Lost
 from mission_service.planners.protocol import Decision
 from mission_service.planning import fire_position
 from mission_service.steering import Here

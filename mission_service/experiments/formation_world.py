@@ -7,7 +7,7 @@ metrics of the paper, section 6.2) is of the true fire and the true places.
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,7 @@ class Rules:
     wind_m_s: tuple[float, float] = (0.0, 0.0)  # it blows towards (east, north)
     duration_s: float = 1200.0
     away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # UAV: from, until
+    dead_from_s: dict[int, float] = field(default_factory=dict)  # UAV flies on, its agent is gone
 
 
 @dataclass(frozen=True)
@@ -204,10 +205,14 @@ class FormationWorld:
         self.at_s = self.ticks * TICK_S
         at_us = round(self.at_s * 1e6)
         for receiver, message in self.radio.arrived(self.at_s):
-            self.agents[receiver].hear(message)
+            if not self._is_dead(receiver):
+                self.agents[receiver].hear(message)
         looks = round(LOOK_EVERY_S / TICK_S)
-        self.intentions = []
+        before, self.intentions = self.intentions, []
         for number, agent in enumerate(self.agents):
+            if self._is_dead(number):
+                self.intentions.append(replace(before[number], agent_x_m=math.nan))
+                continue
             self._send_away(number, agent)
             if (self.ticks + number) % looks == 0:
                 self._look(number, agent, at_us)
@@ -216,6 +221,9 @@ class FormationWorld:
                 self.radio.send(number, message, self.at_s, self.places_m)
         self._fly()
         self._look_at_safety()
+
+    def _is_dead(self, number: int) -> bool:
+        return self.at_s >= self.rules.dead_from_s.get(number, math.inf)
 
     def _send_away(self, number: int, agent: Agent) -> None:
         """To its base and back again, when it is time."""

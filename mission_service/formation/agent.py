@@ -22,6 +22,7 @@ from mission_service.formation.peers import GOAL_X, GOAL_Y, Peers, key_of
 from mission_service.formation.phase import airspeed_in_phase_m_s, is_on_orbit
 from mission_service.formation.settings import Settings
 from mission_service.formation.shared_map import SharedMap
+from mission_service.formation.silent import Silent
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -92,6 +93,7 @@ class Agent:
         self.settings = settings
         self.grid = grid
         self.peers = Peers()
+        self._silent = Silent()
         self.map = SharedMap(name, grid.shape)
         self.maps = AgentMaps(
             grid.shape,
@@ -128,8 +130,10 @@ class Agent:
         match message:
             case State():
                 self.peers.hear(message)
+                self._silent.heard(message)
             case Leaving():
                 self.peers.forget(message.sender)
+                self._silent.left(message.sender)
             case _:
                 self.maps.set(*self.map.hear(message))
 
@@ -143,6 +147,8 @@ class Agent:
         """Where the UAV is now; returns what it means to fly from here on."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
+        for state in self._silent.states(own.at_us):
+            self.peers.hear(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
             self._move_agent(own, peers)

@@ -94,6 +94,17 @@ def test_two_leave_for_fuel_and_come_back() -> None:
     assert flight.series["collisions"][-1] == 0
 
 
+def test_two_fall_silent_the_others_close_the_gap_and_keep_clear_of_them() -> None:
+    flight = flown(duration_s=520.0, dead_from_s={2: 400.0, 6: 400.0})
+    after = flight.series["va_coverage"][flight.series_s >= 500.0]
+    six = flown(uavs=6, duration_s=520.0)
+    assert after.mean() >= six.at_end("va_coverage", 20.0) - 0.03
+    assert flight.series["collisions"][-1] == 0
+    assert np.isnan(flight.agents_m[-1, [2, 6]]).any(axis=1).all()
+    moved_m = np.linalg.norm(flight.agents_m[-1] - flight.agents_m[395], axis=1)
+    assert np.nanmax(moved_m) > 100.0
+
+
 def test_wind_is_no_matter() -> None:
     flight = flown(duration_s=400.0, wind_m_s=(6.0, -5.0))
     assert flight.at_end("va_coverage", 60.0) > 0.97
