@@ -352,8 +352,10 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     for vehicle in summary["vehicles"]:
         done = f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
         if vehicle["orders"]:
-            done = f"orders {vehicle['orders']}"
-        click.echo(f"{vehicle['name']}: {done}, uploads {vehicle['uploads']}")
+            orders = vehicle["orders"]
+            done = f"{orders.get('Orbit', 0)} orbits, {orders.get('ChangeSpeed', 0)} speeds ordered"
+        uploads = ", ".join(f"{count} {outcome}" for outcome, count in vehicle["uploads"].items())
+        click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}")
     if closest_m is not None:
         click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(

@@ -14,7 +14,10 @@ from mission_service.config import Scenario
 from mission_service.record import Record, VehicleRecord
 
 FRONT_EVERY_S = 1800.0
-VEHICLE_COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#4e342e")
+VEHICLE_COLOURS = (
+    "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
+)  # fmt: skip
+LEGEND_INSIDE = 4  # vehicles at most; a longer legend would hide the fire
 
 
 def front_times_s(end_s: float) -> list[float]:
@@ -114,13 +117,16 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None
         VEHICLE_COLOURS * len(record.vehicles), record.vehicles.items(), strict=False
     ):
         _draw_vehicle(axes, vehicle, land, colour)
-        label = f"{name}: track, {len(vehicle.reversals)} reversals"
+        label = name if vehicle.orders else f"{name}: track, {len(vehicle.reversals)} reversals"
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
-    axes.set_title(
-        f"{scenario.name}: {scenario.planner.rule} rule, α = {scenario.planner.alpha:g}, "
-        f"{record.at_us / 3.6e9:.1f} h"
-    )
-    axes.legend(handles=handles, loc="upper left")
+    rule, alpha = scenario.planner.rule, f", α = {scenario.planner.alpha:g}"
+    if rule == "formation":
+        alpha = ""
+    axes.set_title(f"{scenario.name}: {rule} rule{alpha}, {record.at_us / 3.6e9:.1f} h")
+    if len(handles) > LEGEND_INSIDE:
+        axes.legend(handles=handles, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.06))
+    else:
+        axes.legend(handles=handles, loc="upper left")
     figure.savefig(path)
 
 
