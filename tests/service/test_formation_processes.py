@@ -1,11 +1,12 @@
 """A process a vehicle: three agents over a real broker, and what is killed of them."""
 
 import asyncio
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
 
-from benchmarks.formation_processes import formation, map_of
+from benchmarks.formation_processes import Stage, formation, map_of
 from benchmarks.mosquitto import MOSQUITTO
 from mission_service.config import load_scenario
 from mission_service.fire_setup import landscape_of
@@ -13,6 +14,11 @@ from mission_service.formation_seats import first_fire
 from mission_service.replay import verify
 
 NAMES, SPEEDUP = ("heron", "stork", "crane"), 10.0
+
+
+def later_than(stage: Stage, names: Iterable[str], at_us: int) -> Callable[[], bool]:
+    """Whether all of these have told a state since then."""
+    return lambda: all(name in stage.states and stage.states[name].at_us > at_us for name in names)
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto")
@@ -25,21 +31,18 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             await stage.passes(30.0)
             assert {state.sender for state in stage.present()} == {first, third}
 
-            at_us = stage.now_us
+            # It joins the others' time. What the killed one said last may come late.
             stage.start(killed)
-            back = lambda: killed in stage.states  # noqa: E731
-            await stage.until(back, 60.0, "it is back")
-            # It has joined the others' time, and knows their fire.
-            assert stage.states[killed].at_us > at_us
+            await stage.until(later_than(stage, [killed], stage.now_us), 60.0, "it is back")
 
             stage.broker.kill()
             await asyncio.sleep(40.0 / SPEEDUP)
             stage.states.clear()
             at_us = stage.now_us
             stage.broker.start()
-            await stage.until(lambda: len(stage.states) == len(NAMES), 30.0, "all talk again")
             # They have flown on meanwhile.
-            assert all(state.at_us > at_us + 20_000_000 for state in stage.states.values())
+            on = later_than(stage, NAMES, at_us + 20_000_000)
+            await stage.until(on, 30.0, "all talk again")
             await stage.passes(40.0)
 
     asyncio.run(fly())
