@@ -138,7 +138,7 @@ class FormationFlight:
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
             case VehicleRebooted():
-                self.formation.not_lost(vehicle.name)
+                self.formation.not_lost(vehicle.name, event.at_us)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 commands += self._mode_changed(vehicle, led, event, at_s)
@@ -179,7 +179,7 @@ class FormationFlight:
     ) -> list[AnyCommand]:
         if not event.armed:
             self.formation.seats[vehicle.name].agent.come_back()
-            self.formation.not_lost(vehicle.name)
+            self.formation.not_lost(vehicle.name, event.at_us)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
         if event.mode != led.mode:  # both stacks forget the speed with the mode
@@ -194,7 +194,7 @@ class FormationFlight:
             return []
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
         self.formation.seats[vehicle.name].left(at_s)
-        self.formation.not_lost(vehicle.name)
+        self.formation.not_lost(vehicle.name, event.at_us)
         if vehicle.presence.recalled:
             return []
         words = f"mode {event.mode} is not ours: not led until it is back in its mission"

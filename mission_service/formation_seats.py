@@ -19,8 +19,6 @@ from mission_service.formation.agent import Agent, Intention, Own
 from mission_service.formation.grid import grid_of
 from mission_service.formation.messages import AnyMessage, Leaving, State
 from mission_service.formation.settings import Airframe, Camera, Settings
-from mission_service.formation.silent import along_its_orbit
-from mission_service.formation_lost import Lost
 from mission_service.planners.protocol import Decision
 from mission_service.planning import fire_position
 from mission_service.steering import Here
@@ -130,7 +128,7 @@ class Formation:
         self._range_m, self._near_m = told.range_m, told.neighbourhood_m
         self._talks = told.talks
         self._said: list[Say] = []
-        self._lost: dict[str, Lost] = {}
+        self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
         self.seats: dict[str, Seat] = {
             section.name: Seat(
@@ -178,10 +176,9 @@ class Formation:
             *seat.wind_m_s,
             here.at_s < seat.hot_until_s,
         )
-        self._lost.pop(name, None)
+        self._lost.discard(name)
         intention = seat.agent.step(own)
         self._hand_on(seat, own.at_us)
-        self._speak_for_the_lost(own.at_us)
         return intention
 
     def is_near_others(self, name: str) -> bool:
@@ -202,23 +199,17 @@ class Formation:
         self._hand_on(seat, at_us)
 
     def lost(self, name: str) -> None:
-        """The link of a vehicle is lost: others mind it for a while where it must be."""
+        """The link of a vehicle is lost: it has no agent, but the others mind where it must be."""
         state = self.seats[name].state
         if state is not None:
-            self._lost[name] = Lost(state, state.at_us)
+            self._lost.add(name)
+            self._tell(self.seats[name], state)
 
-    def not_lost(self, name: str) -> None:
-        """It is heard again, or is known to fly otherwise."""
-        self._lost.pop(name, None)
-
-    def _speak_for_the_lost(self, at_us: int) -> None:
-        for name, lost in list(self._lost.items()):
-            if lost.over(at_us):
-                del self._lost[name]
-                self._tell(self.seats[name], Leaving(at_us, name, "lost"))
-            elif lost.due(at_us):
-                lost.said_at_us = at_us
-                self._tell(self.seats[name], along_its_orbit(lost.state, at_us))
+    def not_lost(self, name: str, at_us: int) -> None:
+        """It is known to fly otherwise."""
+        if name in self._lost:
+            self._lost.remove(name)
+            self._tell(self.seats[name], Leaving(at_us, name, "flies otherwise"))
 
     def hear(self, name: str, message: AnyMessage) -> None:
         """A vehicle hears one that another process flies.
