@@ -220,7 +220,9 @@ class FormationSection(Section):
     safety_radius_m: Positive = 30.0
     neighbourhood_m: Positive = 500.0
     range_m: Positive = 2000.0
-    avoidance: Literal["intent", "rvo", "none"] = "intent"
+    # The paper's velocity obstacles choose headings, which an autopilot on an orbit is not given.
+    avoidance: Literal["intent", "none"] = "intent"
+    apart_by_height_m: Positive | None = None  # vehicles whose heights differ so need no avoidance
     synchronises: bool = True
     talks: bool = False  # to UAVs that other processes fly
 

@@ -18,7 +18,7 @@ from mission_service.fire_setup import burning_of
 from mission_service.formation.agent import Agent, Intention, Own
 from mission_service.formation.grid import grid_of
 from mission_service.formation.messages import AnyMessage, Leaving, State
-from mission_service.formation.settings import Airframe, Camera, Settings
+from mission_service.formation.settings import NEVER_M, Airframe, Camera, Settings
 from mission_service.planners.protocol import Decision
 from mission_service.planning import fire_position
 from mission_service.steering import Here
@@ -37,7 +37,9 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
     if section.camera_along_deg is not None:
         along_rad = math.radians(section.camera_along_deg)
     airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
+    height_m = told.apart_by_height_m
     return Settings(
+        apart_by_height_m=NEVER_M if height_m is None else height_m,
         monitoring_m=told.monitoring_m,
         altitude_agl_m=section.altitude_agl_m,
         loiter_radius_m=section.loiter_radius_m,

@@ -194,6 +194,7 @@ class FormationWorld:
         self.places_m = np.array([_start(number) for number in range(uavs)])
         self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))
         self.velocities_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
+        self.layers_m = np.zeros(uavs)  # how far above the altitude of all each one flies
         self.heights_m = np.full(uavs, settings.altitude_agl_m)
         self.intentions: list[Intention] = []
         self.safety = Safety(uavs, settings)
@@ -269,7 +270,8 @@ class FormationWorld:
             self.places_m, self.motion, headings_rad, orbits[:, 3], *wind, TICK_S, bank_rad,
             self.velocities_m_s,
         )  # fmt: skip
-        self.heights_m[:] = [self.settings.altitude_agl_m + i.climb_m for i in self.intentions]
+        climbs_m = [intention.climb_m for intention in self.intentions]
+        self.heights_m[:] = self.settings.altitude_agl_m + self.layers_m + climbs_m
 
     def agents_m(self) -> Floats:
         """Where the virtual agents are (n, 2); not a number where there is none."""

@@ -84,7 +84,9 @@ class Rules:
 
 def rules(settings: Settings) -> Rules:
     """Of the formation's settings."""
-    return Rules(settings.airframe, 2.0 * settings.safety_radius_m)
+    return Rules(
+        settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.apart_by_height_m
+    )
 
 
 def choose(

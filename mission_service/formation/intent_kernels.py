@@ -55,7 +55,7 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def is_own_turn(at_s, own, peers, turn_s):  # type: ignore[no-untyped-def]
+def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
     """Whether nobody who is, or soon may be, near goes first, and all of them have been heard.
 
     Heard since the slot began: what they adopted before is known, and now they may not.
@@ -66,6 +66,8 @@ def is_own_turn(at_s, own, peers, turn_s):  # type: ignore[no-untyped-def]
     over_x = own[OWN_AIRSPEED] * math.cos(own[HEADING]) + own[WIND_X]
     over_y = own[OWN_AIRSPEED] * math.sin(own[HEADING]) + own[WIND_Y]
     for row in range(peers.shape[0]):
+        if abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m:
+            continue
         away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - own[OWN_X]
         away_y = peers[row, Y] + peers[row, VY] * peers[row, AGE_S] - own[OWN_Y]
         rel_x, rel_y = peers[row, VX] - over_x, peers[row, VY] - over_y
@@ -307,7 +309,7 @@ def think(  # type: ignore[no-untyped-def]
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _is_other(wanted, held):
         return False, False, held_s
-    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3]):
+    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4]):
         return False, other, held_s
     _ahead(own, wanted, frame, path)
     wider = _joined(_box(path, near_m), box)

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+NEVER_M = 1e9  # as good as infinite, for kernels
 PAPER_CELL_M = 10.0  # forces count distances in the paper's cells, whatever the map's are
 
 
@@ -78,6 +79,7 @@ class Settings:
     # ---
     range_m: float = 2000.0  # r_com: how far states are heard; fire updates reach all
     begin_again_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
+    apart_by_height_m: float = NEVER_M  # altitudes that differ so much need no avoidance
     placement: Literal["coverage", "forces"] = "coverage"  # ``coverage.py``; the paper's forces
     camera: Camera = Camera()
     airframe: Airframe = Airframe()

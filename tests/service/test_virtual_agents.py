@@ -130,3 +130,21 @@ def test_the_papers_forces_and_avoidance_fly_too() -> None:
     flight = fly(FormationWorld(arrival_s, 4, settings, rules, 1))
     assert flight.at_end("va_coverage", 60.0) > 0.6
     assert flight.at_end("efficiency", 60.0) > 0.99
+
+
+def test_vehicles_apart_by_their_heights_are_not_in_each_others_way() -> None:
+    experiment = BY_NAME["Exp2_1"]
+    arrival_s = burned(experiment.p_spread, experiment.first_cells, 1)
+    settings = replace(SETTINGS, apart_by_height_m=60.0)
+    in_conflict = {}
+    for step_m in (0.0, 70.0):
+        world = FormationWorld(arrival_s, 8, settings, Rules(), 1)
+        world.layers_m[:] = step_m * np.arange(8)
+        world.heights_m += world.layers_m
+        in_conflict[step_m] = 0
+        for _ in range(800):
+            world.tick()
+            in_conflict[step_m] += sum(each.in_conflict for each in world.intentions)
+        assert world.safety.collisions == 0
+    assert in_conflict[0.0] > 0
+    assert in_conflict[70.0] == 0
