@@ -24,7 +24,7 @@ from mission_service.planning import fire_position
 from mission_service.steering import Here
 
 Cells = NDArray[np.int64]
-BURNING, UNBURNED = ord("b"), ord("u")
+BURNING = ord("b")
 FOUR_BY_THREE = 0.75  # of a camera whose angle along the track is not given
 HOT_FOR_S = 1.5  # after the last look at fire straight below
 
@@ -214,7 +214,7 @@ class Formation:
             self._tell(self.seats[name], Leaving(at_us, name, "flies otherwise"))
 
     def hear(self, name: str, message: AnyMessage) -> None:
-        """A vehicle hears one that another process flies.
+        """A vehicle hears another: everything, but of states only those within range.
 
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
@@ -231,7 +231,7 @@ class Formation:
         return said
 
     def _hand_on(self, seat: Seat, at_us: int) -> None:
-        """Everybody hears everything, but of states only those within range."""
+        """What its agent has to say, to all others."""
         for message in seat.agent.messages(at_us):
             if isinstance(message, State):
                 seat.state = message
@@ -240,14 +240,6 @@ class Formation:
     def _tell(self, seat: Seat, message: AnyMessage) -> None:
         if self._talks:
             self._said.append(Say(seat.agent.name, message))
-        for other in self.seats.values():
-            if other is not seat and (
-                not isinstance(message, State) or self._is_in_range(seat, other)
-            ):
-                other.agent.hear(message)
-
-    def _is_in_range(self, seat: Seat, other: Seat) -> bool:
-        here, there = seat.here, other.here
-        if here is None or there is None:
-            return True
-        return math.dist((here.x_m, here.y_m), (there.x_m, there.y_m)) <= self._range_m
+        for name, other in self.seats.items():
+            if other is not seat:
+                self.hear(name, message)

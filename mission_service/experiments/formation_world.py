@@ -78,7 +78,6 @@ class Radio:
         self._range_m = range_m
         self._rng = np.random.default_rng((seed, 1))
         self._under_way: deque[tuple[float, AnyMessage, list[int]]] = deque()
-        self.bytes_sent = 0
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
         """A message from UAV ``sender``; ``places_m`` (n, 2) is where all are."""

@@ -19,6 +19,7 @@ from mission_service.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 LEAST_STEP_CELLS = 1.0 / 16.0
+STARTS, KICKS = 8, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +164,8 @@ def best_placement(
     radius_cells: float,
     *,
     seed: int = 0,
-    starts: int = 8,
-    kicks: int = 40,
+    starts: int = STARTS,
+    kicks: int = KICKS,
 ) -> Placement:
     """The best found places of ``count`` discs on ``allowed`` cells for ``weights`` (rows, cols).
 
@@ -209,7 +210,13 @@ def best_placement(
 
 
 def best_around(
-    fire: NDArray[np.bool_], grid: Grid, settings: Settings, count: int, seed: int = 0
+    fire: NDArray[np.bool_],
+    grid: Grid,
+    settings: Settings,
+    count: int,
+    seed: int = 0,
+    starts: int = STARTS,
+    kicks: int = KICKS,
 ) -> Placement:
     """The best found places of ``count`` virtual agents around a fire (y, x), see above."""
     maps = AgentMaps(
@@ -226,6 +233,8 @@ def best_around(
         count,
         settings.coverage_radius_m / grid.cell_m,
         seed=seed,
+        starts=starts,
+        kicks=kicks,
     )
 
 

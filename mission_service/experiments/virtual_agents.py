@@ -8,22 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mission_service.experiments.formation_fires import CELL_M, EXPERIMENTS, Experiment, burned
+from mission_service.experiments.formation_fires import EXPERIMENTS, Experiment, burned
 from mission_service.experiments.formation_world import (
     Flight,
     FormationWorld,
     Rules,
     fly,
-    world_grid,
 )
-from mission_service.experiments.static_placement import best_placement
-from mission_service.formation.fire_maps import AgentMaps
-from mission_service.formation.monitoring import MonitoringArea
+from mission_service.experiments.static_placement import best_around
 from mission_service.formation.settings import Settings
-
-Floats = NDArray[np.float64]
 
 SEEDS = (1, 2, 3)
 PROCESSES = 2
@@ -62,7 +56,7 @@ def run(
 
 
 def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
-    """One flight of 20 minutes in the ideal world, and ``best_static`` for its end.
+    """One flight of 20 minutes in the ideal world, and the best coverage for the fire at its end.
 
     Where all is covered in flight nothing is better, and nothing is searched for.
     """
@@ -71,30 +65,14 @@ def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
     )
     arrival_s = burned(experiment.p_spread, experiment.first_cells, seed)
     settings = Settings()
-    flight = fly(FormationWorld(arrival_s, experiment.uavs, settings, rules, seed))
+    world = FormationWorld(arrival_s, experiment.uavs, settings, rules, seed)
+    flight = fly(world)
     reached = flight.at_end("va_coverage", AT_END_S)
     if reached >= COMPLETE:
         return flight, reached
-    return flight, best_static(arrival_s, rules.duration_s, experiment.uavs, settings)
-
-
-def best_static(arrival_s: Floats, at_s: float, uavs: int, settings: Settings) -> float:
-    """The coverage of the best places an optimiser finds for so many agents, for the fire then."""
-    grid = world_grid(arrival_s.shape)
-    area = MonitoringArea(grid, settings.augmentation_m(CELL_M), settings.monitoring_m)
-    area.burn(arrival_s, at_s)
-    maps = AgentMaps(
-        grid.shape,
-        CELL_M,
-        settings.augmentation_m(CELL_M),
-        settings.monitoring_m,
-        settings.agent_area_m,
-    )
-    maps.set(np.flatnonzero(area.fire), np.empty(0, dtype=np.int64))
-    radius_cells = settings.coverage_radius_m / CELL_M
-    return best_placement(
-        area.priority, maps.augmentation == 0, uavs, radius_cells, starts=4, kicks=12
-    ).coverage
+    fire = arrival_s <= rules.duration_s
+    best = best_around(fire, world.grid, settings, experiment.uavs, starts=4, kicks=12)
+    return flight, best.coverage
 
 
 def _row(name: str, runs: list[Flight], best: list[float]) -> dict[str, Any]:

@@ -183,6 +183,23 @@ def at_fork(  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _flown_to(  # type: ignore[no-untyped-def]
+    x_m, y_m, head_x, head_y, aim_x, aim_y, sense, airspeed_m_s, wind_x_m_s, wind_y_m_s,
+    step_s, bank_rad,
+):  # fmt: skip
+    """One step towards a unit heading, as far as it turns: x, y and heading at its end."""
+    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
+    new_x, new_y = _turned(
+        head_x, head_y, aim_x, aim_y, sense, math.cos(turn_rad), math.sin(turn_rad)
+    )
+    x_m, y_m = _moved(
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s,
+    )  # fmt: skip
+    return x_m, y_m, math.atan2(new_y, new_x)
+
+
+@kernel
 def steered(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, wanted_rad, wanted_m_s, wind_x_m_s, wind_y_m_s,
     step_s, bank_rad,
@@ -193,17 +210,12 @@ def steered(  # type: ignore[no-untyped-def]
     """
     new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
     airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
-    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
-    new_x, new_y = _turned(
-        head_x, head_y, math.cos(wanted_rad), math.sin(wanted_rad), 0.0,
-        math.cos(turn_rad), math.sin(turn_rad),
+    x_m, y_m, heading_rad = _flown_to(
+        x_m, y_m, math.cos(heading_rad), math.sin(heading_rad),
+        math.cos(wanted_rad), math.sin(wanted_rad), 0.0, airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s, bank_rad,
     )  # fmt: skip
-    x_m, y_m = _moved(
-        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
-        wind_x_m_s, wind_y_m_s, step_s,
-    )  # fmt: skip
-    return x_m, y_m, math.atan2(new_y, new_x), new_m_s
+    return x_m, y_m, heading_rad, new_m_s
 
 
 @kernel
@@ -222,15 +234,11 @@ def flown(  # type: ignore[no-untyped-def]
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
         wind_x_m_s, wind_y_m_s, step_s,
     )  # fmt: skip
-    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
-    new_x, new_y = _turned(
-        head_x, head_y, aim_x, aim_y, sense_of(radius_m), math.cos(turn_rad), math.sin(turn_rad)
-    )
-    x_m, y_m = _moved(
-        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
-        wind_x_m_s, wind_y_m_s, step_s,
+    x_m, y_m, heading_rad = _flown_to(
+        x_m, y_m, head_x, head_y, aim_x, aim_y, sense_of(radius_m), airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s, bank_rad,
     )  # fmt: skip
-    return x_m, y_m, math.atan2(new_y, new_x), new_m_s
+    return x_m, y_m, heading_rad, new_m_s
 
 
 @kernel

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firemodel.compiled import kernel
 from mission_service.formation.fire_maps import check_cells, disc, no_counts, stamp
 from mission_service.formation.grid import Grid
-from mission_service.formation.sight import first_col_and_end, first_row_and_end
+from mission_service.formation.sight import first_col_and_end, first_row_and_end, in_cells
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -101,15 +101,14 @@ class MonitoringArea:
         """
         union = total = 0.0
         self._view += 1
-        cell_m = self.grid.cell_m
         for x_m, y_m, course_rad, half_across_m, half_along_m in views:
-            row, col = self.grid.row_col_of(x_m, y_m)
+            row, col, across, along = in_cells(self.grid, x_m, y_m, half_across_m, half_along_m)
             new, all_of_it = _in_view(
                 row,
                 col,
                 course_rad,
-                half_across_m / cell_m,
-                half_along_m / cell_m,
+                across,
+                along,
                 self.priority,
                 self._views,
                 self._view,

@@ -34,8 +34,7 @@ def look(
     ``arrival_s`` (y, x) is the true fire's, infinity where it does not come; burned is burning.
     ``fire`` (y, x) is what is known. Returns two arrays of cell numbers, rising.
     """
-    row, col = grid.row_col_of(x_m, y_m)
-    across, along = half_across_m / grid.cell_m, half_along_m / grid.cell_m
+    row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
     room = _room(across, along)
     burning, unburned = np.empty((2, room), dtype=np.int64)
     count, cleared = see(
@@ -55,10 +54,8 @@ def mark(
     at_s: float,
 ) -> None:
     """Write into ``seen_s`` (y, x) when the cells in view were last seen: now."""
-    row, col = grid.row_col_of(x_m, y_m)
-    mark_view(
-        row, col, course_rad, half_across_m / grid.cell_m, half_along_m / grid.cell_m, seen_s, at_s
-    )
+    row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
+    mark_view(row, col, course_rad, across, along, seen_s, at_s)
 
 
 def cells_in_view(
@@ -70,10 +67,16 @@ def cells_in_view(
     half_along_m: float,
 ) -> Cells:
     """Numbers of the cells in view, rising."""
-    row, col = grid.row_col_of(x_m, y_m)
-    across, along = half_across_m / grid.cell_m, half_along_m / grid.cell_m
+    row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
     cells = np.empty(_room(across, along), dtype=np.int64)
     return cells[: list_view(row, col, course_rad, across, along, grid.rows, grid.cols, cells)]
+
+
+def in_cells(
+    grid: Grid, x_m: float, y_m: float, half_across_m: float, half_along_m: float
+) -> tuple[float, float, float, float]:
+    """Where a view is, and its half sides, in cells: row, column, across, along."""
+    return *grid.row_col_of(x_m, y_m), half_across_m / grid.cell_m, half_along_m / grid.cell_m
 
 
 def _room(across: float, along: float) -> int:
