@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
+from mission_service.burn.plan import IgnitionPlan
 from mission_service.formation.messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
@@ -75,6 +76,47 @@ class Say(Command, frozen=True, tag=True):
     message: AnyMessage
 
 
+class ClimbAndHold(Command, frozen=True, tag=True):
+    """Stop what is flown, climb at this place to this altitude, and hold there."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+
+
+class Propose(Command, frozen=True, tag=True):
+    """A plan for people to approve, by its hash."""
+
+    plan: IgnitionPlan
+    plan_hash: str
+
+
+class Withdraw(Command, frozen=True, tag=True):
+    """A plan that was proposed or approved is void from now on."""
+
+    plan_hash: str
+    why: str
+
+
+class Drop(Command, frozen=True, tag=True):
+    """Let go of one sphere now: of the plan of this hash, the drop of this number."""
+
+    plan_hash: str
+    number: int
+
+
 AnyCommand = (
-    UploadMission | StartMission | Hold | Return | Orbit | ChangeSpeed | Decided | Announce | Say
+    UploadMission
+    | StartMission
+    | Hold
+    | Return
+    | Orbit
+    | ChangeSpeed
+    | Decided
+    | Announce
+    | Say
+    | ClimbAndHold
+    | Propose
+    | Withdraw
+    | Drop
 )

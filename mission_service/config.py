@@ -11,6 +11,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.link import parse_link
 from mission_service.config_sections import (
     KEY_SOURCE,
+    BurnSection,
     FireSection,
     FormationSection,
     Ignition,
@@ -54,6 +55,7 @@ class Scenario(Section):
     only: str | None = None
     planner: PlannerSection = PlannerSection()
     formation: FormationSection = FormationSection()
+    burn: BurnSection | None = None
     mission: MissionSection = MissionSection()
     link: LinkSection = LinkSection()
 
@@ -64,7 +66,8 @@ class Scenario(Section):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
         if (self.weather_file is None) == (not self.weather):
             raise ValueError("it needs either weather entries or a weather_file")
-        if not (self.ignition or self.fire.perimeter or self.fire.arrival):
+        lit = self.ignition or (self.burn is not None and self.planner.rule == "burn")
+        if not (lit or self.fire.perimeter or self.fire.arrival):
             raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
         if self.only is not None and self.only not in names:
             raise ValueError(f"only: no vehicle {self.only}; there are {', '.join(names)}")
@@ -73,6 +76,8 @@ class Scenario(Section):
             raise ValueError("fire.initial_cells needs an ignition to grow from")
         if self.planner.rule == "formation":
             _refuse_other_than_planes(self.vehicles)
+        if self.planner.rule == "burn":
+            _refuse_other_than_a_copter(self.burn, self.vehicles)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and be later one by one")
@@ -98,6 +103,19 @@ def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
                 f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
                 "vehicles fly missions only, no orbits"
             )
+
+
+def _refuse_other_than_a_copter(
+    burn: BurnSection | None, vehicles: tuple[VehicleSection, ...]
+) -> None:
+    """Raise ValueError unless there is a burn and one vehicle that can drop its lines."""
+    if burn is None:
+        raise ValueError('rule = "burn" needs a table [burn]')
+    for vehicle in vehicles:
+        if vehicle.kind != "copter" or vehicle.backend != "native":
+            raise ValueError(f'{vehicle.name}: rule = "burn" is for a copter with backend "native"')
+    if len(vehicles) > 1:
+        raise ValueError('rule = "burn" is for one vehicle: others would fly in each other\'s fire')
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
@@ -236,7 +254,7 @@ def flying(scenario: Scenario) -> Scenario:
     """The scenario itself if vehicles can fly in it; raises ScenarioError saying what it lacks."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
-    known = scenario.planner.ignition_known
+    known = scenario.planner.ignition_known and scenario.planner.rule != "burn"
     if known and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
         raise ScenarioError(
             f"{scenario.name}: the planner has to know where the fire is: make the first ignition "

@@ -169,7 +169,7 @@ class PlannerSection(Section):
     """What decides; the rules there are stand in mission_service/planning.py.
 
     Rules that begin with ``team.`` direct all vehicles together, on one map; ``formation`` has
-    fixed wings loiter around the fire.
+    fixed wings loiter around the fire; ``burn`` has a copter drop ignition lines.
     """
 
     rule: str = "damped"
@@ -192,10 +192,10 @@ class PlannerSection(Section):
     @field_validator("rule")
     @classmethod
     def _rule_known(cls, rule: str) -> str:
-        from mission_service.planning import FORMATION, RULES  # which knows scenarios
+        from mission_service.planning import BURN, FORMATION, RULES  # which knows scenarios
 
-        if rule not in (*RULES, FORMATION):
-            raise ValueError(f"no such rule; there are {', '.join((*RULES, FORMATION))}")
+        if rule not in (*RULES, FORMATION, BURN):
+            raise ValueError(f"no such rule; there are {', '.join((*RULES, FORMATION, BURN))}")
         return rule
 
     @model_validator(mode="after")
@@ -225,6 +225,118 @@ class FormationSection(Section):
     apart_by_height_m: Positive | None = None  # vehicles whose heights differ so need no avoidance
     synchronises: bool = True
     talks: bool = False  # to UAVs that other processes fly
+
+
+LatLon = tuple[Latitude, Longitude]
+
+# NWCG PMS 515: what a burn boss asks before an aircraft drops fire. Any open item is a NO-GO.
+GO_ITEMS = (
+    "firing plan approved by the burn boss",
+    "two remote pilots, or one as the burn plan allows",
+    "communication with the burn boss tested",
+    "launch place, altitudes and the way home agreed",
+    "people and equipment are out of the unit",
+    "weather is within the prescription",
+    "payload checked: spheres, fluid, dropper",
+    "battery and lost-link behaviour checked",
+)
+
+
+class Station(Section):
+    """A place from which plans may be approved: who is there is kept away from fire."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
+class Circle(Section):
+    """People or things: nothing is dropped, nothing flown low within ``radius_m``."""
+
+    name: str
+    lat_deg: Latitude
+    lon_deg: Longitude
+    radius_m: Positive
+
+
+class LitLine(Section):
+    """What the crew has lit by hand: a point or a line, all of it at ``at_s`` of mission time."""
+
+    points: Annotated[tuple[LatLon, ...], Field(min_length=1)]
+    at_s: NotNegative = 0.0
+
+
+class Dropper(Section):
+    """What lets go of a sphere: an output that is set, and set back."""
+
+    by: Literal["servo", "gripper", "actuator"] = "servo"
+    number: Annotated[int, Field(ge=1, le=16)] = 9
+    release: Finite = 1900.0  # servo: PWM in us; actuator: -1 to 1; a gripper has none
+    rest: Finite = 1100.0
+    fall_drag_m: Positive = 60.0  # terminal speed squared by g: 24 m/s
+    delay_s: NotNegative = 0.2  # from the order to the sphere's fall, link and dropper
+
+
+class BurnSection(Section):
+    """The prescribed burn of ``rule = "burn"``: where, how, and what is safe.
+
+    Corners are (lat, lon). Margins: no drop and no low path where fire is expected within
+    ``time_margin_s``, or nearer than ``distance_margin_m`` (and as much farther downwind of it as
+    the wind goes in ``wind_margin_s``), until ``residence_s`` after the fire has come.
+    """
+
+    unit: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
+    unit_file: Path | None = None
+    no_drop_file: Path | None = None
+    fence: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
+    people: tuple[Circle, ...] = ()
+    stations: Annotated[tuple[Station, ...], Field(min_length=1)]
+    go_items: tuple[str, ...] = GO_ITEMS
+    lit: tuple[LitLine, ...] = ()
+    fuel_model: int = 1  # of the fire simulation; the moistures are the weather's
+    corrections: Literal["paper", "gaussian"] = "gaussian"
+    camera_corrects: bool = True
+    line_spacing_m: Positive = 20.0
+    drop_spacing_m: Positive = 15.0
+    speed_m_s: Positive = 5.0
+    climb_m_s: Positive = 3.0
+    sink_m_s: Positive = 2.0
+    drop_height_m: Positive = 15.0
+    safe_height_m: Positive = 60.0
+    time_margin_s: NotNegative = 60.0
+    distance_margin_m: NotNegative = 10.0
+    wind_margin_s: NotNegative = 2.0
+    residence_s: NotNegative = 120.0
+    edge_m: NotNegative = 5.0  # drops stay so far inside the unit, and off no-drop areas
+    spheres: Annotated[int, Field(ge=0)] = 450
+    most_drops_per_min: Positive = 120.0
+    ignition_delay_s: NotNegative = 30.0
+    battery_s: Positive = 1500.0  # of flight a load
+    battery_reserve_s: NotNegative = 240.0
+    reload_s: NotNegative = 300.0  # on the ground between two loads
+    dropper: Dropper = Dropper()
+    miss_m: Positive = 4.0  # a sphere that would fall farther off its place is not dropped
+    approval_s: Positive = 600.0  # an approval is good for so long
+    crew_silent_s: Positive = 15.0  # an approver not heard for so long is gone
+    wind_changes_m_s: Positive = 2.0
+    wind_changes_deg: Positive = 30.0
+    least_battery_pct: Annotated[float, Field(ge=0, le=90)] = 25.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "BurnSection":
+        if (self.unit is None) == (self.unit_file is None):
+            raise ValueError("needs either unit (corners) or unit_file")
+        if self.safe_height_m <= self.drop_height_m:
+            raise ValueError("safe_height_m must be more than drop_height_m")
+        least_m = self.speed_m_s * 60.0 / self.most_drops_per_min
+        if self.drop_spacing_m < least_m:
+            raise ValueError(
+                f"drop_spacing_m must be at least {least_m:g} m at {self.speed_m_s:g} m/s and "
+                f"{self.most_drops_per_min:g} drops a minute"
+            )
+        if len({station.name for station in self.stations}) != len(self.stations):
+            raise ValueError("stations must have different names")
+        return self
 
 
 class MissionSection(Section):

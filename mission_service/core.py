@@ -12,12 +12,14 @@ from mission_service.config import Scenario
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
+    Crew,
     LinkLost,
     LinkRestored,
     ModeChanged,
     Telemetry,
     UploadFinished,
     VehicleConnected,
+    VehicleEvent,
     VehicleRebooted,
 )
 from mission_service.formation_flight import FormationFlight
@@ -71,6 +73,8 @@ class Core:
 
         Raises KeyError for a vehicle the scenario does not name.
         """
+        if isinstance(event, Crew):
+            return self.leader.told(event)
         vehicle = self.vehicles[event.vehicle]
         was_airborne, was_recalled = vehicle.presence.airborne, vehicle.presence.recalled
         decision = self.steering.take(event)
@@ -80,7 +84,7 @@ class Core:
     def _answer(
         self,
         vehicle: Vehicle,
-        event: AnyEvent,
+        event: VehicleEvent,
         decision: Decision | None,
         was_airborne: bool,
         was_recalled: bool,

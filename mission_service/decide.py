@@ -12,6 +12,7 @@ from firemodel.landscape import Landscape
 from mission_service.commands import Decided, Return
 from mission_service.config import Scenario, parse_scenario
 from mission_service.errors import JournalError, MissionServiceError
+from mission_service.events import Crew
 from mission_service.fire_setup import landscape_of
 from mission_service.journal import JournalReader
 from mission_service.planning import FORMATION, RULES, planners_of
@@ -62,7 +63,7 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
             recorded.append((at_us, content))
         elif isinstance(content, Return):
             steering.recall(content.vehicle, at_us / 1e6)
-        elif entry.is_event:
+        elif entry.is_event and not isinstance(content, Crew):
             at_us = content.at_us  # type: ignore[union-attr]
             decision = steering.take(content)  # type: ignore[arg-type]
             if decision is not None:

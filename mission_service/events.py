@@ -3,6 +3,8 @@
 ``at_us`` is mission time in integer microseconds; 0 is the time of ignition of the scenario.
 """
 
+from typing import Literal
+
 import msgspec
 
 from mission_service.formation.messages import AnyMessage
@@ -109,7 +111,156 @@ class Contact(Event, frozen=True, tag=True):
     there: bool
 
 
-AnyEvent = (
+class BatteryTold(Event, frozen=True, tag=True):
+    """What is left of the battery, told when it changes."""
+
+    percent: float
+
+
+class FixTold(Event, frozen=True, tag=True):
+    """Whether the vehicle has a position fix in three dimensions, told when it changes."""
+
+    good: bool
+    fix: str
+
+
+class DropFinished(Event, frozen=True, tag=True):
+    """What became of one ``Drop``. Not ``done`` and not ``refused``: nobody knows."""
+
+    plan_hash: str
+    number: int
+    done: bool
+    refused: bool
+    reason: str
+
+
+class Crew(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
+    """What a person did or said; not of one vehicle. ``station`` is where they are."""
+
+    at_us: int
+    by: str
+    station: str
+
+
+Place = tuple[float, float]  # lat_deg, lon_deg
+
+
+class Lit(Crew, frozen=True, tag=True):
+    """The crew has lit a point or a line, all of it at ``lit_at_us``."""
+
+    points: tuple[Place, ...]
+    lit_at_us: int
+
+
+class Corrected(Crew, frozen=True, tag=True):
+    """The fire at ``marked_at_us`` (past, now, future), on a point, along a line or in a polygon.
+
+    ``burned``: it has come there before; ``burning``: it comes then; ``unburned``: later.
+    """
+
+    state: Literal["burned", "burning", "unburned"]
+    shape: Literal["point", "line", "polygon"]
+    points: tuple[Place, ...]
+    marked_at_us: int
+
+
+class Erased(Crew, frozen=True, tag=True):
+    """Marks within ``radius_m`` of a place are taken away."""
+
+    lat_deg: float
+    lon_deg: float
+    radius_m: float
+
+
+class Undone(Crew, frozen=True, tag=True):
+    """The last correction or erasure is taken back."""
+
+
+class Redone(Crew, frozen=True, tag=True):
+    """What was taken back last holds again."""
+
+
+class WindTold(Crew, frozen=True, tag=True):
+    """The wind 6.1 m above the vegetation, from true north, as the crew has it from now on."""
+
+    speed_m_s: float
+    from_deg: float
+
+
+class PersonTold(Crew, frozen=True, tag=True):
+    """Somebody is at a place, with ``radius_m`` to be kept clear; 0: is no longer there."""
+
+    name: str
+    lat_deg: float
+    lon_deg: float
+    radius_m: float
+
+
+class UnitTold(Crew, frozen=True, tag=True):
+    """The burn unit is this polygon from now on."""
+
+    points: tuple[Place, ...]
+
+
+class Answered(Crew, frozen=True, tag=True):
+    """GO or NO-GO to one item of the list."""
+
+    item: str
+    go: bool
+
+
+class PlanWanted(Crew, frozen=True, tag=True):
+    """Plan the next line; spacings from now on, where they are given."""
+
+    line_spacing_m: float | None = None
+    drop_spacing_m: float | None = None
+
+
+class Approved(Crew, frozen=True, tag=True):
+    """A person approves exactly the plan of this hash."""
+
+    plan_hash: str
+
+
+class Rejected(Crew, frozen=True, tag=True):
+    """A person wants no plan of this hash flown."""
+
+    plan_hash: str
+
+
+class Aborted(Crew, frozen=True, tag=True):
+    """Stop at once: no further drop, climb to the safe height and hold."""
+
+
+class Present(Crew, frozen=True, tag=True):
+    """Somebody is there and watches; told every few seconds."""
+
+
+class Resumed(Crew, frozen=True, tag=True):
+    """The service runs again after ``down_s``; whatever was approved before is in doubt."""
+
+    down_s: float
+
+
+CrewEvent = (
+    Lit
+    | Corrected
+    | Erased
+    | Undone
+    | Redone
+    | WindTold
+    | PersonTold
+    | UnitTold
+    | Answered
+    | PlanWanted
+    | Approved
+    | Rejected
+    | Aborted
+    | Present
+    | Resumed
+)
+
+VehicleEvent = (
     VehicleConnected
     | LinkLost
     | LinkRestored
@@ -123,4 +274,8 @@ AnyEvent = (
     | ModeChanged
     | Heard
     | Contact
+    | BatteryTold
+    | FixTold
+    | DropFinished
 )
+AnyEvent = VehicleEvent | CrewEvent

@@ -21,14 +21,15 @@ from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
-    AnyEvent,
     CommandFinished,
     Contact,
+    CrewEvent,
     Heard,
     LinkLost,
     LinkRestored,
     ModeChanged,
     UploadFinished,
+    VehicleEvent,
     VehicleRebooted,
 )
 from mission_service.formation.agent import Intention
@@ -124,7 +125,11 @@ class FormationFlight:
 
     # What comes in ----------------------------------------------------------------------------
 
-    def heard(self, vehicle: Vehicle, event: AnyEvent) -> list[AnyCommand]:
+    def told(self, event: CrewEvent) -> list[AnyCommand]:
+        """Nothing."""
+        return []
+
+    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Take note of outcomes, modes, restarts; say what is to be said."""
         led, at_s = self._led[vehicle.name], event.at_us / 1e6
         commands: list[AnyCommand] = []

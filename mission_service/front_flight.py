@@ -9,7 +9,7 @@ from firemodel.landscape import Landscape
 from mission_service.approach import approach_path
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config import Scenario
-from mission_service.events import AnyEvent
+from mission_service.events import CrewEvent, VehicleEvent
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.advice import Adviser, Wishes
 from mission_service.planners.protocol import Decision, Planner
@@ -49,8 +49,12 @@ class FrontFlight:
             Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
         )
 
-    def heard(self, vehicle: Vehicle, event: AnyEvent) -> list[AnyCommand]:
+    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Nothing: it lives on positions."""
+        return []
+
+    def told(self, event: CrewEvent) -> list[AnyCommand]:
+        """Nothing."""
         return []
 
     def in_mission(self, name: str) -> bool:

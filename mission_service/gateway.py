@@ -16,7 +16,6 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.events import (
-    AnyEvent,
     CommandFinished,
     LinkLost,
     LinkRestored,
@@ -25,6 +24,7 @@ from mission_service.events import (
     Telemetry,
     UploadFinished,
     VehicleConnected,
+    VehicleEvent,
     VehicleRebooted,
     WindMeasured,
 )
@@ -95,7 +95,7 @@ class Gateway:
         self._watched_from_us = 0
         self._mission_of_transfer: dict[int, int] = {}
 
-    def events(self, now_us: int) -> Iterator[AnyEvent]:
+    def events(self, now_us: int) -> Iterator[VehicleEvent]:
         """What happened since the last call, in the core's words, on mission time."""
         self._clock.wall_passed(now_us)
         while (event := self.client.next_event()) is not None:
@@ -144,7 +144,7 @@ class Gateway:
             behind_us -= self._least_behind_us
         self._least_behind_us, self._watched_from_us = behind_us, now_us
 
-    def _translate(self, event: bridge.ClientEvent, link_us: int) -> AnyEvent | None:
+    def _translate(self, event: bridge.ClientEvent, link_us: int) -> VehicleEvent | None:
         now_us, name = self._clock.now_us, self.name
         match event:
             case bridge.Position():

@@ -115,6 +115,8 @@ TEAM: dict[str, RuleMaker] = {
 RULES = (*ALONE, *TEAM)
 # Not along the front: all vehicles in a formation around the fire (formation_flight.py).
 FORMATION = "formation"
+# Ignition lines dropped inside a burn unit (burn_flight.py).
+BURN = "burn"
 
 
 def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:

@@ -12,7 +12,14 @@ from mission_service.commands import (
     Orbit,
     UploadMission,
 )
-from mission_service.events import AnyEvent, Observed, Telemetry, UploadFinished
+from mission_service.events import (
+    AnyEvent,
+    Crew,
+    Observed,
+    Telemetry,
+    UploadFinished,
+    VehicleEvent,
+)
 from mission_service.steering import AIRBORNE_M
 
 TRACK_EVERY_US = 1_000_000
@@ -57,8 +64,13 @@ class Record:
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Take in one event and what it led to."""
-        vehicle = self.vehicles[event.vehicle]
         self.at_us = max(self.at_us, event.at_us)
+        if not isinstance(event, Crew):
+            self._happened(self.vehicles[event.vehicle], event)
+        for command in commands:
+            self._commanded(self.vehicles[command.vehicle], command)
+
+    def _happened(self, vehicle: VehicleRecord, event: VehicleEvent) -> None:
         match event:
             case Telemetry():
                 self.telemetry += 1
@@ -73,8 +85,6 @@ class Record:
                 vehicle.uploads[event.outcome] += 1
             case _:
                 pass
-        for command in commands:
-            self._commanded(vehicle, command)
 
     def _compare(self, here: Telemetry) -> None:
         """Look for the closest pair; the others are taken to have flown straight on."""

@@ -9,7 +9,14 @@ from collections.abc import Callable, Iterable
 from mission_service.commands import Say
 from mission_service.config import Scenario
 from mission_service.core import Core
-from mission_service.events import AnyEvent, Contact, Heard, Telemetry
+from mission_service.events import (
+    AnyEvent,
+    Contact,
+    CrewEvent,
+    Heard,
+    Telemetry,
+    VehicleEvent,
+)
 from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import Gateway
 from mission_service.journal import Journal
@@ -46,7 +53,7 @@ class Service:
         }
         self._camera_due_us = dict.fromkeys(self._cameras, 0)
 
-    def take(self, events: Iterable[AnyEvent], now_us: int) -> None:
+    def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle what a gateway reports; ``now_us`` is the link's clock."""
         for event in events:
             if isinstance(event, Telemetry):
@@ -57,6 +64,10 @@ class Service:
         """Handle what a vehicle of another process has said; all here hear it."""
         for name in self._gateways:
             self._handle(Heard(at_us, name, message), now_us)
+
+    def tell(self, event: CrewEvent, now_us: int) -> None:
+        """Handle what a person did or said; it is in the journal when this returns."""
+        self._handle(event, now_us)
 
     def contact(self, there: bool, at_us: int, now_us: int) -> None:
         """Whether other processes can be talked to; for all vehicles here."""

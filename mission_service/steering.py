@@ -13,13 +13,13 @@ from firemodel.landscape import Landscape
 from mission_service.commands import Decided
 from mission_service.config import Scenario
 from mission_service.events import (
-    AnyEvent,
     LinkLost,
     LinkRestored,
     ModeChanged,
     Observed,
     Telemetry,
     VehicleConnected,
+    VehicleEvent,
     VehicleRebooted,
     WindMeasured,
 )
@@ -71,7 +71,7 @@ class Steering:
         self._landscape = landscape
         self._deploy_at_s = scenario.deploy_at_s
 
-    def take(self, event: AnyEvent) -> Decision | None:
+    def take(self, event: VehicleEvent) -> Decision | None:
         """Take in one event; the decision it leads to, if any."""
         name, at_s = event.vehicle, event.at_us / 1e6
         presence = self.presence[name]

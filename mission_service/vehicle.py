@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import Announce, AnyCommand
 from mission_service.config_sections import VehicleSection
-from mission_service.events import AnyEvent
+from mission_service.events import CrewEvent, VehicleEvent
 from mission_service.planners.protocol import Decision
 from mission_service.steering import Here, Presence
 
@@ -56,8 +56,11 @@ class Vehicle:
 class Leader(Protocol):
     """What a vehicle does in the air, while it can be counted on: along a front, or on orbits."""
 
-    def heard(self, vehicle: Vehicle, event: AnyEvent) -> list[AnyCommand]:
+    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Take note of any event; it has been taken in by ``Steering`` already."""
+
+    def told(self, event: CrewEvent) -> list[AnyCommand]:
+        """What a person did or said."""
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         """What there is to tell at a position."""

@@ -1,0 +1,1 @@
+"""Prescribed burns: ignition lines, whole burns, approval. Pure; see ARCHITECTURE.md."""
