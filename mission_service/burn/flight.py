@@ -133,9 +133,17 @@ class OwnFires:
             return math.inf
         nears = self.nears(leg)
         begin, end = leg
-        if not nears and end.at_s <= self.sources[:, 2].min():
+        later_s = self.air.settings.time_margin_s if nears else 0.0
+        matter = self.sources[self.sources[:, 2] < end.at_s + later_s]
+        if not len(matter):
             return math.inf
-        hazard = self._around([begin, end])
+        hazard = hazard_of(
+            self.air.lights(matter),
+            (*np.minimum(begin[:2], end[:2]), *np.maximum(begin[:2], end[:2])),
+            self.air.hazard.margins,
+            cell_m=self.air.hazard.cell_m,
+            sources=matter,
+        )
         margin_s = hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
         return margin_s if nears or margin_s < 0.0 else math.inf
 
@@ -145,16 +153,6 @@ class OwnFires:
             return False
         fire = self.air.lights(self.sources)
         return float(fire.ignition_time_s(np.array([[x_m, y_m]]))[0]) <= at_s
-
-    def _around(self, places: Route) -> Hazard:
-        x, y = [place.x_m for place in places], [place.y_m for place in places]
-        return hazard_of(
-            self.air.lights(self.sources),
-            (min(x), min(y), max(x), max(y)),
-            self.air.hazard.margins,
-            cell_m=self.air.hazard.cell_m,
-            sources=self.sources,
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,7 +63,7 @@ class Ways:
 
     def _known(self) -> tuple[Floats, Floats]:
         if self._corners is None:
-            inner = self.area.buffer(-CLEAR_M, join_style="mitre")
+            inner: BaseGeometry = self.area.buffer(-CLEAR_M, join_style="mitre")
             # Fewer corners of circles; what is seen is seen in the area itself.
             inner = (self.area if inner.is_empty else inner).simplify(CLEAR_M / 2.0)
             self._corners = _bends(inner)
