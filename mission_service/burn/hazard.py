@@ -210,15 +210,15 @@ def _margin(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, 
 def _leg_margin(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
-    length = math.hypot(x1 - x0, y1 - y0)
-    count = max(math.ceil(length / cell), 1)
+    # Also straight up and down by half a cell, so that what is safe there is so on the leg after.
+    count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     least = math.inf
     for number in range(count):
         part, middle, end = number / count, (number + 0.5) / count, (number + 1) / count
         here = _margin(
             *(first, last, west, north, cell, reach, wx, wy, residence),
             *(x0 + middle * (x1 - x0), y0 + middle * (y1 - y0)),
-            *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * length / count),
+            *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * cell),
         )
         least = min(least, here)
     return least
