@@ -139,9 +139,11 @@ class OwnFires:
             return math.inf
         nears = self.nears(leg)
         begin, end = leg
-        # In parts: a sphere that ignites at the end of a long leg is no danger at its begin.
-        taken_s = end.at_s - begin.at_s
-        parts = max(math.ceil(taken_s / max(self.air.settings.ignition_delay_s / 4.0, 1.0)), 1)
+        if nears or begin[:2] == end[:2]:
+            parts = 1
+        else:  # a sphere that ignites at the end of a long leg is no danger at its begin
+            short_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
+            parts = max(math.ceil((end.at_s - begin.at_s) / short_s), 1)
         ends = [begin, *(part_of(leg, number / parts) for number in range(1, parts)), end]
         least_s = min(self._margin_s(part, nears) for part in pairwise(ends))
         return least_s if nears or least_s < 0.0 else math.inf
