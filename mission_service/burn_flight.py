@@ -8,7 +8,7 @@ No drop is in a mission on board: each is ordered here while everything that mus
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,13 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.burn.approval import Approvals
 from mission_service.burn.checklist import Checklist
-from mission_service.burn.drops import Account, Sphere
+from mission_service.burn.drops import Account
 from mission_service.burn.fire_state import BelievedFire, toward
 from mission_service.burn.plan import IgnitionPlan
 from mission_service.burn.timetable import Timetable
-from mission_service.commands import AnyCommand, ClimbAndHold, Drop, Propose, Withdraw
+from mission_service.commands import AnyCommand, ClimbAndHold, Propose, Withdraw
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
-from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
     Answered,
@@ -34,7 +33,6 @@ from mission_service.events import (
     DropFinished,
     FixTold,
     LinkLost,
-    LinkRestored,
     ModeChanged,
     Observed,
     PersonTold,

@@ -8,7 +8,7 @@ import math
 from firemodel.landscape import Landscape
 from mission_service.approach import landing_of_vehicle
 from mission_service.burn_flight import BurnFlight, Undecided
-from mission_service.commands import AnyCommand, Hold, Return, StartMission, UploadMission
+from mission_service.commands import AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
 from mission_service.events import (
     AnyEvent,

@@ -11,7 +11,6 @@ from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
 from firemodel.weather import Weather
-from mission_service.simulated_crew import SimulatedCrew
 from mission_service.config import Scenario
 from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
@@ -21,6 +20,7 @@ from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
+from mission_service.simulated_crew import SimulatedCrew
 from mission_service.world import FireWorld
 
 PROGRESS_EVERY_US = 60_000_000
