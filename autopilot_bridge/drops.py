@@ -22,8 +22,8 @@ from autopilot_bridge.transfer import TransferTiming
 FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
 # ArduPilot keeps the signatures of 16 streams (system, component, link).
 PULSES_APART = 4
-BACK_EVERY_US = 100_000
-MOST_BACKS = 20
+BACK_EVERY_US = 50_000  # a dropper that is not set back lets go of nothing more
+MOST_BACKS = 40
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
 # Not the order's own end: PX4's gripper tells it of a release when the setting back comes.
 ENDED_BY_OTHERS = 6
