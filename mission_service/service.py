@@ -6,14 +6,16 @@ camera look at the fire whenever a position arrives.
 
 from collections.abc import Callable, Iterable
 
-from mission_service.commands import Say
+from mission_service.commands import Drop, Say
 from mission_service.config import Scenario
 from mission_service.core import Core
 from mission_service.events import (
     AnyEvent,
     Contact,
     CrewEvent,
+    DropFinished,
     Heard,
+    Lit,
     Telemetry,
     VehicleEvent,
 )
@@ -52,6 +54,8 @@ class Service:
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
         }
         self._camera_due_us = dict.fromkeys(self._cameras, 0)
+        self._falling: dict[tuple[str, int], tuple[float, float]] = {}
+        self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle what a gateway reports; ``now_us`` is the link's clock."""
@@ -88,8 +92,25 @@ class Service:
         commands = self.core.handle(event)
         self._journal.commands(commands)
         self.record.add(event, commands)
+        self._burn(event)
         for command in commands:
             if isinstance(command, Say):
                 self._say(command.message)
+            elif isinstance(command, Drop):
+                self._drop(command, now_us)
             else:
                 self._gateways[command.vehicle].execute(command, now_us)
+
+    def _burn(self, event: AnyEvent) -> None:
+        """What people light and spheres that fell burn in the simulated fire too."""
+        if isinstance(event, Lit):
+            self.world.light(event.points, event.lit_at_us / 1e6)
+        elif isinstance(event, DropFinished):
+            place = self._falling.pop((event.plan_hash, event.number), None)
+            if place is not None and not event.refused:
+                self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
+
+    def _drop(self, command: Drop, now_us: int) -> None:
+        """The last lock: nothing leaves that the interlock does not know to be right."""
+        self._falling[command.plan_hash, command.number] = (command.lat_deg, command.lon_deg)
+        self._gateways[command.vehicle].execute(command, now_us)

@@ -14,14 +14,18 @@ from firemodel.weather import Weather
 from mission_service.config import Scenario
 from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
+from mission_service.events import CrewEvent
 from mission_service.fire_setup import fire_of, landscape_of, weather_of
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
+from mission_service.simulated_crew import SimulatedCrew
 from mission_service.world import FireWorld
 
 PROGRESS_EVERY_US = 60_000_000
+
+Crew = Callable[[int, Core], list[CrewEvent]]
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
@@ -103,12 +107,16 @@ def simulate(
     journal_path: Path,
     created: str,
     progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
+    crew: Crew | None = None,
 ) -> tuple[Record, FireWorld]:
     """Fly a scenario to its end in virtual time, leaving a journal.
 
     ``created`` (wall-clock time in words) only goes into the journal's header. ``progress`` is
-    called about once a minute of mission time.
+    called about once a minute of mission time. ``crew`` says what people do by a mission time; a
+    burn has a simulated one if none is given.
     """
+    if crew is None and scenario.burn is not None:
+        crew = SimulatedCrew(scenario.burn).due
     landscape = landscape_of(scenario)
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
@@ -124,7 +132,7 @@ def simulate(
             record,
             {rig.gateway.name: rig.gateway for rig in rigs},
         )
-        _run(rigs, service, scenario, clock, progress)
+        _run(rigs, service, scenario, clock, progress, crew)
     finally:
         journal.close()
     world.advance(clock.now_us)
@@ -137,6 +145,7 @@ def _run(
     scenario: Scenario,
     clock: MissionClock,
     progress: Callable[[Record, FireWorld], None],
+    crew: Crew | None,
 ) -> None:
     end_us = round(scenario.duration_s * 1e6)
     report_us = clock.now_us
@@ -145,6 +154,9 @@ def _run(
     while heap and clock.now_us < end_us:
         now_us, index = heapq.heappop(heap)
         rigs[index].advance(now_us, service)
+        if crew is not None:
+            for event in crew(clock.now_us, service.core):
+                service.tell(event, now_us)
         timer = rigs[index].next_timer()
         if timer is not None:
             heapq.heappush(heap, (max(timer, now_us), index))
