@@ -44,7 +44,7 @@ def verify(path: Path) -> Verification:
     events = commands = decisions = 0
     difference = None
     for entry in reader:
-        difference = _difference(entry, expected)
+        difference = difference_of(entry, expected)
         if difference is not None:
             break
         if entry.is_event:
@@ -59,8 +59,8 @@ def verify(path: Path) -> Verification:
     return Verification(events, commands, decisions, difference, reader.cut_at_line)
 
 
-def _difference(entry: Entry, expected: deque[AnyCommand]) -> str | None:
-    """What is wrong with a line, or None."""
+def difference_of(entry: Entry, expected: deque[AnyCommand]) -> str | None:
+    """What is wrong with a line, if ``expected`` are the commands still to come; or None."""
     altered = "" if entry.intact else " (its checksum does not match: the line was altered)"
     where = f"line {entry.line}{altered}"
     if entry.is_event:

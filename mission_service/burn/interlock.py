@@ -304,8 +304,9 @@ class Interlock:
             return f"{name} is for {plan.vehicle}, not for {drop.vehicle}"
         if known.approved is None:
             return f"{name}: {known.why_not}"
-        if at_us > plan.valid_until_us:
-            return f"{name} was good until {plan.valid_until_us / 1e6:.0f} s of mission time"
+        until_us = plan.valid_until_us
+        if max(known.approved.at_us, at_us - round(plan.duration_s * 1e6)) > until_us:
+            return f"{name} was to be approved and begun by {until_us / 1e6:.0f} s of mission time"
         if all(planned.number != drop.number for planned in plan.drops):
             return f"{name} has no drop {drop.number}"
         if drop.number in self._ordered.get(drop.plan_hash, ()):
@@ -352,6 +353,9 @@ class Interlock:
         reach_m = self._reach_m(plan)
         if not off_m <= reach_m:
             return f"{drop.vehicle} is {off_m:.0f} m off drop {drop.number} (at most {reach_m:.0f})"
+        beside_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
+        if not beside_m <= self._burn.miss_m:
+            return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
         height_m = math.nan if ground_m is None else here.altitude_amsl_m - ground_m
         band_m = max(LEAST_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
         if not abs(height_m - plan.drop_height_m) <= band_m:
