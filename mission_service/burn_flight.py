@@ -1,29 +1,43 @@
 """Flight of a burn: a line is proposed, approved, flown, and dropped sphere by sphere.
 
-planning --> proposed --approved, all GO--> approved --its mission is flown--> flying
+planning --> proposed --approved--> approved --its mission is flown--> flying
 flying --at the path's end--> planning; --anything amiss--> climbing --safe height--> planning
-waiting: nothing is planned before somebody wants it (an abort, a hand on the vehicle).
+waiting: nothing is planned before somebody wants it (after an abort, by hand, at the end).
 No drop is in a mission on board: each is ordered here while everything that must hold holds.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.burn.approval import Approvals
 from mission_service.burn.checklist import Checklist
-from mission_service.burn.drops import Account
+from mission_service.burn.drops import Account, Sphere
 from mission_service.burn.fire_state import BelievedFire, toward
-from mission_service.burn.plan import IgnitionPlan
-from mission_service.burn.timetable import Timetable
-from mission_service.commands import AnyCommand, ClimbAndHold, Propose, Withdraw
+from mission_service.burn.flight import Air
+from mission_service.burn.flown import Flown, first_danger_s, flown_of
+from mission_service.burn.mission import mission_items, plan_points
+from mission_service.burn.plan import IgnitionPlan, PlannedDrop
+from mission_service.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line_plan
+from mission_service.burn.release import Landing, Moving, is_due, landing
+from mission_service.burn.unit import Person, unit_of
+from mission_service.burn.watch import Wind, mean_wind, wind_differs
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ClimbAndHold,
+    Drop,
+    Propose,
+    Withdraw,
+)
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
+from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import (
     Aborted,
     Answered,
@@ -51,30 +65,20 @@ from mission_service.steering import Here
 from mission_service.vehicle import Vehicle, say
 
 Floats = NDArray[np.float64]
-Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing", "complete"]
+Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
+# Plans keep more than the margins that are watched in flight: a flight is never quite its plan.
+SLACK_S, SLACK_M = 20.0, 3.0
 HIGH_SHARE = 0.9  # of the safe height: high enough
 CLIMB_AGAIN_S = 5.0
-LOOK_EVERY_S = 1.0  # whether the rest of the path is still safe
+LOOK_EVERY_S, LOOK_AT_PROPOSED_EVERY_S = 1.0, 5.0
 BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # after the proposal, as planned
-OFF_PATH_M = 15.0
+OFF_PATH_M = 12.0
 AT_END_M = 3.0
+TELEMETRY_S = 0.1
 WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
-CALM_M_S = 1.0  # below it the direction of the wind says nothing
-LOW_SHARE, HIGH_BAND_SHARE, FAST_SHARE = 0.6, 1.5, 1.5  # of the plan's height and speed, at drops
-LED_IN = ("mission", "hold", "guided", "takeoff")  # not by somebody's hand
-
-
-@dataclass(slots=True)
-class Flown:
-    """The plan that is approved, on its way."""
-
-    plan: IgnitionPlan
-    table: Timetable
-    targets_m: Floats  # (m, 2)
-    next_drop: int = 0
-    sent: bool = False
-    looked_at_s: float = -math.inf
+LOW_SHARE, HIGH_BAND_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
+NO_FIRE_S = 86400.0  # a margin where no fire comes near
 
 
 class BurnFlight:
@@ -85,23 +89,39 @@ class BurnFlight:
         self.burn: BurnSection = scenario.burn
         self.landscape = landscape
         self.phase: Phase = "planning"
-        self.unit = unit_of(self.burn, landscape)
+        section = scenario.vehicles[0]
+        home = (section.home_lat_deg, section.home_lon_deg)
+        self.unit = unit_of(self.burn, landscape, home)
+        self._refuse_stations_inside()
         self.fire = BelievedFire(self.burn, landscape, weather_of(scenario))
         self.approvals = Approvals(self.burn)
         self.checklist = Checklist(self.burn.go_items)
         self.account = Account(self.burn.spheres)
-        self.area_left = self.unit.area
+        self.area_left: Any = self.unit.area
         self.line = 1
+        self.complete = False
         self._missions = missions
         self._vehicle: Vehicle | None = None
-        self._name = scenario.vehicles[0].name
+        self._name = section.name
         self._found: LinePlan | None = None
         self._flown: Flown | None = None
+        self._air: tuple[int, Air] | None = None
         self._after_climb: Phase = "planning"
-        self._mode, self._armed, self._fix_good = "", False, True
+        self._mode, self._armed, self._fix_good, self._by_hand = "", False, True, False
         self._battery_pct: float | None = None
-        self._climbed_at_s = -math.inf
-        self._winds: list[WindMeasured] = []
+        self._climbed_at_s = self._looked_at_s = -math.inf
+        self._above_map_m = 0.0
+        self._reloads = False
+        self._winds: list[Wind] = []
+
+    def _refuse_stations_inside(self) -> None:
+        """Nobody approves fire from where it is to burn."""
+        for station in self.burn.stations:
+            x_m, y_m = self.landscape.xy_of_lat_lon(station.lat_deg, station.lon_deg)
+            if self.unit.area.covers(shapely.Point(x_m, y_m)):
+                raise ScenarioError(
+                    f"burn.stations: {station.name} is inside the burn unit; move it outside"
+                )
 
     # What comes in ----------------------------------------------------------------------------
 
@@ -125,65 +145,66 @@ class BurnFlight:
                 return self._stop(f"aborted by {event.by}", "waiting", always=True)
             case Resumed():
                 self.checklist.take(event)
-                return self._stop(f"the service was down for {event.down_s:.0f} s", "planning")
+                self._by_hand, self._mode = False, ""
+                return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
             case _:
                 return self._changed(event.at_us / 1e6) if changed else []
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Take note of the link, the mode, the position, the battery and what was dropped."""
         self._vehicle = vehicle
-        at_s = event.at_us / 1e6
         match event:
             case ModeChanged():
                 return self._mode_changed(vehicle, event)
             case LinkLost():
-                return self._stop("the link is lost", "planning")
+                return self._stop("the link is lost")
             case VehicleRebooted():
                 self.checklist.clear("the autopilot was restarted")
-                return self._stop("the autopilot was restarted", "planning")
+                return self._stop("the autopilot was restarted")
             case FixTold():
                 self._fix_good = event.good
                 return [] if event.good else self._stop(f"its position is lost ({event.fix})")
             case BatteryTold():
                 return self._battery_told(vehicle, event)
             case DropFinished():
-                return self._dropped(vehicle, event)
-            case WindMeasured():
-                return self._wind_measured(vehicle, event)
+                return self._drop_finished(event)
+            case WindMeasured() if vehicle.presence.airborne:
+                return self._wind_measured(event)
             case Observed() if self.fire.take(event):
-                return self._changed(at_s)
+                return []  # looked at once a second
             case _:
                 return []
 
     # The fire, the unit and the wind ----------------------------------------------------------
 
     def _unit_told(self, event: PersonTold | UnitTold) -> list[AnyCommand]:
-        self.unit = self.unit.told(event, self.landscape)
-        if isinstance(event, UnitTold):
-            self.area_left = shapely.intersection(self.area_left, self.unit.area)
+        try:
+            if isinstance(event, UnitTold):
+                unit = unit_of(self.burn, self.landscape, corners=event.points)
+                self.unit = unit.with_people(self.unit.people)
+                self.area_left = shapely.intersection(self.area_left, unit.area)
+            else:
+                place = self.landscape.xy_of_lat_lon(event.lat_deg, event.lon_deg)
+                others = [each for each in self.unit.people if each.name != event.name]
+                there = [Person(event.name, *place, event.radius_m)] if event.radius_m > 0 else []
+                self.unit = self.unit.with_people((*others, *there))
+        except MissionServiceError as error:
+            return self._say(f"not taken: {error}", warning=True)
+        self._air = None
         return self._changed(event.at_us / 1e6)
 
-    def _wind_measured(self, vehicle: Vehicle, event: WindMeasured) -> list[AnyCommand]:
+    def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
         """Wind that stays unlike the one planned for is the wind from now on."""
-        plan = self.approvals.plan
-        if plan is None or not vehicle.presence.airborne:
+        plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
+        if plan is None:
             return []
-        self._winds.append(event)
-        if not self._wind_differs(plan, event.speed_m_s, event.from_deg):
-            self._winds = []
+        differs = wind_differs(plan, wind, self.burn) is not None
+        self._winds = [*self._winds, wind] if differs else []
         if len(self._winds) < WIND_FOR:
             return []
-        speed_m_s, from_deg = mean_wind([(each.speed_m_s, each.from_deg) for each in self._winds])
-        self._winds = []
-        self.fire.blow(speed_m_s, from_deg, event.at_us / 1e6)
+        wind, self._winds = mean_wind(self._winds), []
+        self.fire.blow(*wind, event.at_us / 1e6)
         return self._changed(event.at_us / 1e6)
-
-    def _wind_differs(self, plan: IgnitionPlan, speed_m_s: float, from_deg: float) -> bool:
-        if abs(speed_m_s - plan.wind_speed_m_s) > self.burn.wind_changes_m_s:
-            return True
-        turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
-        blows = min(speed_m_s, plan.wind_speed_m_s) > CALM_M_S
-        return blows and turned_deg > self.burn.wind_changes_deg
 
     def _changed(self, at_s: float) -> list[AnyCommand]:
         """Whatever is proposed or flown must still be right."""
@@ -191,58 +212,55 @@ class BurnFlight:
         return [] if why is None else self._stop(why)
 
     def _why_void(self, at_s: float) -> str | None:
-        """What speaks against the plan that is proposed or flown, with what is known now."""
+        """What speaks against the plan that is proposed or flown, by what is known now."""
         plan = self.approvals.plan
         if plan is None:
             return None
-        if plan.digest != self.unit.digest:
-            return "the burn unit, its people or its settings are not those of the plan"
-        wind = self.fire.weather_at(at_s)
-        if self._wind_differs(plan, wind.wind_speed_m_s, wind.wind_from_deg):
-            return (
-                f"the wind is {wind.wind_speed_m_s:.1f} m/s from {wind.wind_from_deg:.0f}°, the "
-                f"plan was for {plan.wind_speed_m_s:.1f} m/s from {plan.wind_from_deg:.0f}°"
-            )
-        return self._danger_ahead(at_s)
+        if plan.digest != self.unit.digest(self.burn):
+            return "the burn unit, its people or its settings are no longer those of the plan"
+        weather = self.fire.weather_at(at_s)
+        wind = (weather.wind_speed_m_s, weather.wind_from_deg)
+        return wind_differs(plan, wind, self.burn) or self._danger_ahead(plan, at_s)
 
-    def _danger_ahead(self, at_s: float) -> str | None:
+    def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
         """Where the path that is proposed or still ahead would come too near to fire."""
-        plan, flown = self.approvals.plan, self._flown
-        if plan is None:
+        flown, vehicle = self._flown, self._vehicle
+        if vehicle is None or vehicle.presence.here is None:
             return None
+        here = vehicle.presence.here
         if flown is not None and self.phase == "flying":
             path = flown.table.ahead(at_s)
+            path[0, :3] = here.x_m, here.y_m, self._height_m(here)
         else:
-            path = table_of(plan, self.landscape).ahead(max(at_s, plan.begin_us / 1e6))
-        path[:, 2] -= self.landscape.elevation_at(path[:, 0], path[:, 1])
-        found = first_danger(path, self.hazard(at_s), self.burn)
-        return (
-            None
-            if found is None
-            else f"fire is expected too near to the path in {found - at_s:.0f} s"
-        )
+            begin_s = max(at_s, plan.begin_us / 1e6)
+            path = flown_of(plan, self.landscape).table.ahead(begin_s)
+        found_s = first_danger_s(path, self._air_at(vehicle, here, at_s), self.fire.held)
+        if found_s is None:
+            return None
+        return f"fire would be too near to the path in {max(found_s - at_s, 0.0):.0f} s"
 
-    def hazard(self, at_s: float) -> Hazard:
-        """Where it is dangerous when, as the fire is believed now."""
-        key = self.fire.version
-        if self._hazard is None or self._hazard[0] != key:
-            wind = self.fire.weather_at(at_s)
-            velocity = toward(self.landscape, wind.wind_speed_m_s, wind.wind_from_deg)
-            found = hazard_of(self.fire.simulation, self.unit, velocity, self.burn)
-            self._hazard = (key, found)
-        return self._hazard[1]
+    def _air_at(self, vehicle: Vehicle, here: Here, at_s: float) -> Air:
+        """What flights are checked against, as the fire is believed now."""
+        if self._air is None or self._air[0] != self.fire.version:
+            situation = self._situation(vehicle, here, at_s)
+            self._air = (self.fire.version, air_of(situation, self.burn))
+        return self._air[1]
 
     # Plans and their approval -----------------------------------------------------------------
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         """What time brings: an approval that lapses, a plan that is due."""
-        here, at_us = vehicle.presence.here, round(at_s * 1e6)
+        here, at_us, plan = vehicle.presence.here, round(at_s * 1e6), self.approvals.plan
         if here is None:
             return []
+        if not vehicle.presence.airborne and not self._armed:
+            ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m))
+            self._above_map_m = round(here.altitude_m - ground_m, 1)
         why = self.approvals.lapsed(at_us)
-        plan = self.approvals.plan
-        if why is None and self.phase == "proposed" and plan and at_us > plan.valid_until_us:
-            why = "not approved in time"
+        if why is None and plan is not None and at_us > plan.valid_until_us:
+            why = "its time is over"
+        if why is None and self.phase in ("proposed", "approved"):
+            why = self._look(at_s)
         if why is not None:
             return self._stop(why)
         flown = self._flown
@@ -253,52 +271,58 @@ class BurnFlight:
             return self._plan(vehicle, here)
         return []
 
+    def _look(self, at_s: float) -> str | None:
+        """Now and then: whether the plan is still right."""
+        every_s = LOOK_AT_PROPOSED_EVERY_S if self.phase == "proposed" else LOOK_EVERY_S
+        if at_s - self._looked_at_s < every_s:
+            return None
+        self._looked_at_s = at_s
+        return self._why_void(at_s)
+
     def _flies(self, vehicle: Vehicle, flown: Flown) -> bool:
         """Whether it flies the mission of the plan, by all that it told."""
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
 
     def _may_plan(self, vehicle: Vehicle, here: Here) -> bool:
-        if not self._fix_good or vehicle.going_home:
+        if not self._fix_good or vehicle.going_home or self.complete:
             return False
         return not vehicle.presence.airborne or self._is_high(here)
 
     def _plan_wanted(self, event: PlanWanted) -> list[AnyCommand]:
+        if self.phase in ("flying", "approved", "climbing"):
+            return self._say("a line is being flown: the next plan comes after it")
         spacings = {
             "line_spacing_m": event.line_spacing_m or self.burn.line_spacing_m,
             "drop_spacing_m": event.drop_spacing_m or self.burn.drop_spacing_m,
         }
         least_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
-        if spacings["drop_spacing_m"] < least_m or min(spacings.values()) <= 0.0:
-            return self._say(f"spacings are not taken: drops must be at least {least_m:g} m apart")
+        if spacings["drop_spacing_m"] < least_m or spacings["line_spacing_m"] <= 0.0:
+            return self._say(f"spacings not taken: drops must be at least {least_m:g} m apart")
         self.burn = self.burn.model_copy(update=spacings)
-        if self.phase in ("flying", "approved", "climbing"):
-            return self._say("a line is being flown: the next plan comes after it")
-        self.phase = "planning"
-        return self._void("a new plan is wanted")
+        commands = self._void("a new plan is wanted")
+        self.phase, self.complete, self._by_hand = "planning", False, False
+        return commands
 
     def _approved(self, event: Approved) -> list[AnyCommand]:
-        refused = self.approvals.approve(event)
+        still = self.checklist.open_items
+        refused = self.approvals.approve(event) if not still else f"NO-GO: {'; '.join(still)}"
         plan = self.approvals.plan
         if refused is not None or plan is None:
-            return self._say(f"approval of {event.by} does not count: {refused}", warning=True)
+            return self._say(f"approval by {event.by} does not count: {refused}", warning=True)
         why = self._why_void(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
         self._flown = flown_of(plan, self.landscape)
-        self.phase = "approved"
-        words = f"line {plan.line} approved by {event.by} at {event.station}"
-        still = self.checklist.open_items
-        if still:
-            words += f"; NO-GO until answered: {', '.join(still)}"
-        return self._say(words)
+        self.phase, self._by_hand = "approved", False
+        return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
     def _answered(self, event: Answered) -> list[AnyCommand]:
         commands = self._say(self.checklist.take(event) or "")
         if not event.go and self.phase in ("approved", "flying"):
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
-        if self.checklist.complete and self._reload:
-            self._reload = False
+        if self.checklist.complete and self._reloads:
+            self._reloads = False
             self.account.load(self.burn.spheres)
         return commands
 
@@ -306,44 +330,86 @@ class BurnFlight:
         """Propose the next line; without one the vehicle goes home."""
         airborne = vehicle.presence.airborne
         begin_s = here.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
-        found = next_line(self._situation(vehicle, here, begin_s), self.burn)
-        if not isinstance(found, LinePlan):
-            self.phase = "complete" if found.complete else "waiting"
+        self.fire.let_go()
+        wider = {
+            "time_margin_s": self.burn.time_margin_s + SLACK_S,
+            "distance_margin_m": self.burn.distance_margin_m + SLACK_M,
+        }
+        situation = self._situation(vehicle, here, begin_s)
+        found = next_line_plan(situation, self.burn.model_copy(update=wider))
+        if isinstance(found, NoPlan):
+            self.phase, self.complete = "waiting", found.why == "complete"
             vehicle.going_home = airborne
-            return self._say(f"no further line: {found.reason}")
+            return self._say(f"no further line: {found.words}")
         plan = self._as_data(found, here, begin_s)
-        self._found, self.phase = found, "proposed"
         name = self.approvals.propose(plan)
+        self._found, self.phase, self._looked_at_s = found, "proposed", here.at_s
         words = (
             f"line {plan.line} proposed, {name[:12]}: {len(plan.drops)} drops in "
             f"{plan.duration_s:.0f} s, {len(plan.skipped)} skipped as unsafe"
         )
         return [Propose(self._name, plan, name), *self._say(words)]
 
-    def _situation(self, vehicle: Vehicle, here: Here, begin_s: float) -> Situation:
-        wind = self.fire.weather_at(begin_s)
+    def _situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
+        weather = self.fire.weather_at(at_s)
+        east, north = toward(self.landscape, weather.wind_speed_m_s, weather.wind_from_deg)
+        airborne = vehicle.presence.airborne
+        flown_s = here.at_s - vehicle.presence.took_off_at_s if airborne else 0.0
         return Situation(
-            at_s=begin_s,
-            place_m=(here.x_m, here.y_m),
-            height_m=self._height_m(here) if vehicle.presence.airborne else 0.0,
-            home_m=vehicle.home_m,
-            wind_m_s=toward(self.landscape, wind.wind_speed_m_s, wind.wind_from_deg),
-            fire=self.fire.simulation,
             unit=self.unit,
             area=self.area_left,
-            drops_m=np.array(self.account.fallen_m()).reshape(-1, 2),
+            dropped_m=np.array(self.account.fallen_m()).reshape(-1, 2),
+            fire=self.fire.simulation,
+            lights=self.fire.lights,
+            at_s=at_s,
+            x_m=here.x_m,
+            y_m=here.y_m,
+            height_m=self._height_m(here) if airborne else 0.0,
+            wind_m_s=weather.wind_speed_m_s,
+            toward_rad=math.atan2(north, east),
             spheres=self.account.left,
-            flown_s=here.at_s - vehicle.presence.took_off_at_s
-            if vehicle.presence.airborne
-            else 0.0,
+            battery_s=self.burn.battery_s - flown_s,
+            home_m=vehicle.home_m,
         )
+
+    def _as_data(self, found: LinePlan, here: Here, begin_s: float) -> IgnitionPlan:
+        """The plan as people approve it."""
+        weather = self.fire.weather_at(begin_s)
+        return IgnitionPlan(
+            vehicle=self._name,
+            line=self.line,
+            made_at_us=round(here.at_s * 1e6),
+            begin_us=round(begin_s * 1e6),
+            valid_until_us=round((begin_s + self.burn.approval_s) * 1e6),
+            path=plan_points(found.path, self.landscape, self._above_map_m),
+            drops=tuple(
+                PlannedDrop(number, *self._lat_lon(x_m, y_m), round(after_s, 3))
+                for number, (x_m, y_m, after_s) in enumerate(found.drops.tolist())
+            ),
+            skipped=tuple(self._lat_lon(x_m, y_m) for x_m, y_m in found.skipped.tolist()),
+            duration_s=round(found.duration_s, 3),
+            speed_m_s=self.burn.speed_m_s,
+            drop_height_m=self.burn.drop_height_m,
+            safe_height_m=self.burn.safe_height_m,
+            wind_speed_m_s=weather.wind_speed_m_s,
+            wind_from_deg=weather.wind_from_deg,
+            time_margin_s=self.burn.time_margin_s,
+            distance_margin_m=self.burn.distance_margin_m,
+            least_time_margin_s=min(round(found.least_time_margin_s, 1), NO_FIRE_S),
+            spheres_left=found.spheres_left,
+            digest=self.unit.digest(self.burn),
+        )
+
+    def _lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
+        lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
+        return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
-        """That of the plan, once it is approved and the list complete."""
+        """That of the plan that is approved."""
         flown = self._flown
-        if self.phase != "approved" or flown is None or flown.sent or not self.checklist.complete:
+        if self.phase != "approved" or flown is None or flown.sent:
             return None
         return flown.table.points_m[:, :2]
 
@@ -351,7 +417,13 @@ class BurnFlight:
         """The mission of the plan: its path and nothing else."""
         assert self._flown is not None
         self._flown.sent = True
-        return mission_items(self._flown.plan, vehicle.section, not vehicle.presence.airborne)
+        plan, on_ground = self._flown.plan, not vehicle.presence.airborne
+        path = plan.path[1:] if on_ground else plan.path
+        return mission_items(path, plan.speed_m_s, vehicle.section, self.burn, on_ground)
+
+    def in_mission(self, name: str) -> bool:
+        """Whether it flies the mission it has on board, by its mode."""
+        return self._mode == "mission"
 
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Send what is approved, watch and drop what is flown, or climb to the safe height."""
@@ -371,37 +443,11 @@ class BurnFlight:
         """At the safe height."""
         return None if self._is_high(here) else self._climb(vehicle, here)
 
-    def _climb(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
-        """To the safe height, straight up, unless somebody's hand is on it."""
-        if self._is_high(here):
-            vehicle.holding = True
-            if self.phase == "climbing":
-                self.phase = self._after_climb
-            return []
-        if self._mode not in LED_IN or here.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
-            return []
-        self._climbed_at_s = here.at_s
-        ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m))
-        lat_deg, lon_deg = self.landscape.lat_lon_of(here.x_m, here.y_m)
-        altitude_m = round(ground_m + self.burn.safe_height_m, 1)
-        return [ClimbAndHold(self._name, float(lat_deg), float(lon_deg), altitude_m)]
-
-    def _is_high(self, here: Here) -> bool:
-        return self._height_m(here) >= HIGH_SHARE * self.burn.safe_height_m
-
-    def _height_m(self, here: Here) -> float:
-        return here.altitude_m - float(self.landscape.elevation_at(here.x_m, here.y_m))
-
     def _fly(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
-        place_m = np.array([here.x_m, here.y_m, here.altitude_m])
-        off_m = flown.table.moved(place_m)
-        if off_m > OFF_PATH_M:
-            return self._stop(f"it is {off_m:.0f} m off its path")
-        if here.at_s - flown.looked_at_s >= LOOK_EVERY_S:
-            flown.looked_at_s = here.at_s
-            why = self._why_void(here.at_s)
-            if why is not None:
-                return self._stop(why)
+        off_m = flown.table.moved(np.array([here.x_m, here.y_m, self._height_m(here)]))
+        why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
+        if why is not None:
+            return self._stop(why)
         commands = self._release(vehicle, flown, here)
         if flown.table.left_m <= AT_END_M:
             commands += self._line_done(vehicle, flown)
@@ -410,42 +456,80 @@ class BurnFlight:
     def _release(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
         """Let go of the next sphere if it would fall on its place now."""
         commands: list[AnyCommand] = []
+        moving = Moving(here.x_m, here.y_m, self._height_m(here), here.east_m_s, here.north_m_s)
+        weather = self.fire.weather_at(here.at_s)
+        wind = toward(self.landscape, weather.wind_speed_m_s, weather.wind_from_deg)
+        dropper = self.burn.dropper
+        falls = landing(moving, wind, dropper.terminal_speed_m_s, dropper.delay_s)
         while flown.next_drop < len(flown.plan.drops):
-            target_m = flown.targets_m[flown.next_drop]
-            fall = self._fall(here)
-            due = is_due(fall, target_m, here, self.burn)
+            x_m, y_m = flown.targets_m[flown.next_drop].tolist()
+            due = is_due(moving, falls, (x_m, y_m), TELEMETRY_S, self.burn.miss_m)
             if due == "wait":
-                break
-            flown.next_drop += 1
-            if due == "missed":
-                words = f"drop {flown.next_drop} of line {flown.plan.line} missed: it is behind"
-                commands.append(say(vehicle, words, warning=True))
-                continue
-            why = self._why_not_drop(flown, fall, here)
-            if why is not None:
-                words = f"drop {flown.next_drop} of line {flown.plan.line} left out: {why}"
-                commands.append(say(vehicle, words, warning=True))
-                continue
-            commands.append(self._order_drop(flown, fall, here))
-            break
+                return commands
+            number, flown.next_drop = flown.next_drop, flown.next_drop + 1
+            why = "it is behind" if due == "missed" else self._why_not(flown, moving, falls, here)
+            if why is None:
+                return [*commands, self._order(number, (x_m, y_m), falls, here)]
+            words = f"drop {number + 1} of line {flown.plan.line} left out: {why}"
+            commands.append(say(vehicle, words, warning=True))
         return commands
 
+    def _why_not(self, flown: Flown, moving: Moving, falls: Landing, here: Here) -> str | None:
+        """Why no sphere may be let go here and now, whatever was planned."""
+        plan, burn, at_us = flown.plan, self.burn, round(here.at_s * 1e6)
+        approved = self.approvals.approval
+        if approved is None or not self.checklist.complete:
+            return "it is not approved"
+        if self._mode != "mission" or not self._armed:
+            return f"it is in mode {self._mode}"
+        least_m, most_m = LOW_SHARE * plan.drop_height_m, HIGH_BAND_SHARE * plan.drop_height_m
+        if not least_m <= moving.height_m <= most_m:
+            return f"it is {moving.height_m:.0f} m above the ground"
+        if math.hypot(here.east_m_s, here.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
+            return "it is too fast"
+        last_us, apart_us = self.account.last_at_us, 60e6 / burn.most_drops_per_min
+        if last_us is not None and at_us - last_us < apart_us - TELEMETRY_S * 1e6:
+            return f"the last drop was {(at_us - last_us) / 1e6:.1f} s ago"
+        if self.account.left <= 0:
+            return "no spheres are left"
+        place_m = np.array([(falls.x_m, falls.y_m)])
+        if not self.unit.may_drop(place_m)[0]:
+            return "it would fall outside the unit, or near people"
+        burns_s = float(self.fire.whole.ignition_time_s(place_m)[0])
+        if burns_s <= here.at_s + burn.ignition_delay_s:
+            return "it would fall where it burns"
+        return None
+
+    def _order(
+        self, number: int, target_m: tuple[float, float], falls: Landing, here: Here
+    ) -> Drop:
+        place_m, at_us = (falls.x_m, falls.y_m), round(here.at_s * 1e6)
+        name = self.approvals.plan_hash
+        self.account.order(Sphere(name, number, at_us, target_m, place_m))
+        return Drop(self._name, name, number, *self._lat_lon(*place_m))
+
+    def _drop_finished(self, event: DropFinished) -> list[AnyCommand]:
+        sphere = self.account.finish(event)
+        if sphere is None:
+            return []
+        if not sphere.counts:
+            return self._say(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
+        ignites_s = sphere.at_us / 1e6 + self.burn.ignition_delay_s
+        self.fire.hold((*sphere.falls_m, ignites_s))
+        return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
+
     def _line_done(self, vehicle: Vehicle, flown: Flown) -> list[AnyCommand]:
-        plan = flown.plan
         spheres = self.account.of(self.approvals.plan_hash)
         farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
-        self.area_left = self._found.area_left if self._found else self.area_left
+        if self._found is not None:
+            self.area_left = self._found.area_left
         self.line += 1
-        vehicle.holding = False  # it holds in its mission
         self._end_plan()
         self.phase = "planning"
-        return [
-            say(
-                vehicle,
-                f"line {plan.line} done: {len(spheres)} of {len(plan.drops)} dropped, the farthest "
-                f"{farthest_m:.1f} m off its place; {self.account.left} spheres left",
-            )
-        ]
+        return self._say(
+            f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, the "
+            f"farthest {farthest_m:.1f} m off its place; {self.account.left} spheres left"
+        )
 
     # What ends a plan -------------------------------------------------------------------------
 
@@ -455,27 +539,30 @@ class BurnFlight:
         self._end_plan()
         if not name:
             return []
-        return [Withdraw(self._name, name, why), *self._say(f"plan withdrawn: {why}", warning=True)]
+        words = self._say(f"plan withdrawn: {why}", warning=True)
+        return [Withdraw(self._name, name, why), *words]
 
     def _end_plan(self) -> None:
         self.approvals.void()
         self._flown = self._found = None
         self._winds = []
+        self.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; who is in the air climbs to the safe height and holds.
+        """Withdraw the plan; who flies it climbs to the safe height and holds.
 
-        ``always``: also where no plan is.
+        ``always``: who is in the air does so without a plan as well.
         """
-        vehicle, was = self._vehicle, self.phase
+        vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._void(why)
-        if not commands and not always and was not in ("flying", "approved"):
-            return []
         if vehicle is None or not vehicle.presence.airborne:
             self.phase = then
             if vehicle is not None:  # it does not take off with what it may have on board
                 vehicle.deployed = vehicle.started = False
                 vehicle.pending = vehicle.flown_line = vehicle.start_again_at_s = None
+            return commands
+        if not flew and not always:
+            self.phase = then
             return commands
         vehicle.pending = vehicle.flown_line = None
         self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
@@ -484,17 +571,39 @@ class BurnFlight:
             commands += self._climb(vehicle, here)
         return commands
 
+    def _climb(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """To the safe height, straight up, unless somebody's hand is on it."""
+        ordered = self._climbed_at_s > -math.inf
+        if self._is_high(here) and (ordered or self.phase != "climbing"):
+            if self.phase == "climbing":
+                vehicle.holding, self.phase = True, self._after_climb
+            return []
+        if self._by_hand or here.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
+            return []
+        self._climbed_at_s = here.at_s
+        ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m)) + self._above_map_m
+        altitude_m = max(ground_m + self.burn.safe_height_m, here.altitude_m)
+        return [ClimbAndHold(self._name, *self._lat_lon(here.x_m, here.y_m), round(altitude_m, 1))]
+
+    def _is_high(self, here: Here) -> bool:
+        return self._height_m(here) >= HIGH_SHARE * self.burn.safe_height_m
+
+    def _height_m(self, here: Here) -> float:
+        ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m))
+        return here.altitude_m - ground_m - self._above_map_m
+
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         self._mode, self._armed = event.mode, event.armed
         if not event.armed:
             if vehicle.started:
-                self._reload, vehicle.started = True, False
+                self._reloads, vehicle.started = True, False
                 self.checklist.clear("it has landed")
             return self._stop("it is disarmed")
-        if self.phase == "flying" and event.mode != "mission":
-            commands = self._void(f"mode {event.mode} is not ours")
-            self.phase = "waiting"
-            return commands
+        if event.mode == "mission":
+            self._by_hand = False
+        elif self.phase == "flying":
+            self._by_hand, self.phase = True, "waiting"
+            return self._void(f"mode {event.mode} was not ordered here")
         return []
 
     def _battery_told(self, vehicle: Vehicle, event: BatteryTold) -> list[AnyCommand]:
@@ -506,3 +615,19 @@ class BurnFlight:
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []
+
+
+class Undecided:
+    """Steers nothing: a burn's vehicle flies plans."""
+
+    def observe(self, observed: Observed) -> None:
+        """Nothing."""
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Nothing."""
+
+    def at(self, row: float, col: float, at_s: float) -> None:
+        """Nothing."""
+
+    def left(self, at_s: float) -> None:
+        """Nothing."""

@@ -53,7 +53,7 @@ class Core:
         self.leader: Leader
         if scenario.planner.rule == BURN:
             self.steering = Steering(scenario, landscape, {scenario.vehicles[0].name: Undecided()})
-            self.leader = BurnFlight(scenario, landscape)
+            self.leader = BurnFlight(scenario, landscape, self._missions)
             self.spacing = Spacing(scenario, landscape, self.steering.presence)
         elif scenario.planner.rule == FORMATION:
             formation = Formation(scenario, landscape)

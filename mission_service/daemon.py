@@ -13,6 +13,7 @@ from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
+from autopilot_bridge.rates import RatesHz
 from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
@@ -23,7 +24,7 @@ from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.formation.messages import AnyMessage
 from mission_service.formation.warm_up import warm_up
 from mission_service.formation_mqtt import Channel, Exchange
-from mission_service.gateway import RATES_HZ, Gateway, MissionClock
+from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.journal import Journal, header_of
 from mission_service.planning import FORMATION
 from mission_service.record import Record
@@ -84,8 +85,10 @@ async def serve(
         )
         for section in scenario.flown:
             signing = signing_of.get(section.signing_key)
-            client, connection = _client_of(section, tlog, signing, len(connections))
-            gateways[section.name] = Gateway(section.name, client, clock)
+            client, connection = _client_of(
+                section, rates_hz(scenario), tlog, signing, len(connections)
+            )
+            gateways[section.name] = Gateway(section.name, client, clock, dropper_of(scenario))
             connections.append(await stack.enter_async_context(connection))
             refusals.append(Refusals(section.link, section.system_id, signing))
         journal = Journal(
@@ -128,14 +131,18 @@ async def serve(
 
 
 def _client_of(
-    section: VehicleSection, tlog: Tlog | None, signing: Signing | None, place: int
+    section: VehicleSection,
+    rates: RatesHz,
+    tlog: Tlog | None,
+    signing: Signing | None,
+    place: int,
 ) -> tuple[Autopilot, Connection | MavsdkVehicle]:
     """A vehicle's client, and its link to be opened."""
     link_id = place % 256 if section.signing_link_id is None else section.signing_link_id
     if section.backend == "mavsdk":
         vehicle = MavsdkVehicle(section.link, section.system_id, clock_us, tlog, signing, link_id)
         return vehicle, vehicle
-    client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
+    client = VehicleClient(target_system=section.system_id, rates_hz=rates)
     return client, Connection(
         section.link, client, clock_us, tlog=tlog, signing=signing, link_id=link_id
     )

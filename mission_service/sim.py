@@ -16,7 +16,7 @@ from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
 from mission_service.events import CrewEvent
 from mission_service.fire_setup import fire_of, landscape_of, weather_of
-from mission_service.gateway import RATES_HZ, Gateway, MissionClock
+from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
@@ -60,12 +60,13 @@ class Rig:
     ) -> None:
         seed = scenario.seed * 1000 + section.system_id * 2
         self.mock = mock_of(section, landscape)
-        self.client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
-        self.mock.intervals.only(*RATES_HZ)
+        rates = rates_hz(scenario)
+        self.client = VehicleClient(target_system=section.system_id, rates_hz=rates)
+        self.mock.intervals.only(*rates)
         self._clock = clock
         self._weather = weather_of(scenario) if scenario.fly_in_wind else None
         self._entry: Weather | None = None
-        self.gateway = Gateway(section.name, self.client, clock)
+        self.gateway = Gateway(section.name, self.client, clock, dropper_of(scenario))
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)
 

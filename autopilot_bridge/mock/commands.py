@@ -121,7 +121,8 @@ class CommandServer:
             case command if command in rules_of(self._stack).bare:
                 place = (asked.lat_deg, asked.lon_deg, asked.z)
                 done = flight.payload.obey(command, (*asked.params, *place), round(now_s * 1e6))
-                return ACCEPTED if done else UNSUPPORTED
+                servo = command == mavlink.MAV_CMD_DO_SET_SERVO
+                return ACCEPTED if done else FAILED if servo else UNSUPPORTED
             case _:
                 return UNSUPPORTED
 

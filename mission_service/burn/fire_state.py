@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from firemodel.corrections import PaperCorrected
 from firemodel.drawn import marks_of
-from firemodel.ellipse import EllipseFire, line_sources, spreads_of
+from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
 from firemodel.gaussian import GaussianCorrected
 from firemodel.seen import Seen
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 LINE_SPACING_M = 2.0  # of the points that stand for a line
 MARKS_APART_M = 5.0  # of a line or polygon drawn
 PAPER_LENGTH_M = 25.0
+OWN_WITHIN_M = 20.0
 STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
@@ -46,8 +47,10 @@ class BelievedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
+        self.held = np.empty((0, 3))  # spheres of the line under way: its flight minds them itself
         self._seen = Seen(landscape)
         self._marks = np.empty((0, 4))
+        self._spreads: tuple[Spread, ...] | None = None
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
         for line in burn.lit:
@@ -55,20 +58,32 @@ class BelievedFire:
 
     @property
     def simulation(self) -> Simulation:
-        """The fire as it is believed now, corrections included."""
+        """The fire as it is believed now, corrections included; without what is held back."""
         if self._simulation is None:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
     @property
+    def whole(self) -> Simulation:
+        """The same with what is held back."""
+        if not len(self.held):
+            return self.simulation
+        return self._corrected(self.base.lit(self.held))
+
+    @property
     def base(self) -> EllipseFire:
         """The same without corrections."""
         if self._base is None:
+            self._base = self.lights(self._sources)
+        return self._base
+
+    def lights(self, sources: Floats) -> EllipseFire:
+        """The fire of some sources (n, 3) x, y, at_s alone."""
+        if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
             convergence_deg = self._landscape.grid_convergence_deg
-            spreads = spreads_of(self._burn.fuel_model, stream, convergence_deg)
-            self._base = EllipseFire(spreads, self._sources)
-        return self._base
+            self._spreads = spreads_of(self._burn.fuel_model, stream, convergence_deg)
+        return EllipseFire(self._spreads, sources)
 
     def _corrected(self, base: EllipseFire) -> Simulation:
         if not len(self._marks):
@@ -87,13 +102,24 @@ class BelievedFire:
                 self.log.take(event)
                 self._mark()
             case Observed() if self._burn.camera_corrects:
-                self._seen.take(event, self.base)
+                self._seen.take(event, self.base.lit(self.held))
                 self._mark()
             case WindTold():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
                 pass
         return self.version != before
+
+    def hold(self, source: tuple[float, float, float]) -> None:
+        """A sphere of the line under way: x, y, and when it ignites."""
+        self.held = np.vstack([self.held, source])
+
+    def let_go(self) -> None:
+        """The line is over: its spheres are fires like others."""
+        if len(self.held):
+            held, self.held = self.held, np.empty((0, 3))
+            self.ignite(held)
+            self._mark()
 
     def ignite(self, sources: Floats) -> None:
         """Points (n, 3) x, y, at_s burn from then on."""
@@ -111,7 +137,7 @@ class BelievedFire:
             wind_from_deg=from_deg % 360.0,
         )
         self._entries = [*(each for each in self._entries if each.at_s < at_s), entry]
-        self._base = None
+        self._spreads = self._base = None
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
@@ -121,7 +147,11 @@ class BelievedFire:
     def _mark(self) -> None:
         """Bring the marks in line with all that was drawn and seen."""
         drawn = [self._marks_of(held) for held in self.log.held()]
-        marks = np.vstack([np.empty((0, 4)), *drawn, self._seen.marks])
+        seen = self._seen.marks
+        if len(self.held):  # a camera cannot tell their fires from others near them
+            apart = seen[:, None, :2] - self.held[None, :, :2]
+            seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
+        marks = np.vstack([np.empty((0, 4)), *drawn, seen])
         if not np.array_equal(marks, self._marks):
             self._marks = marks
             self._changed()
