@@ -236,6 +236,7 @@ class Gateway:
                 return LinkRestored(now_us, name)
             case bridge.Rebooted():
                 self._offset_us = None
+                self._last.clear()  # all is to be told anew
                 return VehicleRebooted(now_us, name)
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)

@@ -304,9 +304,8 @@ class Interlock:
             return f"{name} is for {plan.vehicle}, not for {drop.vehicle}"
         if known.approved is None:
             return f"{name}: {known.why_not}"
-        until_us = plan.valid_until_us
-        if max(known.approved.at_us, at_us - round(plan.duration_s * 1e6)) > until_us:
-            return f"{name} was to be approved and begun by {until_us / 1e6:.0f} s of mission time"
+        if at_us > plan.valid_until_us:
+            return f"{name} was good until {plan.valid_until_us / 1e6:.0f} s of mission time"
         if all(planned.number != drop.number for planned in plan.drops):
             return f"{name} has no drop {drop.number}"
         if drop.number in self._ordered.get(drop.plan_hash, ()):
