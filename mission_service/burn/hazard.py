@@ -22,7 +22,11 @@ from mission_service.errors import MissionServiceError
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-LEAST_CELL_M, NODES = 1.5, 30_000  # a raster of a unit of 20 acres has cells of about 1.9 m
+LEAST_CELL_M, MOST_CELL_M, NODES = (
+    1.5,
+    3.0,
+    30_000,
+)  # a raster of a unit of 20 acres has cells of about 1.9 m
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
 SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times look at neighbours
 
@@ -102,13 +106,13 @@ class Hazard:
 def cell_for(box: Box, margins: Margins) -> float:
     """The size of cells for what can be reached in a box, by the budget of nodes.
 
-    Never more than a third of the distance margin, so that large units do not get wide margins
-    (unless that is smaller than the least cell).
+    Never more than a third of the distance margin or 3 m, so that large units do not get wide
+    margins.
     """
     wide_m = box[2] - box[0] + 2.0 * margins.reach_m
     high_m = box[3] - box[1] + 2.0 * margins.reach_m
     by_budget_m = math.sqrt(wide_m * high_m / NODES)
-    return max(LEAST_CELL_M, min(by_budget_m, margins.distance_m / 3.0))
+    return max(LEAST_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MOST_CELL_M)))
 
 
 def hazard_of(

@@ -91,7 +91,7 @@ class LinePlan:
 class NoPlan:
     """Why there is none. ``complete``: no line is left; ``lines_cut`` of them for no safe drop."""
 
-    why: Literal["complete", "spheres", "battery", "danger"]
+    why: Literal["complete", "spheres", "battery", "danger", "outside"]
     words: str
     lines_cut: int = 0
 
@@ -105,6 +105,8 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
     _refuse_too_fast(settings)
     start = Place(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
     air = air_of(situation, settings)
+    if air.high is not None and not air.high.straight(start[:2], start[:2]):
+        return NoPlan("outside", "the vehicle is outside the fence; bring it back")
     if situation.height_m < ON_GROUND_M and not _safe_start(air, start):
         return NoPlan("danger", "fire is too near the place where the vehicle stands")
     area, lines_cut = situation.area, 0
@@ -181,12 +183,15 @@ def orders(
 
 
 def chosen(trips: list[Trip]) -> Trip | None:
-    """The fastest of those that drop enough; None if none drops anything. The first of equals."""
+    """The fastest of those that drop enough; None if none drops anything. The first of equals.
+
+    One that comes to the line's end is better than one ended by spheres or battery.
+    """
     most = max((len(trip.drops) for trip in trips), default=0)
     if most == 0:
         return None
     enough = [trip for trip in trips if len(trip.drops) >= MOST * most]
-    return min(enough, key=lambda trip: trip.duration_s)
+    return min(enough, key=lambda trip: (trip.why_ended != "", trip.duration_s))
 
 
 def _plan(

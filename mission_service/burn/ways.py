@@ -87,7 +87,7 @@ def _bends(area: BaseGeometry) -> Floats:
     """Corners (n, 2) that a shortest way can bend around: those that point into the area."""
     found = []
     # Outlines clockwise, holes the other way.
-    for ring in shapely.get_rings(shapely.normalize(area)):
+    for ring in shapely.get_rings(shapely.get_parts(shapely.normalize(area))):
         corners = shapely.get_coordinates(ring)[:-1]
         before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
         one, other = corners - before, after - corners
