@@ -10,11 +10,11 @@ from typing import Any
 
 from mission_service.commands import AnyCommand
 from mission_service.config import Scenario
+from mission_service.differences import difference_of
 from mission_service.errors import JournalError
 from mission_service.events import AnyEvent, Resumed
 from mission_service.journal import JournalReader, Rest
 from mission_service.planning import BURN
-from mission_service.replay import difference_of
 
 ANEW = "; to begin anew, move that file away (it is the record of the burn) and tell what burns"
 
@@ -140,4 +140,6 @@ def _ended(path: Path) -> bool:
     with path.open("rb") as file:
         file.seek(0, 2)
         file.seek(max(0, file.tell() - 200))
-        return b'\n{"end":true,"crc":"' in file.read()
+        tail = file.read()
+    last = tail[:-1].rpartition(b"\n")[2]
+    return tail.endswith(b"\n") and last.startswith(b'{"end":true,')
