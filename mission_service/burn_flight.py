@@ -7,6 +7,7 @@ No drop is in a mission on board: each is ordered here while everything that mus
 """
 
 import math
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -20,10 +21,11 @@ from mission_service.burn.checklist import Checklist
 from mission_service.burn.drops import Account, Sphere
 from mission_service.burn.fire_state import BelievedFire, toward
 from mission_service.burn.flight import Air
-from mission_service.burn.flown import Flown, first_danger_s, flown_of
+from mission_service.burn.flown import HIGH_SHARE, Flown, first_danger_s, flown_of
+from mission_service.burn.hazard import hazard_of
 from mission_service.burn.mission import mission_items, plan_points
 from mission_service.burn.plan import IgnitionPlan, PlannedDrop
-from mission_service.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line_plan
+from mission_service.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
 from mission_service.burn.release import Landing, Moving, is_due, landing
 from mission_service.burn.unit import Person, unit_of
 from mission_service.burn.watch import Wind, mean_wind, wind_differs
@@ -69,13 +71,13 @@ Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbi
 
 # Plans keep more than the margins that are watched in flight: a flight is never quite its plan.
 SLACK_S, SLACK_M = 20.0, 3.0
-HIGH_SHARE = 0.9  # of the safe height: high enough
-CLIMB_AGAIN_S = 5.0
+CLIMB_AGAIN_S, CLIMBS_SHARE = 5.0, 1.05
 LOOK_EVERY_S, LOOK_AT_PROPOSED_EVERY_S = 1.0, 5.0
 BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # after the proposal, as planned
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 TELEMETRY_S = 0.1
+RELEASES_BEFORE_S = 6.0  # the time of a drop by the plan, it is looked whether it is due
 WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
 LOW_SHARE, HIGH_BAND_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
 NO_FIRE_S = 86400.0  # a margin where no fire comes near
@@ -242,8 +244,12 @@ class BurnFlight:
     def _air_at(self, vehicle: Vehicle, here: Here, at_s: float) -> Air:
         """What flights are checked against, as the fire is believed now."""
         if self._air is None or self._air[0] != self.fire.version:
-            situation = self._situation(vehicle, here, at_s)
-            self._air = (self.fire.version, air_of(situation, self.burn))
+            air = air_of(self._situation(vehicle, here, at_s), self.burn)
+            # Planned is over the unit only; what is flown is watched from home on.
+            places = shapely.MultiPoint([vehicle.home_m, (here.x_m, here.y_m)])
+            box = shapely.union(self.unit.area, places.buffer(OFF_PATH_M)).bounds
+            hazard = hazard_of(self.fire.simulation, box, air.hazard.margins)
+            self._air = (self.fire.version, replace(air, hazard=hazard))
         return self._air[1]
 
     # Plans and their approval -----------------------------------------------------------------
@@ -336,7 +342,7 @@ class BurnFlight:
             "distance_margin_m": self.burn.distance_margin_m + SLACK_M,
         }
         situation = self._situation(vehicle, here, begin_s)
-        found = next_line_plan(situation, self.burn.model_copy(update=wider))
+        found = next_line(situation, self.burn.model_copy(update=wider))
         if isinstance(found, NoPlan):
             self.phase, self.complete = "waiting", found.why == "complete"
             vehicle.going_home = airborne
@@ -456,16 +462,22 @@ class BurnFlight:
     def _release(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
         """Let go of the next sphere if it would fall on its place now."""
         commands: list[AnyCommand] = []
+        plan, comes_s = flown.plan, flown.table.after_s + RELEASES_BEFORE_S
+        if flown.next_drop == len(plan.drops) or comes_s < plan.drops[flown.next_drop].after_s:
+            return commands
         moving = Moving(here.x_m, here.y_m, self._height_m(here), here.east_m_s, here.north_m_s)
         weather = self.fire.weather_at(here.at_s)
         wind = toward(self.landscape, weather.wind_speed_m_s, weather.wind_from_deg)
         dropper = self.burn.dropper
         falls = landing(moving, wind, dropper.terminal_speed_m_s, dropper.delay_s)
-        while flown.next_drop < len(flown.plan.drops):
+        while flown.next_drop < len(plan.drops):
+            if comes_s < plan.drops[flown.next_drop].after_s:
+                break
             x_m, y_m = flown.targets_m[flown.next_drop].tolist()
             due = is_due(moving, falls, (x_m, y_m), TELEMETRY_S, self.burn.miss_m)
-            if due == "wait":
-                return commands
+            comes_down = flown.table.after_s < plan.drops[flown.next_drop].after_s
+            if due == "wait" or (comes_down and moving.height_m > self._highest_m(plan)):
+                break
             number, flown.next_drop = flown.next_drop, flown.next_drop + 1
             why = "it is behind" if due == "missed" else self._why_not(flown, moving, falls, here)
             if why is None:
@@ -482,8 +494,7 @@ class BurnFlight:
             return "it is not approved"
         if self._mode != "mission" or not self._armed:
             return f"it is in mode {self._mode}"
-        least_m, most_m = LOW_SHARE * plan.drop_height_m, HIGH_BAND_SHARE * plan.drop_height_m
-        if not least_m <= moving.height_m <= most_m:
+        if not LOW_SHARE * plan.drop_height_m <= moving.height_m <= self._highest_m(plan):
             return f"it is {moving.height_m:.0f} m above the ground"
         if math.hypot(here.east_m_s, here.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
             return "it is too fast"
@@ -499,6 +510,10 @@ class BurnFlight:
         if burns_s <= here.at_s + burn.ignition_delay_s:
             return "it would fall where it burns"
         return None
+
+    def _highest_m(self, plan: IgnitionPlan) -> float:
+        """Above the ground, to drop at."""
+        return HIGH_BAND_SHARE * plan.drop_height_m
 
     def _order(
         self, number: int, target_m: tuple[float, float], falls: Landing, here: Here
@@ -582,7 +597,7 @@ class BurnFlight:
             return []
         self._climbed_at_s = here.at_s
         ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m)) + self._above_map_m
-        altitude_m = max(ground_m + self.burn.safe_height_m, here.altitude_m)
+        altitude_m = max(ground_m + CLIMBS_SHARE * self.burn.safe_height_m, here.altitude_m)
         return [ClimbAndHold(self._name, *self._lat_lon(here.x_m, here.y_m), round(altitude_m, 1))]
 
     def _is_high(self, here: Here) -> bool:

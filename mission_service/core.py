@@ -140,7 +140,7 @@ class Core:
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, here)]
         if not presence.airborne:
-            return self._on_the_ground(vehicle, here)
+            return [*commands, *self._on_the_ground(vehicle, here)]
         if vehicle.pending is None and self._must_return(vehicle, here):
             led_home = self.leader.way_home(vehicle, here)
             return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]

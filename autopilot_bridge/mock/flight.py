@@ -28,6 +28,7 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
+HIGH_ENOUGH_M = 1.5
 RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
 # From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
@@ -355,10 +356,7 @@ class Flight(Body):
             self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
             return now_s - target.arrived_at_s >= hold_s
         if self.stack.vehicle == "copter":
-            stop = hold_s > 0.0
-            self.approach(place, altitude_m, stop)
-            near_m = STOP_WITHIN_M if stop else NEAR_M
-            there = self.distance(place) <= acceptance_m(item, self.stack, near_m)
+            there = self._straight(target, place, altitude_m, hold_s > 0.0)
         else:
             self.follow(target.leg_start, place, altitude_m)
             there = self._past(target, place)
@@ -366,6 +364,26 @@ class Flight(Body):
             target.arrived_at_s = now_s
             return False
         return there
+
+    def _straight(self, target: Target, place: Place, altitude_m: float, stop: bool) -> bool:
+        """A copter's step along the straight line to a waypoint; whether it is there.
+
+        It is as slow as climbing or sinking along the line needs, and goes straight up or down to
+        what lies above or below it.
+        """
+        length_m, left_m = math.dist(target.leg_start, place), self.distance(place)
+        rise_m, limits = altitude_m - target.begun_amsl_m, self.limits
+        wanted_m = altitude_m
+        if length_m > STOP_WITHIN_M:
+            rate = limits.climb_m_s if rise_m > 0.0 else limits.sink_m_s
+            fastest = rate * length_m / max(abs(rise_m), 1e-6)
+            self.limits = replace(limits, airspeed_m_s=min(limits.airspeed_m_s, fastest))
+            wanted_m -= rise_m * min(left_m / length_m, 1.0)
+        self.approach(place, wanted_m, stop or length_m <= STOP_WITHIN_M)
+        self.limits = limits
+        near_m = acceptance_m(target.item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
+        high = abs(self.motion.altitude_m - wanted_m) <= HIGH_ENOUGH_M
+        return high and self.distance(place) <= near_m
 
     def _past(self, target: Target, place: Place) -> bool:
         """Within the acceptance radius, or past the end of the leg."""

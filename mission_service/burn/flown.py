@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
-from mission_service.burn.flight import Air, OwnFires, Place
+from mission_service.burn.flight import Air, Place
+from mission_service.burn.hazard import Hazard, hazard_of
 from mission_service.burn.plan import IgnitionPlan
 from mission_service.burn.timetable import Timetable
 
 Floats = NDArray[np.float64]
+
+HIGH_SHARE = 0.9  # of the safe height: high enough
+OWN_SOON_S = 10.0
 
 
 @dataclass(slots=True)
@@ -44,13 +48,38 @@ def _xy(places: list[tuple[float, float]], landscape: Landscape) -> Floats:
 def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
     """When a vehicle on a path (n, 4) x, y, height, at_s first comes too near to fire.
 
-    By the rules that plans are made by; ``own_sources`` (m, 3) are spheres that it has dropped on
-    the way. None: all of it is safe.
+    By the rules that plans are made by, but that nearly the safe height is safe as well: nothing
+    flies quite as high as it is told. None: all of it is safe.
+
+    ``own_sources`` (m, 3) are spheres that it has dropped on the way. That it leaves them in time
+    the plan has seen to, so here they are too near when they burn within reach, or soon will.
     """
-    own = OwnFires(air)
-    own.sources = own_sources
-    for begin, end in pairwise(Place(*row) for row in path.tolist()):
-        leg = (begin, end)
-        if min(air.margin_s(leg), own.margin_s(leg)) < air.settings.time_margin_s:
+    safe_m = air.settings.safe_height_m
+    places = [
+        Place(*row[:2], safe_m if row[2] >= HIGH_SHARE * safe_m else row[2], row[3])
+        for row in path.tolist()
+    ]
+    legs = [leg for leg in pairwise(places) if not air.is_high(leg)]
+    soon_s = min(OWN_SOON_S, air.settings.ignition_delay_s / 3.0)
+    own = _own_hazard(legs, air, own_sources)
+    for begin, end in legs:
+        way = (begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
+        if air.margin_s((begin, end)) < air.settings.time_margin_s:
+            return begin.at_s
+        if own is not None and own.leg_margin_s(*way) < soon_s:
             return begin.at_s
     return None
+
+
+def _own_hazard(legs: list[tuple[Place, Place]], air: Air, own_sources: Floats) -> Hazard | None:
+    if not len(own_sources) or not legs:
+        return None
+    corners = np.array([place[:2] for leg in legs for place in leg])
+    west, south, east, north = *corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()
+    return hazard_of(
+        air.lights(own_sources),
+        (west, south, east, north),
+        air.hazard.margins,
+        cell_m=air.hazard.cell_m,
+        sources=own_sources,
+    )

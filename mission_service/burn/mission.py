@@ -32,7 +32,7 @@ FLIES_ONLY = frozenset(
     )
 )
 GROUND_SPEED, CLIMB_SPEED, DESCENT_SPEED = 1.0, 2.0, 3.0  # SPEED_TYPE
-THERE_M = 2.0  # a corner counts as reached so near; what ArduCopter has by itself
+THERE_M = 2.0  # a corner counts as reached so near; ArduCopter has it by itself (WPNAV_RADIUS)
 BAND = 0.2  # of its height: a leg is flown from its height to so much more above the ground
 SAMPLES_A_CELL = 4
 SAME_PLACE_M = 0.05
@@ -66,8 +66,9 @@ def mission_items(
     if vehicle.stack == "ardupilot":
         items.append(_speed(CLIMB_SPEED, burn.climb_m_s))
         items.append(_speed(DESCENT_SPEED, burn.sink_m_s))
+    there_m = THERE_M if vehicle.stack == "px4" else 0.0
     items += [
-        waypoint(point.lat_deg, point.lon_deg, point.altitude_amsl_m, THERE_M) for point in path
+        waypoint(point.lat_deg, point.lon_deg, point.altitude_amsl_m, there_m) for point in path
     ]
     items.append(loiter_unlimited(last.lat_deg, last.lon_deg, _safe_amsl_m(last, burn), 0.0))
     if vehicle.stack == "px4":  # a yaw of 0 would turn it north

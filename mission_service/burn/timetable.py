@@ -12,7 +12,7 @@ class Timetable:
     """A path (n, 3) x, y, altitude in metres, flown at times (n,) after its begin."""
 
     def __init__(self, points_m: Floats, after_s: Floats) -> None:
-        self._points_m = points_m
+        self.points_m = points_m
         self._after_s = after_s
         steps = np.diff(points_m, axis=0)
         self._lengths_m = np.sqrt((steps * steps).sum(axis=1))
@@ -40,8 +40,8 @@ class Timetable:
         last = int(np.searchsorted(self._along_m, self.come_m + LOOKS_AHEAD_M))
         off_m, come_m = np.inf, self.come_m
         for leg in range(first, min(last, len(self._lengths_m))):
-            start, length = self._points_m[leg], self._lengths_m[leg]
-            way = self._points_m[leg + 1] - start
+            start, length = self.points_m[leg], self._lengths_m[leg]
+            way = self.points_m[leg + 1] - start
             share = 0.0 if length == 0.0 else float((place_m - start) @ way) / float(length**2)
             low = (self.come_m - self._along_m[leg]) / length if leg == first and length else 0.0
             share = min(max(share, low), 1.0)
@@ -54,8 +54,8 @@ class Timetable:
     def ahead(self, now_s: float) -> Floats:
         """The rest of the path from where it has come to: (k, 4) x, y, altitude, at_s."""
         rest = self._along_m > self.come_m
-        here = [np.interp(self.come_m, self._along_m, axis) for axis in self._points_m.T]
-        points = np.vstack([here, self._points_m[rest]])
+        here = [np.interp(self.come_m, self._along_m, axis) for axis in self.points_m.T]
+        points = np.vstack([here, self.points_m[rest]])
         late_s = now_s - self.after_s
         times = np.concatenate([[now_s], self._after_s[rest] + late_s])
         return np.column_stack([points, times])
