@@ -91,6 +91,11 @@ class MissionClock:
         self._start_us = start_us
         self._began_us: int | None = None
 
+    def go_on(self, mission_us: int, wall_us: int) -> None:
+        """Have this mission time at that time of the machine, before any vehicle is heard."""
+        self.now_us = self.latest_us = self._start_us = mission_us
+        self._began_us = wall_us if self.wall else None
+
     def wall_passed(self, wall_us: int) -> None:
         """Tell the time of the machine; counts only for a wall clock."""
         if not self.wall:
@@ -235,6 +240,7 @@ class Gateway:
                 return LinkRestored(now_us, name)
             case bridge.Rebooted():
                 self._offset_us = None
+                self._last.clear()  # all is to be told anew
                 return VehicleRebooted(now_us, name)
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)

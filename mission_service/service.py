@@ -6,9 +6,10 @@ camera look at the fire whenever a position arrives.
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from mission_service.burn.interlock import Interlock
-from mission_service.commands import Drop, Say
+from mission_service.commands import AnyCommand, Drop, Say
 from mission_service.config import Scenario
 from mission_service.core import Core
 from mission_service.events import (
@@ -18,6 +19,7 @@ from mission_service.events import (
     DropFinished,
     Heard,
     Lit,
+    Resumed,
     Telemetry,
     VehicleEvent,
 )
@@ -84,6 +86,31 @@ class Service:
         """Whether other processes can be talked to; for all vehicles here."""
         for name in self._gateways:
             self._handle(Contact(at_us, name, there), now_us)
+
+    def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        """What a journal tells of before: all that follows from it but the orders."""
+        self.record.add(event, commands)
+        self.world.advance(event.at_us)
+        self._burn(event)
+        if self._interlock is not None:
+            self._interlock.take(event)
+            self._interlock.sent(commands)
+        for command in commands:
+            if isinstance(command, Drop):
+                self._falling[command.plan_hash, command.number] = (
+                    command.lat_deg,
+                    command.lon_deg,
+                )
+
+    def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
+        """After the past: write down the last commands that the journal lacks, and handle this."""
+        self._journal.commands(list(missing))
+        self.record.news.clear()  # told before
+        self._handle(event, now_us)
+
+    def status(self) -> dict[str, Any]:
+        """What the interlock has of plans, vehicles and the crew."""
+        return {} if self._interlock is None else self._interlock.status()
 
     def _look(self, here: Telemetry, now_us: int) -> None:
         name = here.vehicle

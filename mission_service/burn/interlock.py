@@ -352,6 +352,9 @@ class Interlock:
         reach_m = self._reach_m(plan)
         if not off_m <= reach_m:
             return f"{drop.vehicle} is {off_m:.0f} m off drop {drop.number} (at most {reach_m:.0f})"
+        beside_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
+        if not beside_m <= self._burn.miss_m:
+            return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
         height_m = math.nan if ground_m is None else here.altitude_amsl_m - ground_m
         band_m = max(LEAST_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
         if not abs(height_m - plan.drop_height_m) <= band_m:

@@ -4,7 +4,6 @@ A request is a JSON object: ``do`` says what, ``by`` who asks, ``station`` from 
 by what is asked. Unknown keys are refused: what is not understood is not done in part.
 """
 
-import math
 from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
@@ -19,7 +18,11 @@ from mission_service.events import CrewEvent
 LONGEST_S = 1e7  # times farther away are a mistake
 LARGEST_M = 10_000.0
 
-Name = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"\S")]
+# Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
+Name = Annotated[
+    str,
+    Meta(max_length=80, pattern=r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$"),
+]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -177,7 +180,6 @@ def event_of(
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
     except (msgspec.ValidationError, OverflowError) as error:
         raise RequestError(f"{do}: {error}") from None
-    _refuse_no_numbers(do, msgspec.structs.astuple(asked))
     if asked.station not in stations:
         there = ", ".join(sorted(stations))
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
@@ -239,18 +241,11 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
         raise RequestError(f"{do}: these corners are no polygon: its sides cross or it has no area")
 
 
-def _refuse_no_numbers(do: str, values: object) -> None:
-    """NaN and infinity: limits alone let NaN through."""
-    if isinstance(values, float) and not math.isfinite(values):
-        raise RequestError(f"{do}: {values} is no number to act on")
-    if isinstance(values, tuple):
-        for value in values:
-            _refuse_no_numbers(do, value)
-
-
 def _told(request: dict[str, Any], key: str) -> str:
-    value = request.get(key)
-    return value[:80] if isinstance(value, str) and value.strip() else "unknown"
+    try:
+        return msgspec.convert(request.get(key), Name)
+    except msgspec.ValidationError:
+        return "unknown"
 
 
 def _cut(value: str) -> str:

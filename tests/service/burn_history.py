@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import msgspec
 
 from mission_service.burn.plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
-from mission_service.commands import AnyCommand, Command, Drop, Propose
+from mission_service.commands import AnyCommand, Drop, Propose
 from mission_service.config_sections import BurnSection
 from mission_service.events import (
     Answered,
@@ -65,7 +65,15 @@ def plan(line: int = 1, **changes: object) -> IgnitionPlan:
 
 PLAN = plan()
 HASH = plan_hash(PLAN)
-DROP = Drop(NAME, HASH, 0)
+
+
+def drop(number: int, vehicle: str = NAME, plan_hash: str = HASH, off_m: float = 0.0) -> Drop:
+    """A drop of the line that falls so far north of its place."""
+    lon_deg = LON + 10.0 * number * DEG_PER_M
+    return Drop(vehicle, plan_hash, number, LAT + off_m * DEG_PER_M, lon_deg)
+
+
+DROP = drop(0)
 
 
 def here(at_us: int, east_m: float = -5.0, height_m: float = HEIGHT_M) -> Telemetry:
@@ -94,7 +102,3 @@ GOOD: tuple[Happening, ...] = (
     ModeChanged(91_000_000, NAME, 3, True, "mission"),
     here(99_900_000),
 )
-
-
-def is_command(thing: object) -> bool:
-    return isinstance(thing, Command)

@@ -49,6 +49,7 @@ from tests.service.burn_history import (
     here,
     plan,
 )
+from tests.service.burn_history import drop as drop_of
 
 BURN = burn()
 S = 1_000_000
@@ -71,7 +72,7 @@ def why(*more: Happening, drop: Drop = DROP, at_us: int = AT_US) -> str | None:
 def test_a_drop_in_order_goes_out_once() -> None:
     assert why() is None
     assert why(Sent((DROP,))) == f"plan {HASH[:12]}: drop 0 was ordered before"
-    assert why(Sent((DROP,)), drop=Drop(NAME, HASH, 1)) is None
+    assert why(Sent((DROP,)), drop=drop_of(1)) is None
 
 
 OTHER = plan(2)
@@ -145,10 +146,11 @@ def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
 @pytest.mark.parametrize(
     ("drop", "at_us", "words"),
     [
-        (Drop(NAME, plan_hash(OTHER), 0), AT_US, "was never proposed"),
-        (Drop(NAME, HASH, 3), AT_US, "has no drop 3"),
-        (Drop("crane", HASH, 0), AT_US, "is for ignis, not for crane"),
-        (DROP, 401 * S, "was good until 400 s"),
+        (drop_of(0, plan_hash=plan_hash(OTHER)), AT_US, "was never proposed"),
+        (drop_of(3), AT_US, "has no drop 3"),
+        (drop_of(0, "crane"), AT_US, "is for ignis, not for crane"),
+        (DROP, 400 * S + 1, "was good until 400 s"),
+        (drop_of(0, off_m=4.1), AT_US, "would fall 4.1 m off its place"),
         (DROP, 101_500_000, "no position of the last 1.5 s"),
         (DROP, 105_000_001, "nobody heard at alpha for 15 s"),
     ],
@@ -214,7 +216,7 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
 
 
 def test_spheres_and_their_rate() -> None:
-    one, two = (Drop(NAME, HASH, number) for number in (0, 1))
+    one, two = (drop_of(number) for number in (0, 1))
     few, slow = burn(spheres=1), burn(most_drops_per_min=1.0, drop_spacing_m=300.0)
     for section, words in ((few, "all 1 spheres"), (slow, "1 drops in a minute")):
         assert after(GOOD, section).refuses(one, AT_US) is None
@@ -232,7 +234,9 @@ def test_spheres_and_their_rate() -> None:
 def changed(old: type, **changes: object) -> tuple[Happening, ...]:
     """The good history with each event of a type changed."""
     return tuple(
-        msgspec.structs.replace(thing, **changes) if isinstance(thing, old) else thing
+        thing
+        if isinstance(thing, Sent) or not isinstance(thing, old)
+        else msgspec.structs.replace(thing, **changes)
         for thing in GOOD
     )
 
@@ -247,7 +251,7 @@ def test_a_go_from_elsewhere_is_none() -> None:
 
 
 def test_a_load_begins_with_a_landing() -> None:
-    one, two = (Drop(NAME, HASH, number) for number in (0, 1))
+    one, two = (drop_of(number) for number in (0, 1))
     landed = ModeChanged(AT_US, NAME, 3, False, "mission")
     flies = ModeChanged(AT_US, NAME, 3, True, "mission")
     for more, gets_out in (((), False), ((landed, flies, *AGAIN, APPROVED), True)):
@@ -269,8 +273,7 @@ def test_its_status_can_be_told_as_json() -> None:
 def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSection) -> bool:
     flat: list[object] = []
     for thing in history:
-        flat.extend(thing.commands if isinstance(thing, Sent) else (thing,))
-    times = [thing.at_us for thing in history if not isinstance(thing, Sent)]
+        flat += thing.commands if isinstance(thing, Sent) else (thing,)
     stations = [station.name for station in section.stations]
 
     proposed = [
@@ -352,12 +355,19 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
 
     numbers = {planned.number: planned for planned in made.plan.drops}
     ordered = [thing for thing in flat if isinstance(thing, Drop)]
-    if drop.number not in numbers or drop in ordered:
+    if drop.number not in numbers or any(
+        (drop.plan_hash, drop.number) == (other.plan_hash, other.number) for other in ordered
+    ):
         return False
     target = shapely.Point(
         (numbers[drop.number].lon_deg - LON) / DEG_PER_M * 0.8049,
         (numbers[drop.number].lat_deg - LAT) / DEG_PER_M,
     )
+    falls = shapely.Point(
+        (drop.lon_deg - LON) / DEG_PER_M * 0.8049, (drop.lat_deg - LAT) / DEG_PER_M
+    )
+    if target.distance(falls) > 4.0:
+        return False
     flown = shapely.Point(
         (position.lon_deg - LON) / DEG_PER_M * 0.8049, (position.lat_deg - LAT) / DEG_PER_M
     )
@@ -366,19 +376,17 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
     if not 7.5 <= position.altitude_amsl_m - 300.0 <= 22.5:
         return False
     units = [thing for thing in flat if isinstance(thing, UnitTold)]
-    if units and units[-1].points is not CORNERS and units[-1].points != CORNERS:
+    if units and units[-1].points != CORNERS:
         return False
-    for thing in {t.name: t for t in flat if isinstance(t, PersonTold)}.values():
-        east_m = (thing.lon_deg - LON) / DEG_PER_M * 0.8049
-        north_m = (thing.lat_deg - LAT) / DEG_PER_M
-        if thing.radius_m and shapely.Point(east_m, north_m).distance(target) <= thing.radius_m:
+    for person in {t.name: t for t in flat if isinstance(t, PersonTold)}.values():
+        east_m = (person.lon_deg - LON) / DEG_PER_M * 0.8049
+        north_m = (person.lat_deg - LAT) / DEG_PER_M
+        if person.radius_m and shapely.Point(east_m, north_m).distance(target) <= person.radius_m:
             return False
-    return spheres_left(history, flat, section, at_us, times)
+    return spheres_left(history, section, at_us)
 
 
-def spheres_left(
-    history: list[Happening], flat: list[object], section: BurnSection, at_us: int, times: list[int]
-) -> bool:
+def spheres_left(history: list[Happening], section: BurnSection, at_us: int) -> bool:
     used, recent, latest = 0, 0, 0
     armed = False
     for thing in history:
@@ -480,7 +488,7 @@ def any_thing(chance: random.Random) -> Happening:
         Sent((Withdraw(NAME, name, "x"),)),
         Sent((Return(NAME),)),
         Sent((ClimbAndHold(NAME, LAT, LON, 400.0),)),
-        Sent((Drop(NAME, name, chance.randrange(4)),)),
+        Sent((drop_of(chance.randrange(4), NAME, name),)),
     ]
     return any_of([*crew, *flown, *sent])
 
@@ -497,7 +505,8 @@ def test_nothing_goes_out_that_a_look_at_all_that_happened_does_not_allow(seed: 
         chance = random.Random(seed + number)
         history, section = happenings(chance), chance.choice(SECTIONS)
         vehicle = chance.choice([NAME, NAME, NAME, NAME, "crane"])
-        drop = Drop(vehicle, chance.choice(HASHES), chance.randrange(4))
+        off_m = chance.choice([0.0, 0.0, 3.9, 4.1])
+        drop = drop_of(chance.randrange(4), vehicle, chance.choice(HASHES), off_m)
         times = [AT_US, *(thing.at_us for thing in history if not isinstance(thing, Sent))]
         at_us = max(times) + chance.choice([0, 0, 0, 0, 100_000, 1_600_000, 16 * S, 700 * S])
         refused = after(tuple(history), section).refuses(drop, at_us)
