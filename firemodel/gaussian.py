@@ -268,9 +268,7 @@ class GaussianCorrected:
         sd = np.sqrt(
             (np.square(self.place_sd_m * slowness) + TIME_SD_S**2) / np.square(near_s) + LOG_SD**2
         )
-        return _State(
-            rates, field, fire, ways, found_s, sd, np.log(observed_s), np.log(found_s)
-        )
+        return _State(rates, field, fire, ways, found_s, sd, np.log(observed_s), np.log(found_s))
 
     def _rates_slopes(self, state: _State) -> Floats:
         points = np.ascontiguousarray(self.marks[:, :2])
