@@ -29,19 +29,23 @@ class Tiles(NamedTuple):
     boxes: Floats  # (all squares, 4) least and largest x, then y, of the points in each
 
 
-def tiles_of(points_m: Floats, points_a_tile: int) -> Tiles:
-    """Points (n, 2) in tiles of about so many. Raises FireModelError if one is not finite."""
+def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:
+    """Points (n, 2) in tiles of about so many, or more if tiles need not be less than a side.
+
+    Raises FireModelError for a point that is not finite.
+    """
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
     count = len(points)
-    levels = math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0))
-    levels = min(levels, MOST_LEVELS)
     box = np.array([np.inf, -np.inf, np.inf, -np.inf])
     wrong = _enclose(points, box)
     if wrong < count:
         raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
     west, east, south, north = box if count else np.zeros(4)
-    side_m = max(east - west, north - south)
-    per_m = 2**levels / side_m if side_m > 0.0 else 0.0
+    extent_m = max(east - west, north - south)
+    levels = min(math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0)), MOST_LEVELS)
+    if side_m > 0.0:
+        levels = min(levels, math.ceil(math.log2(max(extent_m / side_m, 1.0))))
+    per_m = 2**levels / extent_m if extent_m > 0.0 else 0.0
     found = Tiles(
         levels,
         np.zeros(4**levels + 2, dtype=np.int64),
