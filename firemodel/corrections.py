@@ -23,7 +23,7 @@ LARGEST = -math.log(LEAST)
 PARTS, MIDDLE = 64.0, LARGEST / 128.0
 # Where many points are in a square of ``SMOOTH`` lengths, what is reckoned in NODES x NODES places
 # of it (Chebyshev's) gives a polynomial that is off by less than LEAST of a mark's error.
-NODES, SMOOTH = 8, 0.5
+NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
 SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in range(9))
@@ -136,10 +136,11 @@ def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ig
     for i in range(NODES - 1, -1, -1):
         row = c[i * NODES : (i + 1) * NODES]
         c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
-        c4, c5, c6, c7 = row[4], row[5], row[6], row[7]
+        c4, c5, c6, c7, c8, c9 = row[4], row[5], row[6], row[7], row[8], row[9]
         for k in range(xs.size):
             x, y = (xs[k] - middle_x) * per_x, (ys[k] - middle_y) * per_y
-            along = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * (c6 + x * c7))))))
+            along = c5 + x * (c6 + x * (c7 + x * (c8 + x * c9)))
+            along = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * along))))
             found[k] = found[k] * y + along
 
 
