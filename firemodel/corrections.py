@@ -42,9 +42,14 @@ class PaperCorrected:
     def __init__(self, fire: Simulation, marks: Floats, length_m: float) -> None:
         """Raises FireModelError for marks of another shape or no length."""
         self.fire, self.length_m = fire, length_m
-        self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
+        self.marks = np.asarray(marks, dtype=np.float64)
+        if self.marks.ndim != 2 or self.marks.shape[1] != 4:
+            raise FireModelError(
+                f"corrections: marks are {self.marks.shape}; they must be (count, 4): x, y, at_s, "
+                "state"
+            )
         if not 0.0 < length_m < np.inf:
-            raise FireModelError(f"corrections: length_m = {length_m} must be more than 0")
+            raise FireModelError(f"corrections: length_m = {length_m} must be more than 0 m")
         error_s = errors_s(fire, self.marks)
         never = ~np.isfinite(error_s)
         counts = ~never & ((error_s != 0.0) | (self.marks[:, 3] == BURNING))
