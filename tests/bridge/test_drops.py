@@ -345,6 +345,28 @@ def test_an_upload_under_way_does_not_fly_on_after_it() -> None:
         assert mock.flight.motion.altitude_m > 380.0
 
 
+@copters
+def test_without_satellites_a_mock_lands_blind_as_the_real_ones_do(stack: Stack) -> None:
+    # ArduCopter 4.6 after 8 s, PX4 1.17 after 5 s; until then it climbs, then no more.
+    pair, mock = flying(stack)
+    mock.positions = False
+    pair.run_for(3.0)
+    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.run_for(1.5)
+    assert pair.of(CommandFinished)[-1].accepted
+    assert mock.flight.motion.altitude_m > 332.0
+    pair.run_for(5.0)
+    assert mock.flight.mode == "land"
+    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.run_for(3.0)
+    ended = pair.of(CommandFinished)[-1]
+    assert not ended.accepted
+    assert "requires position" in ended.reason or "not available" in ended.reason
+    pair.run_for(60.0)
+    assert not mock.flight.airborne
+    assert not mock.flight.armed
+
+
 def test_planes_cannot() -> None:
     plane = stack_named("px4", "plane")
     with pytest.raises(BridgeError, match="multirotors"):
