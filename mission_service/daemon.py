@@ -49,6 +49,11 @@ def wall_us() -> int:
     return time.time_ns() // 1000
 
 
+def last_written_s(path: Path) -> float:
+    """When a file was last written to, in seconds since 1970."""
+    return path.stat().st_mtime
+
+
 async def serve(
     scenario: Scenario,
     journal_path: Path,
@@ -98,7 +103,7 @@ async def serve(
             connections.append(await stack.enter_async_context(connection))
             refusals.append(Refusals(section.link, section.system_id, signing))
         cut_off = unfinished(journal_path, scenario, digest)
-        down_from_s = journal_path.stat().st_mtime if cut_off else 0.0
+        down_from_s = last_written_s(journal_path) if cut_off else 0.0
         kept = None if cut_off else set_aside(journal_path, scenario)
         if kept is not None:
             tell(record, "service", f"the journal of an earlier burn is kept as {kept.name}")

@@ -29,7 +29,6 @@ from mission_service.journal import Journal
 from mission_service.record import Record
 from mission_service.world import FireWorld, camera_of
 
-
 NO_BURN = "the scenario has no burn"
 
 

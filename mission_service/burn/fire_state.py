@@ -5,15 +5,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+
 from firemodel.corrections import PaperCorrected
 from firemodel.drawn import marks_of
 from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
 from firemodel.gaussian import GaussianCorrected
-from firemodel.seen import Seen
-from numpy.typing import NDArray
-
 from firemodel.landscape import Landscape
 from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.seen import Seen
 from firemodel.weather import Weather, WeatherStream
 from mission_service.burn.correction_log import CorrectionLog, Held, erases
 from mission_service.config_sections import BurnSection
