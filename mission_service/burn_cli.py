@@ -16,23 +16,16 @@ WATCH_EVERY_S = 1.0
 PLACES = {"ignore_unknown_options": True}
 
 
-class Place(click.ParamType):
-    """LAT,LON in degrees."""
-
-    name = "LAT,LON"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Two numbers; what they may be is for the service to say."""
-        try:
-            lat_deg, lon_deg = (float(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r}: write it as LAT,LON in degrees, as in 36.35,-84.16", param, ctx)
-        return lat_deg, lon_deg
+def a_place(text: str) -> tuple[float, float]:
+    """LAT,LON in degrees; what they may be is for the service to say."""
+    try:
+        lat_deg, lon_deg = (float(part) for part in text.split(","))
+    except ValueError:
+        words = f"{text!r}: write it as LAT,LON in degrees, as in 36.35,-84.16"
+        raise click.BadParameter(words) from None
+    return lat_deg, lon_deg
 
 
-PLACE = Place()
 OUT = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
@@ -255,7 +248,7 @@ def _items(items: list[str], text: str) -> list[str]:
 
 @burn.command(context_settings=PLACES)
 @click.argument("state", type=click.Choice(["burned", "burning", "unburned"]))
-@click.argument("places", type=PLACE, nargs=-1, required=True)
+@click.argument("places", type=a_place, metavar="LAT,LON...", nargs=-1, required=True)
 @click.option(
     "--shape",
     type=click.Choice(["point", "line", "polygon"]),
@@ -287,7 +280,7 @@ def correct(
 
 
 @burn.command(context_settings=PLACES)
-@click.argument("places", type=PLACE, nargs=-1, required=True)
+@click.argument("places", type=a_place, metavar="LAT,LON...", nargs=-1, required=True)
 @click.option("--ago", "ago_s", type=float, default=0.0, metavar="SECONDS", help="Default: now.")
 @crew
 def light(
@@ -303,7 +296,7 @@ def light(
 
 
 @burn.command(context_settings=PLACES)
-@click.argument("place", type=PLACE)
+@click.argument("place", type=a_place, metavar="LAT,LON")
 @click.option("--radius", "radius_m", type=float, required=True, metavar="M")
 @crew
 def erase(
@@ -346,7 +339,7 @@ def wind(
 
 @burn.command(context_settings=PLACES)
 @click.argument("name")
-@click.argument("place", type=PLACE)
+@click.argument("place", type=a_place, metavar="LAT,LON")
 @click.option("--radius", "radius_m", type=float, metavar="M", help="To be kept clear.")
 @click.option("--gone", is_flag=True, help="Is no longer there.")
 @crew
@@ -368,7 +361,7 @@ def person(
 
 
 @burn.command(context_settings=PLACES)
-@click.argument("corners", type=PLACE, nargs=-1, required=True)
+@click.argument("corners", type=a_place, metavar="LAT,LON...", nargs=-1, required=True)
 @crew
 def unit(
     out: Path,

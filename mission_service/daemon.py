@@ -19,7 +19,8 @@ from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
-from mission_service.control import NAME, Desk, claimed, serve_control
+from mission_service.control import Desk, claimed, serve_control
+from mission_service.control_client import NAME
 from mission_service.core import Core
 from mission_service.events import CrewEvent
 from mission_service.fire_setup import fire_of, landscape_of
