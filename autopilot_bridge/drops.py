@@ -25,8 +25,10 @@ PULSES_APART = 4
 BACK_EVERY_US = 50_000  # a dropper that is not set back lets go of nothing more
 MOST_BACKS = 40
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
-# Not the order's own end: PX4's gripper tells it of a release when the setting back comes.
+# PX4's gripper tells the former of a release when the setting back comes, and the latter of one
+# that a link has doubled.
 ENDED_BY_OTHERS = 6
+ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
 
 @dataclass(slots=True)
@@ -126,7 +128,9 @@ class Drops:
             self._end(pulse, "done", "accepted", now_us)
         elif result != ENDED_BY_OTHERS:
             words = RESULTS.get(result, f"MAV_RESULT {result}")
-            self._end(pulse, "refused", f"{command_name(pulse.command)} {words}", now_us)
+            doubtful = result == ALREADY_DOING_IT
+            outcome: DropOutcome = "unknown" if doubtful else "refused"
+            self._end(pulse, outcome, f"{command_name(pulse.command)} {words}", now_us)
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""

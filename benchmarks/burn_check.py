@@ -130,7 +130,6 @@ def _of_fire(
     places = _around([_samples(one, other) for _, one, other in low], reach_m)
     places = np.concatenate([places, sources[:, :2], drops[:, :2]])
     fire_s = situation.fire.ignition_time_s(places)
-    own_s = situation.lights(drops).ignition_time_s(places)
     least_s = math.inf
     for number, one, other in low:
         samples = _samples(one, other)
@@ -150,6 +149,7 @@ def _of_fire(
             away = np.hypot(*(samples[:, :2] - (x, y)).T)
             nears |= bool(np.minimum.accumulate(away[::-1])[::-1].min() < away[0] - 0.01)
         need_s = settings.time_margin_s if nears else 0.0
+        own_s = situation.lights(before).ignition_time_s(places)
         margin_s = _least(samples, places, own_s, situation, settings)
         if margin_s < need_s:
             yield (

@@ -9,27 +9,28 @@ With wind that changes, each point of the front starts an ellipse of its own (Hu
 burned area is the Minkowski sum of the periods' ellipses. A place d from the source is in it once,
 for every direction n, d·n <= Σ τ_i h_i(n), with τ_i the time spent in a period and h_i the support
 function of its ellipse. So the place ignites at the greatest, over n, of the times at which both
-sides are equal: each a closed form, with one maximum over n (``_reach_s``).
+sides are equal: each a closed form, with one maximum over n (``ellipse_kernels.reach``).
 """
 
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
+from firemodel.ellipse_kernels import changing, steady
 from firemodel.errors import FireModelError
 from firemodel.fuels import FUEL_MODELS
 from firemodel.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
+from firemodel.tiles import Tiles, tiles_of
 from firemodel.weather import WeatherStream, wind_adjustment_factor
 
-MOST_STEPS = 100
-CLOSE = 1e-11  # part of the time that a step towards the greatest may still be off
+STEADY_TILE, CHANGING_TILE = 64, 16  # points
 
 Floats = NDArray[np.float64]
+Places = NDArray[np.int32]
 
 
 class Spread(NamedTuple):
@@ -115,10 +116,41 @@ class EllipseFire:
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point (n, 2) x, y: (n,) s, infinity for never."""
-        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        found = np.full(len(points), np.inf)
-        _all_pairs(points, self.sources, self._table, found)
-        return found
+        return self._burned(points_m, with_sources=False)[0]
+
+    def sources_of(self, points_m: Floats) -> Places:
+        """From which source fire first comes to each point (n, 2): (n,), -1 for never."""
+        return self._burned(points_m, with_sources=True)[1]
+
+    def _burned(self, points_m: Floats, with_sources: bool) -> tuple[Floats, Places]:
+        one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
+        if one:
+            to_plane, e = _plane(self.spreads[0])
+            origin = self.sources[0, :2] if len(self.sources) else np.zeros(2)
+            points = (np.asarray(points_m).reshape(-1, 2) - origin) @ to_plane
+            tiles = tiles_of(points, STEADY_TILE)
+        else:
+            tiles = tiles_of(points_m, CHANGING_TILE)
+        count, most = len(self.sources), tiles.levels + 1
+        best_s = np.full(len(tiles.x), np.inf)
+        first = np.full(len(tiles.x) if with_sources else 0, -1, dtype=np.int32)
+        kept = np.empty((most, count), dtype=np.int32)
+        kept[0] = np.arange(count)
+        counts, at = np.full(most, count), np.full(most, -1)
+        if count == 0:
+            pass
+        elif one:
+            sources = np.column_stack(
+                [(self.sources[:, :2] - origin) @ to_plane, self.sources[:, 2]]
+            )
+            steady(sources, e, tiles, kept, counts, at, np.empty(count), best_s, first)
+        else:
+            lit_in = np.searchsorted(self._table[:, 0], self.sources[:, 2], side="right") - 1
+            changing(
+                *(self.sources, np.maximum(lit_in, 0), self._table, tiles, kept, counts, at),
+                *(np.zeros((count, 2)), best_s, first),
+            )
+        return _in_order(best_s, tiles), _in_order(first, tiles) if with_sources else first
 
 
 def _checked(sources: Floats) -> Floats:
@@ -137,7 +169,7 @@ def _checked(sources: Floats) -> Floats:
 
 
 def _table(spreads: Sequence[Spread]) -> Floats:
-    """(periods, 6): from_s, centre x, y in m/s, and Q (xx, xy, yy) with h(n) = c·n + √(n·Qn)."""
+    """(changes, 6): from_s, centre x, y in m/s, and Q (xx, xy, yy) with h(n) = c·n + √(n·Qn)."""
     if not spreads:
         raise FireModelError("no spreads; give at least one")
     rows: list[tuple[float, ...]] = []
@@ -160,92 +192,24 @@ def _table(spreads: Sequence[Spread]) -> Floats:
                 long2 * sin * sin + wide2 * cos * cos,
             )
         )
-    return np.array(rows)
+    return np.array([row for k, row in enumerate(rows) if not k or row[1:] != rows[k - 1][1:]])
 
 
-@kernel
-def _period_at(at_s, table):  # type: ignore[no-untyped-def]
-    period = 0
-    while period + 1 < table.shape[0] and table[period + 1, 0] <= at_s:
-        period += 1
-    return period
+def _in_order(found: Any, tiles: Tiles) -> Any:
+    """Back from the order of the tiles to that of the points."""
+    given = np.empty_like(found)
+    given[tiles.order] = found
+    return given
 
 
-@kernel
-def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """The u at which one period's h(d + u m) is least, m being d turned left."""
-    cx, cy, xx, xy, yy = table[period, 1:]
-    c = cy * dx - cx * dy
-    beta = (xy * dx + yy * dy) * dx - (xx * dx + xy * dy) * dy
-    gamma = xx * dy * dy - 2.0 * xy * dx * dy + yy * dx * dx
-    length2 = dx * dx + dy * dy
-    det = (xx * yy - xy * xy) * length2 * length2
-    return (-c * math.sqrt(det / (gamma - c * c)) - beta) / gamma
+def _plane(spread: Spread) -> tuple[Floats, float]:
+    """A matrix to multiply x, y with from the right, and e: the time from a source is |d| - e d_x.
 
-
-@kernel
-def _walk(u, dx, dy, at_s, period, table):  # type: ignore[no-untyped-def]
-    """When Σ τ h(n) comes to d·n for n = d + u m: (time, h then, Σ τ h', Σ τ h'')."""
-    nx, ny = dx - u * dy, dy + u * dx
-    target = dx * dx + dy * dy
-    total, slope, curve, now = 0.0, 0.0, 0.0, at_s
-    for number in range(period, table.shape[0]):
-        xx, xy, yy = table[number, 3], table[number, 4], table[number, 5]
-        until = table[number + 1, 0] if number + 1 < table.shape[0] else math.inf
-        if xx + yy > 0.0:
-            cx, cy = table[number, 1], table[number, 2]
-            qx, qy = xx * nx + xy * ny, xy * nx + yy * ny
-            root = math.sqrt(qx * nx + qy * ny)
-            h = cx * nx + cy * ny + root
-            here = total + h * (until - now) >= target
-            tau = (target - total) / h if here else until - now
-            total += tau * h
-            slope += tau * (cy * dx - cx * dy + (qy * dx - qx * dy) / root)
-            curve += tau * (xx * yy - xy * xy) * target * target / (root * root * root)
-            if here:
-                return now + tau, h, slope, curve
-        now = until
-    return math.inf, 1.0, 0.0, 1.0
-
-
-@kernel
-def _reach_s(dx, dy, at_s, table):  # type: ignore[no-untyped-def]
-    """When fire lit at a time comes to d from its source: the greatest time over u.
-
-    The best u lies between those of the single periods.
+    That solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across.
     """
-    if dx == 0.0 and dy == 0.0:
-        return at_s
-    period = _period_at(at_s, table)
-    low, high = math.inf, -math.inf
-    for number in range(period, table.shape[0]):
-        if table[number, 3] + table[number, 5] > 0.0:
-            u = _steepest(dx, dy, number, table)
-            low, high = min(low, u), max(high, u)
-    if low > high:
-        return math.inf
-    u = 0.5 * (low + high)
-    time = at_s
-    for _ in range(MOST_STEPS):
-        time, h, slope, curve = _walk(u, dx, dy, at_s, period, table)
-        if time == math.inf:
-            return time
-        rest = 0.5 * slope * slope / (curve * h)
-        if rest <= CLOSE * (time - at_s):
-            return time + rest
-        if slope > 0.0:
-            high = u
-        else:
-            low = u
-        u -= slope / curve
-        if not low < u < high:
-            u = 0.5 * (low + high)
-    return time
-
-
-@kernel
-def _all_pairs(points, sources, table, found):  # type: ignore[no-untyped-def]
-    for place in range(points.shape[0]):
-        for number in range(sources.shape[0]):
-            dx, dy = points[place, 0] - sources[number, 0], points[place, 1] - sources[number, 1]
-            found[place] = min(found[place], _reach_s(dx, dy, sources[number, 2], table))
+    a, b = (spread.head_m_s + spread.back_m_s) / 2.0, spread.flank_m_s
+    e = (spread.head_m_s - spread.back_m_s) / (2.0 * a)
+    k = spread.head_m_s * spread.back_m_s / (a * a)  # 1 - e²
+    cos, sin = math.cos(spread.toward_rad), math.sin(spread.toward_rad)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    return turn / (a * k, b * math.sqrt(k)), e

@@ -26,6 +26,7 @@ from mission_service.burn.hazard import hazard_of
 from mission_service.burn.mission import mission_items, plan_points
 from mission_service.burn.plan import IgnitionPlan, PlannedDrop
 from mission_service.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
+from mission_service.burn.recheck import trouble
 from mission_service.burn.release import Landing, Moving, is_due, landing
 from mission_service.burn.unit import Person, unit_of
 from mission_service.burn.watch import Wind, mean_wind, wind_differs
@@ -227,15 +228,14 @@ class BurnFlight:
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
         """Where the path that is proposed or still ahead would come too near to fire."""
         flown, vehicle = self._flown, self._vehicle
-        if vehicle is None or vehicle.presence.here is None:
+        if vehicle is None or vehicle.presence.here is None or self._found is None:
             return None
         here = vehicle.presence.here
-        if flown is not None and self.phase == "flying":
-            path = flown.table.ahead(at_s)
-            path[0, :3] = here.x_m, here.y_m, self._height_m(here)
-        else:
-            begin_s = max(at_s, plan.begin_us / 1e6)
-            path = flown_of(plan, self.landscape).table.ahead(begin_s)
+        if flown is None or self.phase != "flying":
+            begins = self._situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
+            return trouble(self._found, begins, self.burn) or None
+        path = flown.table.ahead(at_s)
+        path[0, :3] = here.x_m, here.y_m, self._height_m(here)
         found_s = first_danger_s(path, self._air_at(vehicle, here, at_s), self.fire.held)
         if found_s is None:
             return None

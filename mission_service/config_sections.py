@@ -278,6 +278,11 @@ class Dropper(Section):
     terminal_speed_m_s: Positive = 15.0
     delay_s: NotNegative = 0.2  # from the order to the sphere's fall, link and dropper
 
+    @property
+    def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
+        """What ``autopilot_bridge.orders.Dropper`` is made of."""
+        return self.by, self.number, self.release, self.rest, self.hold_s
+
 
 class BurnSection(Section):
     """The prescribed burn of ``rule = "burn"``: where, how, and what is safe.

@@ -71,8 +71,7 @@ def dropper_of(scenario: Scenario) -> Dropper | None:
     """The dropper of a scenario's burn."""
     if scenario.burn is None:
         return None
-    section = scenario.burn.dropper
-    return Dropper(section.by, section.number, section.release, section.rest, section.hold_s)
+    return Dropper(*scenario.burn.dropper.output)
 
 
 class MissionClock:

@@ -23,6 +23,7 @@ from autopilot_bridge.mock.course_of_items import (
 from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.power import Battery
+from autopilot_bridge.stack_rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
@@ -374,7 +375,7 @@ class Flight(Body):
         length_m, left_m = math.dist(target.leg_start, place), self.distance(place)
         rise_m, limits = altitude_m - target.begun_amsl_m, self.limits
         wanted_m = altitude_m
-        if length_m > STOP_WITHIN_M:
+        if length_m > STOP_WITHIN_M and target.item.frame not in TERRAIN_FRAMES:
             rate = limits.climb_m_s if rise_m > 0.0 else limits.sink_m_s
             fastest = rate * length_m / max(abs(rise_m), 1e-6)
             self.limits = replace(limits, airspeed_m_s=min(limits.airspeed_m_s, fastest))

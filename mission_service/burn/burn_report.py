@@ -164,8 +164,9 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
     axes.set_title(
         f"{title}\n{found['lines']} lines, {found['spheres']} spheres, {found['loads']} loads, "
         f"{found['duration_s'] / 60.0:.0f} min; {found['unit_ha']} ha ({found['unit_acres']} acres)"
-        f"\nassumed: spheres ignite after {assumed.ignition_delay_s:g} s, {assumed.speed_m_s:g} m/s,"
-        f" wind {assumed.wind_m_s:g} m/s all the time; dotted: at {assumed.safe_height_m:g} m",
+        f"\nassumed: spheres ignite after {assumed.ignition_delay_s:g} s, "
+        f"{assumed.speed_m_s:g} m/s, wind {assumed.wind_m_s:g} m/s all the time; "
+        f"dotted: at {assumed.safe_height_m:g} m",
         parse_math=False,
         fontsize=9,
     )

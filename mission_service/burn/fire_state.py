@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from firemodel.corrections import PaperCorrected
 from firemodel.drawn import marks_of
 from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.gaussian import GaussianCorrected
 from firemodel.landscape import Landscape
 from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
 from firemodel.seen import Seen
@@ -90,6 +89,8 @@ class BelievedFire:
             return base
         if self._burn.corrections == "paper":
             return PaperCorrected(base, self._marks, PAPER_LENGTH_M)
+        from firemodel.gaussian import GaussianCorrected  # SciPy takes a while
+
         return GaussianCorrected(base, self._marks)
 
     def take(self, event: object) -> bool:

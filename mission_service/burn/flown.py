@@ -56,8 +56,8 @@ def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
     """
     safe_m = air.settings.safe_height_m
     places = [
-        Place(*row[:2], safe_m if row[2] >= HIGH_SHARE * safe_m else row[2], row[3])
-        for row in path.tolist()
+        Place(x_m, y_m, safe_m if height_m >= HIGH_SHARE * safe_m else height_m, at_s)
+        for x_m, y_m, height_m, at_s in path.tolist()
     ]
     legs = [leg for leg in pairwise(places) if not air.is_high(leg)]
     soon_s = min(OWN_SOON_S, air.settings.ignition_delay_s / 3.0)
@@ -74,11 +74,11 @@ def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
 def _own_hazard(legs: list[tuple[Place, Place]], air: Air, own_sources: Floats) -> Hazard | None:
     if not len(own_sources) or not legs:
         return None
-    corners = np.array([place[:2] for leg in legs for place in leg])
-    west, south, east, north = *corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()
+    x_m = [place.x_m for leg in legs for place in leg]
+    y_m = [place.y_m for leg in legs for place in leg]
     return hazard_of(
         air.lights(own_sources),
-        (west, south, east, north),
+        (min(x_m), min(y_m), max(x_m), max(y_m)),
         air.hazard.margins,
         cell_m=air.hazard.cell_m,
         sources=own_sources,

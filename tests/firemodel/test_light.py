@@ -45,7 +45,7 @@ def test_it_is_the_same_as_if_known_from_the_start(
     scheme: str, told_s: float, lit_s: float
 ) -> None:
     # Those lit at once in the order in which they draw their chances.
-    later: list[Ignition] = [(6, 20, lit_s), (30, 25, lit_s), (5, 35, lit_s + 50.0)]
+    later: list[Ignition] = [(6, 20, lit_s), (30, 25, lit_s), (5, 35, lit_s + 150.0)]
     known, told = SCHEMES[scheme]([FIRST, *later]), SCHEMES[scheme]([FIRST])
     told.advance(told_s)
     for ignition in later:
