@@ -21,7 +21,6 @@ from mission_service.burn.requests import event_of
 from mission_service.errors import ControlError, MissionServiceError
 from mission_service.events import CrewEvent
 
-NAME = "control.sock"
 MOST_LINE_BYTES = 64 * 1024
 MOST_CLIENTS = 16
 MOST_WAITING = 64  # beyond MOST_CLIENTS only an abort is taken

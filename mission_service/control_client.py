@@ -7,9 +7,9 @@ from typing import Any, Self
 
 import msgspec
 
-from mission_service.control import NAME
 from mission_service.errors import ControlError, RequestError
 
+NAME = "control.sock"  # in the folder of a run
 ANSWER_WITHIN_S = 10.0
 
 

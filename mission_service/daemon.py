@@ -19,7 +19,8 @@ from autopilot_bridge.tlog import Tlog
 from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
-from mission_service.control import NAME, Desk, claimed, serve_control
+from mission_service.control import Desk, claimed, serve_control
+from mission_service.control_client import NAME
 from mission_service.core import Core
 from mission_service.events import CrewEvent
 from mission_service.fire_setup import fire_of, landscape_of
@@ -47,6 +48,11 @@ def clock_us() -> int:
 def wall_us() -> int:
     """Microseconds since 1970, for the records of a .tlog."""
     return time.time_ns() // 1000
+
+
+def last_written_s(path: Path) -> float:
+    """When a file was last written to, in seconds since 1970."""
+    return path.stat().st_mtime
 
 
 async def serve(
@@ -98,7 +104,7 @@ async def serve(
             connections.append(await stack.enter_async_context(connection))
             refusals.append(Refusals(section.link, section.system_id, signing))
         cut_off = unfinished(journal_path, scenario, digest)
-        down_from_s = journal_path.stat().st_mtime if cut_off else 0.0
+        down_from_s = last_written_s(journal_path) if cut_off else 0.0
         kept = None if cut_off else set_aside(journal_path, scenario)
         if kept is not None:
             tell(record, "service", f"the journal of an earlier burn is kept as {kept.name}")

@@ -272,8 +272,8 @@ def test_its_status_can_be_told_as_json() -> None:
 
 def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSection) -> bool:
     flat: list[object] = []
-    for thing in history:
-        flat += thing.commands if isinstance(thing, Sent) else (thing,)
+    for happened in history:
+        flat += happened.commands if isinstance(happened, Sent) else (happened,)
     stations = [station.name for station in section.stations]
 
     proposed = [
@@ -299,7 +299,9 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
     assert isinstance(approved, Approved)
     if approved.station not in stations or approved.by in ("", "service"):
         return False
-    for place, thing in enumerate(flat[proposed[-1] :], proposed[-1]):
+    for place, thing in enumerate(flat):
+        if place < proposed[-1]:
+            continue
         if isinstance(thing, Withdraw | Rejected) and thing.plan_hash == drop.plan_hash:
             return False
         if place < approvals[-1]:

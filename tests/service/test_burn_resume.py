@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mission_service.burn.interlock import Interlock
-from mission_service.commands import Announce, AnyCommand, Drop, Propose
+from mission_service.commands import Announce, AnyCommand, Command, Propose
 from mission_service.config import Scenario
 from mission_service.errors import JournalError
 from mission_service.events import (
@@ -104,11 +104,13 @@ def written(path: Path, live: bool = True, end: bool = False) -> bytes:
 
 def verified(path: Path) -> list[AnyEvent]:
     """All events of a journal; its commands must be those of a fresh core, bit for bit."""
-    handle, expected, events = a_core(), [], []
+    handle = a_core()
+    expected: list[AnyCommand] = []
+    events: list[AnyEvent] = []
     reader = JournalReader(path)
     for entry in reader:
         assert entry.intact
-        if isinstance(entry.content, Drop | Propose | Announce):
+        if isinstance(entry.content, Command):
             assert entry.content == expected.pop(0)
         else:
             assert not expected

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from mission_service import control
 from mission_service.burn.requests import KNOWN, event_of
-from mission_service.control import NAME, Desk, claimed, serve_control
-from mission_service.control_client import Control
+from mission_service.control import Desk, claimed, serve_control
+from mission_service.control_client import NAME, Control
 from mission_service.errors import ControlError, MissionServiceError, RequestError
 from mission_service.events import (
     Aborted,
