@@ -73,20 +73,22 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
             if at[level] != square:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
+        # Of their own, so that places count from 0 and several can be reckoned at once.
+        xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
             x, y, at_s = sources[number, 0], sources[number, 1], sources[number, 2]
             if first.size:
-                for place in range(begin, end):
-                    dx, dy = tiles.x[place] - x, tiles.y[place] - y
+                for place in range(xs.size):
+                    dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    if time < best[place]:
-                        best[place], first[place] = time, number
+                    if time < here[place]:
+                        here[place], first[begin + place] = time, number
             else:
-                for place in range(begin, end):
-                    dx, dy = tiles.x[place] - x, tiles.y[place] - y
+                for place in range(xs.size):
+                    dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    best[place] = min(best[place], time)
+                    here[place] = time if time < here[place] else here[place]
 
 
 # With wind that changes. A direction n is d + u m, m being d turned left, so that d·n = d·d.
