@@ -63,12 +63,11 @@ def least(run: Callable[[], Any], times: int) -> tuple[float, float]:
 @contextmanager
 def one_tile() -> Iterator[None]:
     """Nothing is left out."""
-    kept = ellipse.STEADY_TILE, ellipse.CHANGING_TILE
-    ellipse.STEADY_TILE = ellipse.CHANGING_TILE = MANY
+    kept, ellipse.TILE = ellipse.TILE, MANY
     try:
         yield
     finally:
-        ellipse.STEADY_TILE, ellipse.CHANGING_TILE = kept
+        ellipse.TILE = kept
 
 
 def corrected(
