@@ -29,7 +29,6 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
-HIGH_ENOUGH_M = 1.5
 RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
 # How long a copter flies on without satellites before it lands where it believes to be, as the
 # stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
@@ -363,7 +362,11 @@ class Flight(Body):
             self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
             return now_s - target.arrived_at_s >= hold_s
         if self.stack.vehicle == "copter":
-            there = self._straight(target, place, altitude_m, hold_s > 0.0)
+            stop = hold_s > 0.0
+            near_m = acceptance_m(item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
+            rise_m = altitude_m - target.begun_amsl_m
+            rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
+            there = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
         else:
             self.follow(target.leg_start, place, altitude_m)
             there = self._past(target, place)
@@ -371,26 +374,6 @@ class Flight(Body):
             target.arrived_at_s = now_s
             return False
         return there
-
-    def _straight(self, target: Target, place: Place, altitude_m: float, stop: bool) -> bool:
-        """A copter's step along the straight line to a waypoint; whether it is there.
-
-        It is as slow as climbing or sinking along the line needs, and goes straight up or down to
-        what lies above or below it.
-        """
-        length_m, left_m = math.dist(target.leg_start, place), self.distance(place)
-        rise_m, limits = altitude_m - target.begun_amsl_m, self.limits
-        wanted_m = altitude_m
-        if length_m > STOP_WITHIN_M and target.item.frame not in TERRAIN_FRAMES:
-            rate = limits.climb_m_s if rise_m > 0.0 else limits.sink_m_s
-            fastest = rate * length_m / max(abs(rise_m), 1e-6)
-            self.limits = replace(limits, airspeed_m_s=min(limits.airspeed_m_s, fastest))
-            wanted_m -= rise_m * min(left_m / length_m, 1.0)
-        self.approach(place, wanted_m, stop or length_m <= STOP_WITHIN_M)
-        self.limits = limits
-        near_m = acceptance_m(target.item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
-        high = abs(self.motion.altitude_m - wanted_m) <= HIGH_ENOUGH_M
-        return high and self.distance(place) <= near_m
 
     def _past(self, target: Target, place: Place) -> bool:
         """Within the acceptance radius, or past the end of the leg."""
