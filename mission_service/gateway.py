@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import yaw_left_open
 from autopilot_bridge.orders import Dropper
 from autopilot_bridge.rates import RatesHz
 from mission_service.commands import (
@@ -91,6 +92,11 @@ class MissionClock:
         self._start_us = start_us
         self._began_us: int | None = None
 
+    def go_on(self, mission_us: int, wall_us: int) -> None:
+        """Have this mission time at that time of the machine, before any vehicle is heard."""
+        self.now_us = self.latest_us = self._start_us = mission_us
+        self._began_us = wall_us if self.wall else None
+
     def wall_passed(self, wall_us: int) -> None:
         """Tell the time of the machine; counts only for a wall clock."""
         if not self.wall:
@@ -152,7 +158,10 @@ class Gateway:
         """Carry out one command; what it leads to comes back as events."""
         match command:
             case UploadMission():
-                transfer_id = self.client.upload(command.items, now_us, holds_first=True)
+                stack, items = self.client.stack, command.items
+                if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
+                    items = yaw_left_open(items)  # 0 would turn it north
+                transfer_id = self.client.upload(items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
             case StartMission():
                 self.client.start_mission(now_us)
@@ -235,6 +244,7 @@ class Gateway:
                 return LinkRestored(now_us, name)
             case bridge.Rebooted():
                 self._offset_us = None
+                self._last.clear()  # all is to be told anew
                 return VehicleRebooted(now_us, name)
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)
