@@ -63,6 +63,7 @@ class MockAutopilot:
         self._steps = 0
         self.intervals = Intervals(stack)
         self.parameters = ParameterServer(stack)
+        self.flight.return_m = self.parameters.return_m
         self.telemetry = Telemetry(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
@@ -141,6 +142,7 @@ class MockAutopilot:
     def reboot(self, now_us: int) -> None:
         """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
         self.flight = self.flight.rebooted()
+        self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
         self.telemetry.forget()
         self.intervals.reset()
@@ -167,6 +169,7 @@ class MockAutopilot:
             self.ftp.receive(message, now_us)
         elif kind.startswith("PARAM_"):
             self._send(*self.parameters.receive(message))
+            self.flight.return_m = self.parameters.return_m
         elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
             self._take_over()

@@ -29,7 +29,6 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
-RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
 # How long a copter flies on without satellites before it lands where it believes to be, as the
 # stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -70,6 +69,7 @@ class Flight(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+    return_m: float = 60.0  # a copter's least height on its way home
     orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
@@ -408,8 +408,7 @@ class Flight(Body):
     def _way_home_amsl_m(self) -> float:
         if self.stack.vehicle == "plane":
             return self.frame.altitude_m + 100.0
-        least_m = RETURN_M[self.stack.name, self.stack.vehicle]
-        return max(self.motion.altitude_m, self.frame.altitude_m + least_m)
+        return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
         """Fly home; a plane circles there, a copter lands (True when it stands)."""

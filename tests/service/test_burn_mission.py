@@ -13,9 +13,16 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.burn.mission import BAND, has_drop, mission_items, plan_points
+from mission_service.burn.mission import (
+    BAND,
+    has_drop,
+    mission_items,
+    plan_points,
+    return_height_m,
+)
 from mission_service.burn.plan import PathPoint
-from mission_service.config_sections import BurnSection, VehicleSection
+from mission_service.config import load_scenario
+from mission_service.config_sections import BurnSection, PlannerSection, VehicleSection
 from tests.bridge.helpers import SECOND, Pair
 
 stacks = pytest.mark.parametrize("stack", ["ardupilot", "px4"])
@@ -163,6 +170,28 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert min(low) > 13.0  # corners are cut by 5 m, off the ground they were planned over
     assert max(low) < 20.0  # it sank in place before it flew the line
     assert mock.outputs == []
+
+
+def test_returns_are_as_high_as_is_safe_over_all_ground_on_the_way() -> None:
+    landscape = land(None)
+    elevation = landscape.elevation_m
+    assert elevation is not None
+    elevation[25:28, 30:33] = 340.0  # a hill in the unit
+    elevation[2:5, 50:55] = 500.0  # a mountain elsewhere
+    corners = [(750_250.0, 4_020_250.0), (750_400.0, 4_020_250.0), (750_400.0, 4_020_450.0)]
+    places = [landscape.lat_lon_of(*corner) for corner in corners]
+    vehicle = vehicle_of("px4", landscape)
+    scenario = load_scenario("default").model_copy(
+        update={
+            "vehicles": (vehicle,),
+            "planner": PlannerSection(rule="burn"),
+            "burn": BURN.model_copy(
+                update={"unit": tuple((float(a), float(b)) for a, b in places)}
+            ),
+        }
+    )
+    assert return_height_m(scenario, landscape) == pytest.approx(100.0)
+    assert return_height_m(load_scenario("default"), landscape) is None
 
 
 SWITCHES = (
