@@ -149,8 +149,13 @@ class Flight(Body):
     def change_speed(self, kind: int, speed_m_s: float) -> bool:
         """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
 
-        Planes take an airspeed within their limits and fly no ground speed.
+        Planes take an airspeed within their limits and fly no ground speed. ArduCopter takes 2 and
+        3 too, its speeds up and down.
         """
+        if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
+            change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}
+            self.limits = replace(self.limits, **change)
+            return True
         if speed_m_s == -2.0:
             speed_m_s = self._cruise_m_s
         plane = self.stack.vehicle == "plane"

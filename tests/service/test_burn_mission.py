@@ -150,6 +150,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
     pair.client.start_mission(pair.now_us)
     low, speeds = [], []
+    climbs = []
     last = len(items) - (0 if mock.stack.item_0_is_home else 1)
     while mock.flight.current < last and pair.now_us < 600 * SECOND:
         pair.run_for(0.5)
@@ -158,6 +159,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
         x, y = landscape.xy_of_lat_lon(lat, lon)
         height_m = motion.altitude_m - float(landscape.elevation_at(x, y))
         speeds.append(motion.speed_m_s)
+        climbs.append(motion.climb_m_s)
         if y > 4_020_105.0:
             low.append(height_m)
     assert mock.flight.current == last
@@ -167,6 +169,8 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert mock.flight.motion.altitude_m - ground == pytest.approx(66.0, abs=7.0)
     assert mock.flight.motion.speed_m_s < 0.1
     assert max(speeds) < 5.5
+    assert float(np.median(speeds[len(speeds) // 2 :])) == pytest.approx(5.0, abs=0.1)
+    assert min(climbs) == pytest.approx(-BURN.sink_m_s if stack == "ardupilot" else -1.5, abs=0.01)
     assert min(low) > 13.0  # corners are cut by 5 m, off the ground they were planned over
     assert max(low) < 20.0  # it sank in place before it flew the line
     assert mock.outputs == []
