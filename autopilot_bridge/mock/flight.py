@@ -243,12 +243,14 @@ class Flight(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
+        """One after the other, within milliseconds (seen), unless one is to wait."""
         assert self.target is not None
-        if now_s <= self._wait_until_s:
-            return
-        if self.distance(self.frame.local(self.target.item)) <= self._wait_within_m:
+        left_m = self.distance(self.frame.local(self.target.item))
+        may_run = self._wait_until_s < now_s
+        while self._waiting and may_run and left_m <= self._wait_within_m:
             self._wait_within_m = math.inf
             self._run(self._waiting.popleft(), now_s)
+            may_run = self._wait_until_s <= now_s
 
     def _fly(self, target: Target, now_s: float) -> None:
         item = target.item
