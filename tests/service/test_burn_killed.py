@@ -88,6 +88,7 @@ class Again(NamedTuple):
     leader: BurnFlight
     executed: list[AnyCommand]
     journal: Journal
+    ordered: set[tuple[str, int]]  # drops that the interlock knows of
 
 
 def gone_on(flown: Burn, path: Path) -> Again:
@@ -103,9 +104,11 @@ def gone_on(flown: Burn, path: Path) -> Again:
     service = Service(scenario, core, world, journal, Record((NAME,), 0), gateways)
     replay(cut_off, service)
     assert kept.commands == []
+    plans = service.status()["plans"]
+    ordered = {(known["plan_hash"], number) for known in plans for number in known["ordered"]}
     service.go_on(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
     assert isinstance(core.leader, BurnFlight)
-    return Again(service, core.leader, kept.commands, journal)
+    return Again(service, core.leader, kept.commands, journal, ordered)
 
 
 def cuts(journal: bytes) -> dict[str, int]:
@@ -147,10 +150,9 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
         assert len(again.service.record.vehicles[NAME].drops) == len(dropped)
         assert (leader.approvals.plan, leader.approvals.approval) == (None, None), where
         assert not leader.checklist.complete
-        status = again.service.status()
-        ordered = {(p["plan_hash"], n) for p in status["plans"] for n in p["ordered"]}
-        assert ordered <= dropped
-        assert all(known["approved"] is None for known in status["plans"]), where
+        assert again.ordered == dropped, where
+        plans = again.service.status()["plans"]
+        assert all(known["approved"] is None for known in plans), where
         assert not any(isinstance(command, Drop) for command in again.executed), where
         result = verify(path)
         assert (result.difference, result.cut_at_line) == (None, None), where

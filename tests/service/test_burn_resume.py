@@ -48,7 +48,13 @@ def scenario(**changes: object) -> Scenario:
         },
         "planner": {"rule": "burn"},
         "vehicles": [
-            {"name": NAME, "kind": "copter", "home_lat_deg": LAT, "home_lon_deg": LON},
+            {
+                "name": NAME,
+                "stack": "ardupilot",
+                "kind": "copter",
+                "home_lat_deg": LAT,
+                "home_lon_deg": LON,
+            },
         ],
         **changes,
     }
