@@ -26,8 +26,8 @@ BACK_EVERY_US = 50_000  # a dropper that is not set back lets go of nothing more
 MOST_BACKS = 40
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
 # PX4's gripper tells the former of a release when the setting back comes, and the latter of one
-# that a link has doubled.
-ENDED_BY_OTHERS = 6
+# that a link has doubled: neither says that nothing fell.
+CANCELLED = 6
 ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
 
@@ -119,18 +119,16 @@ class Drops:
                 continue
             if message.target_component == pulse.component and pulse.waits:
                 self._acknowledged(pulse, message.result, now_us)
-            elif message.target_component == pulse.component + 1 and message.result in TAKEN:
-                pulse.is_back = True
+            elif message.target_component == pulse.component + 1:
+                pulse.is_back |= message.result in (*TAKEN, ALREADY_DOING_IT)
         self._tidy()
 
     def _acknowledged(self, pulse: _Pulse, result: int, now_us: int) -> None:
         if result in TAKEN:
             self._end(pulse, "done", "accepted", now_us)
-        elif result != ENDED_BY_OTHERS:
+        elif result not in (CANCELLED, ALREADY_DOING_IT):
             words = RESULTS.get(result, f"MAV_RESULT {result}")
-            doubtful = result == ALREADY_DOING_IT
-            outcome: DropOutcome = "unknown" if doubtful else "refused"
-            self._end(pulse, outcome, f"{command_name(pulse.command)} {words}", now_us)
+            self._end(pulse, "refused", f"{command_name(pulse.command)} {words}", now_us)
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""

@@ -154,10 +154,11 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
             here = total + h * (until - now) >= way
             tau = (way - total) / h if here else until - now
             total += tau * h
-            slope += tau * (cy * dx - cx * dy + (qy * dx - qx * dy) / root)
-            curve += tau * (xx * yy - xy * xy) * way * way / (root * root * root)
+            per = 1.0 / root
+            slope += tau * (cy * dx - cx * dy + (qy * dx - qx * dy) * per)
+            curve += tau * (xx * yy - xy * xy) * (per * per * per)
             if here:
-                return now + tau, h, slope, curve
+                return now + tau, h, slope, curve * way * way
         now = until
     return now, 1.0, 0.0, 1.0
 
@@ -176,6 +177,11 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
     warm = forward > 0.1 * (abs(nx) + abs(ny)) * (abs(dx) + abs(dy))
     if warm:
         u = (ny * dx - nx * dy) / forward
+        time = _time_along(
+            dx - u * dy, dy + u * dx, dx * dx + dy * dy, at_s, period, limit_s, table
+        )
+        if time >= limit_s:
+            return time, nx, ny
     time = at_s
     for step in range(MOST_STEPS):
         if step == (WARM_STEPS if warm else 0):

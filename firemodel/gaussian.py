@@ -30,7 +30,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr
 
 from firemodel.compiled import kernel
-from firemodel.ellipse import EllipseFire, _reach_s
+from firemodel.ellipse import EllipseFire
 from firemodel.errors import FireModelError
 from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
 
@@ -73,53 +73,10 @@ class Field(NamedTuple):
     of_time: Floats  # (3, times)
 
 
-@kernel
-def _firsts(points, sources, table, fastest_m_s, time_s, source):  # type: ignore[no-untyped-def]
-    if table.shape[0] == 1:
-        cx, cy, xx, xy, yy = table[0, 1:]
-        det = xx * yy - xy * xy
-        ix, ixy, iy = yy / det, -xy / det, xx / det
-        qcx, qcy = ix * cx + ixy * cy, ixy * cx + iy * cy
-        a = 1.0 - (cx * qcx + cy * qcy)
-        for place in range(points.shape[0]):
-            x, y = points[place, 0], points[place, 1]
-            best, guess = math.inf, 0
-            for number in range(sources.shape[0]):
-                dx, dy = x - sources[number, 0], y - sources[number, 1]
-                b = dx * qcx + dy * qcy
-                c = ix * dx * dx + 2.0 * ixy * dx * dy + iy * dy * dy
-                at_s = sources[number, 2] + (math.sqrt(b * b + a * c) - b) / a
-                if at_s < best:
-                    best, guess = at_s, number
-            time_s[place], source[place] = best, guess
-        return
-    guess = 0  # what reached the point before is near the first to reach this one
-    for place in range(points.shape[0]):
-        x, y = points[place, 0], points[place, 1]
-        best = _reach_s(x - sources[guess, 0], y - sources[guess, 1], sources[guess, 2], table)
-        for number in range(sources.shape[0]):
-            room_m = (best - sources[number, 2]) * fastest_m_s
-            dx, dy = x - sources[number, 0], y - sources[number, 1]
-            if room_m > 0.0 and dx * dx + dy * dy < room_m * room_m:
-                at_s = _reach_s(dx, dy, sources[number, 2], table)
-                if at_s < best:
-                    best, guess = at_s, number
-        time_s[place], source[place] = best, guess
-
-
-@kernel
-def _reaches(points, from_points, table, time_s):  # type: ignore[no-untyped-def]
-    for place in range(points.shape[0]):
-        dx, dy = points[place, 0] - from_points[place, 0], points[place, 1] - from_points[place, 1]
-        time_s[place] = _reach_s(dx, dy, from_points[place, 2], table)
-
-
-def firsts(fire: EllipseFire, points: Floats) -> tuple[Floats, Ints]:
-    """Time of ignition (n,) and the source it comes from (n,), 0 where fire never comes."""
-    time_s, source = np.full(len(points), np.inf), np.zeros(len(points), np.int64)
-    fastest_m_s = max(max(spread[1:4]) for spread in fire.spreads)
-    _firsts(points, fire.sources, fire._table, fastest_m_s, time_s, source)
-    return time_s, source
+def firsts(fire: EllipseFire, points: Floats) -> tuple[Floats, Floats]:
+    """Time of ignition (n,) and the source (n, 3) it comes from, the first where fire never comes."""
+    time_s, number = fire._burned(points, with_sources=True)
+    return time_s, fire.sources[np.maximum(number, 0)]
 
 
 @kernel
@@ -253,34 +210,28 @@ class GaussianCorrected:
         marks = self.marks
         fire = refitted(self.fire, rates)
         points = np.ascontiguousarray(marks[:, :2])
-        time_s, source = firsts(fire, points)
-        lit = fire.sources[source]
+        time_s, lit = firsts(fire, points)
         ways = Ways(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
         stretch = np.empty(len(marks))
         _stretch(points, *ways, field, stretch)
-        step, east_s, north_s = 1.0, np.empty(len(marks)), np.empty(len(marks))
-        _reaches(points + (step, 0.0), lit, fire._table, east_s)
-        _reaches(points + (0.0, step), lit, fire._table, north_s)
-        slowness = np.hypot(east_s - time_s, north_s - time_s) / step * stretch
+        beside = np.concatenate([points + (1.0, 0.0), points + (0.0, 1.0)])
+        east_s, north_s = fire.ignition_time_s(beside).reshape(2, -1)
+        slowness = np.hypot(east_s - time_s, north_s - time_s) * stretch
         found_s = np.maximum(ways.takes_s * stretch, LEAST_S)
         observed_s = np.maximum(marks[:, 2] - ways.lit_s, LEAST_S)
         near_s = np.maximum(0.5 * (found_s + observed_s), LEAST_S)
         sd = np.sqrt(
             (np.square(self.place_sd_m * slowness) + TIME_SD_S**2) / np.square(near_s) + LOG_SD**2
         )
-        return _State(
-            rates, field, fire, ways, found_s, sd, np.log(observed_s), np.log(found_s)
-        )
+        return _State(rates, field, fire, ways, found_s, sd, np.log(observed_s), np.log(found_s))
 
     def _rates_slopes(self, state: _State) -> Floats:
         points = np.ascontiguousarray(self.marks[:, :2])
-        lit = np.column_stack([state.ways.origin, state.ways.lit_s])
         found = np.empty((len(points), 4))
         for number in range(4):
             step = np.zeros(4)
             step[number] = 1e-3
-            time_s = np.empty(len(points))
-            _reaches(points, lit, refitted(self.fire, state.rates + step)._table, time_s)
+            time_s = refitted(self.fire, state.rates + step).ignition_time_s(points)
             takes_s = np.maximum(time_s - state.ways.lit_s, 1e-3)
             before_s = np.maximum(state.ways.takes_s, 1e-3)
             found[:, number] = np.log(takes_s / before_s) / 1e-3
@@ -379,8 +330,7 @@ class GaussianCorrected:
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         fire, field = self._at.fire, self._at.field
-        time_s, source = firsts(fire, points)
-        lit = fire.sources[source]
+        time_s, lit = firsts(fire, points)
         takes_s = time_s - lit[:, 2]
         stretch = np.empty(len(points))
         _stretch(points, lit[:, :2].copy(), lit[:, 2].copy(), takes_s, field, stretch)

@@ -410,6 +410,25 @@ class BurnFlight:
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
+    def status(self) -> dict[str, Any]:
+        """Where it stands, for people and programs."""
+        plan, approval = self.approvals.plan, self.approvals.approval
+        return {
+            "phase": self.phase,
+            "line": self.line,
+            "complete": self.complete,
+            "plan_hash": self.approvals.plan_hash,
+            "approved_by": None if approval is None else f"{approval.by} at {approval.station}",
+            "drops_planned": 0 if plan is None else len(plan.drops),
+            "drops_done": len(self.account.of(self.approvals.plan_hash)),
+            "spheres_left": self.account.left,
+            "battery_pct": self._battery_pct,
+            "position_good": self._fix_good,
+            "mode": self._mode,
+            "checklist": self.checklist.status(),
+            "corrections": self.fire.log.status(),
+        }
+
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:

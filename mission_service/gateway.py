@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import yaw_left_open
 from autopilot_bridge.orders import Dropper
 from autopilot_bridge.rates import RatesHz
 from mission_service.commands import (
@@ -157,7 +158,10 @@ class Gateway:
         """Carry out one command; what it leads to comes back as events."""
         match command:
             case UploadMission():
-                transfer_id = self.client.upload(command.items, now_us, holds_first=True)
+                stack, items = self.client.stack, command.items
+                if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
+                    items = yaw_left_open(items)  # 0 would turn it north
+                transfer_id = self.client.upload(items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
             case StartMission():
                 self.client.start_mission(now_us)

@@ -66,7 +66,7 @@ class FireWorld:
             self.fire.advance(at_s)
 
     def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
-        """Set fire to a point or a line (lat, lon), at the earliest now; what cannot burn does not."""
+        """Set fire to what can burn of a point or a line (lat, lon), at the earliest now."""
         for row, col in cells_lit(points, self.landscape):
             self.fire.light(row, col, max(at_s, self.fire.time_s))
 

@@ -11,6 +11,7 @@ from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.commands import CommandServer, asked_of
 from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.ftp_server import FtpServer
+from autopilot_bridge.mock.gripper import Answer, Px4Gripper
 from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
@@ -66,6 +67,7 @@ class MockAutopilot:
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
         )
+        self._gripper = Px4Gripper(self._move_gripper) if stack.name == "px4" else None
         if isinstance(self.missions, Px4Server):
             self.missions.required = lambda: int(self.parameters.value("MIS_TKO_LAND_REQ"))
 
@@ -128,6 +130,8 @@ class MockAutopilot:
         for _ in range(min(due, MOST_STEPS_AT_ONCE)):
             self._steps += 1
             self.flight.step(self._now_s())
+            if self._gripper is not None:
+                self._answer(mavlink.MAV_CMD_DO_GRIPPER, self._gripper.ended(self._now_us()))
             self.telemetry.report(self.flight, self._steps)
 
     def say(self, message: Message) -> None:
@@ -145,8 +149,11 @@ class MockAutopilot:
     def _flying_mission(self) -> bool:
         return self.flight.armed and self.flight.mode == "mission"
 
+    def _now_us(self) -> int:
+        return self._steps * STEP_US
+
     def _now_s(self) -> float:
-        return self._steps * STEP_US / 1e6
+        return self._now_us() / 1e6
 
     # Messages -----------------------------------------------------------------------------------
 
@@ -216,11 +223,22 @@ class MockAutopilot:
 
     def _command(self, message: Message) -> None:
         asked = asked_of(message)
+        asker = (message.get_srcSystem(), message.get_srcComponent())
+        if self._gripper is not None and asked.command == mavlink.MAV_CMD_DO_GRIPPER:
+            action = round(asked.params[1])
+            self._answer(asked.command, self._gripper.obey(action, asker, self._now_us()))
+            return
         result = self._commands.obey(asked, self.flight, self._now_s())
         if asked.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
             self._make_current(int(asked.params[0]))
-        asker = (message.get_srcSystem(), message.get_srcComponent())
-        self._send(mavlink.MAVLink_command_ack_message(asked.command, result, 0, 0, *asker))
+        self._answer(asked.command, [(asker, result)])
+
+    def _answer(self, command: int, answers: list[Answer]) -> None:
+        for asker, result in answers:
+            self._send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker))
+
+    def _move_gripper(self, action: int, at_us: int) -> None:
+        self.flight.payload.obey(mavlink.MAV_CMD_DO_GRIPPER, (1.0, float(action)), at_us)
 
     def _send(self, *messages: Message) -> None:
         self._outgoing.extend(self._codec.encode(message) for message in messages)

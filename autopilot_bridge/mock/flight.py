@@ -31,6 +31,9 @@ NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
 HIGH_ENOUGH_M = 1.5
 RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
+# How long a copter flies on without satellites before it lands where it believes to be, as the
+# stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
+BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
 # From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
@@ -60,6 +63,7 @@ class Flight(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
+    blind: bool = False  # it has given up its position, and takes no mode that needs one
     items: tuple[MissionItem, ...] = ()
     current: int = 0
     reached: list[int] = field(default_factory=list)
@@ -72,6 +76,7 @@ class Flight(Body):
     _cruise_m_s: float = field(init=False)
     _return_amsl_m: float = field(init=False)
     _disarm_at_s: float = math.inf
+    _fix_s: float = 0.0  # when there last was one
     _jumps: dict[int, int] = field(default_factory=dict)
     _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items still to run
     _wait_until_s: float = 0.0
@@ -193,6 +198,7 @@ class Flight(Body):
             return
         if self.battery.percent is not None and self.airborne and self._out_of_power(now_s):
             return
+        self._land_blind(now_s)
         if self.mode == "mission" and self.target is not None:
             self._fly(self.target, now_s)
             if self._waiting and self.mode == "mission":
@@ -454,6 +460,19 @@ class Flight(Body):
         self.fall()
         self._look_down()
         return True
+
+    def _land_blind(self, now_s: float) -> None:
+        """Land where it is when satellites were lost for long."""
+        if self.gps or not self.airborne:
+            self._fix_s, self.blind = now_s, False
+        after_s = BLIND_AFTER_S.get((self.stack.name, self.stack.vehicle), math.inf)
+        if self.blind or now_s - self._fix_s < after_s:
+            return
+        self.blind = True
+        ardupilot = self.stack.name == "ardupilot"
+        words = "EKF Failsafe: changed to LAND Mode" if ardupilot else "Failsafe activated\t"
+        self.texts.append((2, words))
+        self.set_mode("land", now_s)
 
     def _look_down(self) -> None:
         """Below the ground is a crash: the vehicle stays there for good."""

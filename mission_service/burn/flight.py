@@ -37,6 +37,12 @@ class Place(NamedTuple):
 Route = list[Place]  # from where the vehicle is; flown straight
 
 
+def part_of(leg: tuple[Place, Place], part: float) -> Place:
+    """Where on a leg the vehicle is after a part (0 to 1) of its time."""
+    begin, end = leg
+    return Place(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
+
+
 @dataclass(frozen=True, eq=False)
 class Air:
     """What flights are checked against. ``home_m`` is where the vehicle lands."""
@@ -133,6 +139,15 @@ class OwnFires:
             return math.inf
         nears = self.nears(leg)
         begin, end = leg
+        # In parts: a sphere that ignites at the end of a long leg is no danger at its begin.
+        taken_s = end.at_s - begin.at_s
+        parts = max(math.ceil(taken_s / max(self.air.settings.ignition_delay_s / 4.0, 1.0)), 1)
+        ends = [begin, *(part_of(leg, number / parts) for number in range(1, parts)), end]
+        least_s = min(self._margin_s(part, nears) for part in pairwise(ends))
+        return least_s if nears or least_s < 0.0 else math.inf
+
+    def _margin_s(self, leg: tuple[Place, Place], nears: bool) -> float:
+        begin, end = leg
         later_s = self.air.settings.time_margin_s if nears else 0.0
         matter = self.sources[self.sources[:, 2] < end.at_s + later_s]
         if not len(matter):
@@ -142,10 +157,9 @@ class OwnFires:
             (*np.minimum(begin[:2], end[:2]), *np.maximum(begin[:2], end[:2])),
             self.air.hazard.margins,
             cell_m=self.air.hazard.cell_m,
-            sources=matter,
+            begins_s=float(matter[:, 2].min()),
         )
-        margin_s = hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
-        return margin_s if nears or margin_s < 0.0 else math.inf
+        return hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
 
     def burns_by(self, x_m: float, y_m: float, at_s: float) -> bool:
         """Whether one of them will have come to a place."""

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
 from mission_service.burn.flight import Air, Place
-from mission_service.burn.hazard import Hazard, hazard_of
 from mission_service.burn.plan import IgnitionPlan
 from mission_service.burn.timetable import Timetable
 
 Floats = NDArray[np.float64]
 
 HIGH_SHARE = 0.9  # of the safe height: high enough
-OWN_SOON_S = 10.0
+OWN_SOON_S, OWN_SAMPLES_M, OWN_AROUND = 10.0, 5.0, 24
 
 
 @dataclass(slots=True)
@@ -59,27 +58,31 @@ def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
         Place(x_m, y_m, safe_m if height_m >= HIGH_SHARE * safe_m else height_m, at_s)
         for x_m, y_m, height_m, at_s in path.tolist()
     ]
-    legs = [leg for leg in pairwise(places) if not air.is_high(leg)]
     soon_s = min(OWN_SOON_S, air.settings.ignition_delay_s / 3.0)
-    own = _own_hazard(legs, air, own_sources)
-    for begin, end in legs:
-        way = (begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
-        if air.margin_s((begin, end)) < air.settings.time_margin_s:
-            return begin.at_s
-        if own is not None and own.leg_margin_s(*way) < soon_s:
-            return begin.at_s
+    for leg in pairwise(places):
+        if air.is_high(leg):
+            continue
+        if air.margin_s(leg) < air.settings.time_margin_s:
+            return leg[0].at_s
+        if len(own_sources) and _own_margin_s(leg, air, own_sources) < soon_s:
+            return leg[0].at_s
     return None
 
 
-def _own_hazard(legs: list[tuple[Place, Place]], air: Air, own_sources: Floats) -> Hazard | None:
-    if not len(own_sources) or not legs:
-        return None
-    x_m = [place.x_m for leg in legs for place in leg]
-    y_m = [place.y_m for leg in legs for place in leg]
-    return hazard_of(
-        air.lights(own_sources),
-        (min(x_m), min(y_m), max(x_m), max(y_m)),
-        air.hazard.margins,
-        cell_m=air.hazard.cell_m,
-        sources=own_sources,
-    )
+def _own_margin_s(leg: tuple[Place, Place], air: Air, own_sources: Floats) -> float:
+    """The least time by which a leg is ahead of the fires of own spheres within reach.
+
+    Of a sphere itself, and of its fire where it comes from outside over the edge of the reach.
+    """
+    begin, end = np.array(leg[0]), np.array(leg[1])
+    count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1
+    along = begin + np.linspace(0.0, 1.0, count)[:, None] * (end - begin)
+    reach_m = air.hazard.margins.reach_m
+    to_sources = along[:, None, :2] - own_sources[None, :, :2]
+    within = np.hypot(to_sources[..., 0], to_sources[..., 1]) <= reach_m
+    lit_s = np.where(within, own_sources[None, :, 2], np.inf).min(axis=1)
+    turns = np.linspace(0.0, math.tau, OWN_AROUND, endpoint=False)
+    ring = reach_m * np.column_stack([np.cos(turns), np.sin(turns)])
+    points = (along[:, None, :2] + ring[None]).reshape(-1, 2)
+    comes_s = air.lights(own_sources).ignition_time_s(points).reshape(count, OWN_AROUND)
+    return float((np.minimum(lit_s, comes_s.min(axis=1)) - along[:, 3]).min())

@@ -121,13 +121,11 @@ def hazard_of(
     margins: Margins,
     *,
     cell_m: float | None = None,
-    sources: Floats | None = None,
+    begins_s: float = LONG_AGO_S,
 ) -> Hazard:
-    """A raster of a fire that answers for all places in a box.
+    """A raster of a fire that answers for all places in a box. It burns nowhere before it begins.
 
-    Between the corners of a cell times are bounded by how steep they are around it; where a fire's
-    only ``sources`` (n, 3) x, y, at_s are known, which are where its times are least, by the times
-    of its neighbours' corners and of the sources in it.
+    Between the corners of a cell times are bounded by how steep they are around it.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     around_m = margins.reach_m + SPARE_CELLS * cell
@@ -146,19 +144,12 @@ def hazard_of(
         )
     at_s = np.maximum(at_s, LONG_AGO_S)
     first, last = np.empty((rows, cols)), np.empty((rows, cols))
-    if sources is None:
-        _steep_bounds(at_s, cell, first, last)
-    else:
-        _near_bounds(at_s, first, last)
-        col = np.floor((sources[:, 0] - west) / cell).astype(np.int64)
-        row = np.floor((north - sources[:, 1]) / cell).astype(np.int64)
-        here = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-        np.minimum.at(first, (row[here], col[here]), sources[here, 2])
+    _steep_bounds(at_s, cell, begins_s, first, last)
     return Hazard(first, last, west, north, cell, margins)
 
 
 @kernel
-def _steep_bounds(at_s, cell, first, last):  # type: ignore[no-untyped-def]
+def _steep_bounds(at_s, cell, begins, first, last):  # type: ignore[no-untyped-def]
     """From the four corners, by the steepest slope among them and their neighbours.
 
     That finds fires lit between nodes and ridges where fires meet: all of a cell is within half
@@ -183,19 +174,7 @@ def _steep_bounds(at_s, cell, first, last):  # type: ignore[no-untyped-def]
                     if r + 1 <= rows and at_s[r + 1, c] < math.inf:
                         south = max(south, abs(at_s[r + 1, c] - at_s[r, c]))
             spare = math.sqrt(0.5) * math.hypot(east, south)
-            first[row, col], last[row, col] = low - spare, high + spare
-
-
-@kernel
-def _near_bounds(at_s, first, last):  # type: ignore[no-untyped-def]
-    rows, cols = first.shape
-    for row in range(rows):
-        for col in range(cols):
-            low, high = math.inf, -math.inf
-            for r in range(max(row - 1, 0), min(row + 3, rows + 1)):
-                for c in range(max(col - 1, 0), min(col + 3, cols + 1)):
-                    low, high = min(low, at_s[r, c]), max(high, at_s[r, c])
-            first[row, col], last[row, col] = low, high
+            first[row, col], last[row, col] = max(low - spare, begins), high + spare
 
 
 @kernel
@@ -231,15 +210,15 @@ def _margin(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, 
 def _leg_margin(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
-    length = math.hypot(x1 - x0, y1 - y0)
-    count = max(math.ceil(length / cell), 1)
+    # Also straight up and down by half a cell, so that what is safe there is so on the leg after.
+    count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     least = math.inf
     for number in range(count):
         part, middle, end = number / count, (number + 0.5) / count, (number + 1) / count
         here = _margin(
             *(first, last, west, north, cell, reach, wx, wy, residence),
             *(x0 + middle * (x1 - x0), y0 + middle * (y1 - y0)),
-            *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * length / count),
+            *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * cell),
         )
         least = min(least, here)
     return least

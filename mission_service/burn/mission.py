@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -71,15 +70,7 @@ def mission_items(
         waypoint(point.lat_deg, point.lon_deg, point.altitude_amsl_m, there_m) for point in path
     ]
     items.append(loiter_unlimited(last.lat_deg, last.lon_deg, _safe_amsl_m(last, burn), 0.0))
-    if vehicle.stack == "px4":  # a yaw of 0 would turn it north
-        items = [
-            item if item.command == mavlink.MAV_CMD_DO_CHANGE_SPEED else replace(item, param4=NAN)
-            for item in items
-        ]
     return tuple(items)
-
-
-NAN = math.nan
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:

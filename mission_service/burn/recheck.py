@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mission_service.burn.flight import Air, OwnFires, Place
+from mission_service.burn.flight import Air, OwnFires, Place, part_of
 from mission_service.burn.planner import LinePlan, Situation, air_of
 from mission_service.config_sections import BurnSection
 
@@ -52,8 +52,7 @@ def _later(leg: tuple[Place, Place], at_s: float) -> Place:
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
-    part = (at_s - begin.at_s) / (end.at_s - begin.at_s)
-    return Place(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
+    return part_of(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
 
 
 def _of_place(air: Air, leg: tuple[Place, Place], start: Place) -> str:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -32,7 +33,8 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
     last = flown.samples[-1]
     arrival = last.fire.ignition_time_s(points).reshape(grid_x.shape)
     first_s = flown.spheres[0].at_us / 1e6 if flown.spheres else last.at_s
-    arrival = np.where(np.isfinite(arrival), arrival, 1e9)
+    inside = shapely.contains_xy(flown.area, grid_x, grid_y)  # the control lines hold
+    arrival = np.where(np.isfinite(arrival) & inside, arrival, 1e9)
     for until_s, colour in ((last.at_s, LATER), (first_s, BURNED)):
         axes.contourf(
             x - west, y - south, arrival, levels=[-1e9, until_s], colors=[colour], alpha=0.75

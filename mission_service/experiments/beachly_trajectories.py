@@ -34,9 +34,10 @@ Place = tuple[float, float]
 
 STARTS_S = 240.0  # of the vehicle, after the backing fire was lit
 ENDS_S = 1100.0
-SECOND_FRONT_S = 40.0  # after the first drop, in scenario 4
+SECOND_FRONT_S = 15.0  # after the first drop, in scenario 4
 LOW_SHARE = 0.9  # of the safe height
-BULGE = ((12.0, 40.0), (24.0, 110.0), (36.0, 180.0))  # m north of the edge, lit after s
+# m north of the edge, lit after s
+BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
 
 @dataclass

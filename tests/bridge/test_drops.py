@@ -345,6 +345,28 @@ def test_an_upload_under_way_does_not_fly_on_after_it() -> None:
         assert mock.flight.motion.altitude_m > 380.0
 
 
+@copters
+def test_without_satellites_a_mock_lands_blind_as_the_real_ones_do(stack: Stack) -> None:
+    # ArduCopter 4.6 after 8 s, PX4 1.17 after 5 s; until then it climbs, then no more.
+    pair, mock = flying(stack)
+    mock.positions = False
+    pair.run_for(3.0)
+    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.run_for(1.5)
+    assert pair.of(CommandFinished)[-1].accepted
+    assert mock.flight.motion.altitude_m > 332.0
+    pair.run_for(5.0)
+    assert mock.flight.mode == "land"
+    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.run_for(3.0)
+    ended = pair.of(CommandFinished)[-1]
+    assert not ended.accepted
+    assert "requires position" in ended.reason or "not available" in ended.reason
+    pair.run_for(60.0)
+    assert not mock.flight.airborne
+    assert not mock.flight.armed
+
+
 def test_planes_cannot() -> None:
     plane = stack_named("px4", "plane")
     with pytest.raises(BridgeError, match="multirotors"):
@@ -363,3 +385,59 @@ def test_after_it_a_new_mission_is_flown_from_its_beginning(stack: Stack) -> Non
     assert mock.flight.mode == "mission"
     assert mock.flight.motion.altitude_m == pytest.approx(360.0, abs=1.0)
     assert pair.now_us > 25 * SECOND
+
+
+def test_px4s_gripper_tells_of_its_movements_as_the_real_one() -> None:
+    # Recorded from PX4 1.17: result and the component it is told to, for a release and a setting
+    # back 0.2 s later, and then a release that the link doubles.
+    pair, mock = flying(PX4)
+    heard: list[tuple[int, int]] = []
+    say, number = Codec(255, 190), mavlink.MAV_CMD_DO_GRIPPER
+
+    def order(component: int, action: float) -> None:
+        message = mavlink.MAVLink_command_long_message(1, 1, number, 0, 1, action, *[0.0] * 5)
+        message.from_component = component
+        mock.receive_data(say.encode(message), pair.now_us)
+        listen()
+
+    def listen(seconds: float = 0.0) -> None:
+        mock.handle_timer(pair.now_us + round(seconds * SECOND))
+        pair.now_us += round(seconds * SECOND)
+        heard.extend(
+            (message.result, message.target_component)
+            for datagram in mock.data_to_send()
+            for message in say.decode(datagram)
+            if message.get_type() == "COMMAND_ACK"
+        )
+
+    order(27, 0.0)
+    listen(0.2)
+    order(28, 1.0)
+    assert heard == [(5, 27), (6, 27), (5, 28)]
+    listen(1.2)
+    assert heard[3:] == [(0, 28)]
+    order(29, 0.0)
+    order(29, 0.0)
+    listen(1.2)
+    assert heard[4:] == [(5, 29), (1, 29), (0, 29)]
+    order(30, 0.0)
+    assert heard[7:] == [(0, 30)]
+    assert [value for _, what, _, value in mock.outputs if what == "gripper"] == [0.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("result", [mavlink.MAV_RESULT_TEMPORARILY_REJECTED, 6])
+@pytest.mark.parametrize(("loss", "outcome"), [(0.0, "done"), (1.0, "unknown")])
+def test_what_a_gripper_says_of_doubled_and_ended_releases_is_no_refusal(
+    result: int, loss: float, outcome: str
+) -> None:
+    pair, mock = flying(PX4, loss=loss)
+    drop(pair, GRIPPER)
+    told = mavlink.MAVLink_command_ack_message(211, result, 0, 0, 255, FIRST_COMPONENT + 2)
+    pair.client.receive_data(say_as_vehicle(told), pair.now_us)
+    pair.run_for(1.6)
+    assert outcomes(pair) == [outcome]
+    assert let_go(mock, GRIPPER) == (loss == 0.0)
+
+
+def say_as_vehicle(message: Any) -> bytes:
+    return Codec(1, 1).encode(message)

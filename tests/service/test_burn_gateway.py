@@ -61,7 +61,7 @@ def test_what_became_of_each_drop_is_told_with_its_plan_and_number() -> None:
     client = Client()
     gateway = gateway_of(client)
     for number in (4, 5, 6):
-        gateway.execute(Drop("drake", "abc", number), 7)
+        gateway.execute(Drop("drake", "abc", number, 36.0, -84.0), 7)
     assert client.orders == [("drop", SERVO, 7)] * 3
     told = ((2, "unknown", "no answer"), (1, "done", "accepted"), (3, "refused", "denied"))
     client.told = [bridge.DropFinished(9, *each) for each in told]  # type: ignore[arg-type]
@@ -81,7 +81,7 @@ def test_a_drop_that_cannot_be_ordered_is_refused_in_words(
     dropper: Dropper | None, words: str
 ) -> None:
     gateway = gateway_of(Client(), dropper)
-    gateway.execute(Drop("drake", "abc", 0), 7)
+    gateway.execute(Drop("drake", "abc", 0, 36.0, -84.0), 7)
     assert list(gateway.events(9)) == [
         DropFinished(1000, "drake", "abc", 0, False, True, words),
     ]

@@ -161,7 +161,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert mock.flight.motion.speed_m_s < 0.1
     assert max(speeds) < 5.5
     assert min(low) > 13.0  # corners are cut by 5 m, off the ground they were planned over
-    assert float(np.median(low)) < 20.0
+    assert max(low) < 20.0  # it sank in place before it flew the line
     assert mock.outputs == []
 
 
