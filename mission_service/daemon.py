@@ -114,7 +114,11 @@ async def serve(
         down_from_s = last_written_s(journal_path) if cut_off else 0.0
         kept = None if cut_off else set_aside(journal_path, scenario)
         if kept is not None:
-            tell(record, "service", f"the journal of an earlier burn is kept as {kept.name}")
+            tell(
+                record,
+                "service",
+                f"the journal of an earlier burn is kept as {kept.name}; this is a new one",
+            )
         header, rest = header_of(scenario, digest, created), cut_off.rest() if cut_off else None
         journal = Journal(journal_path, header, durable=True, rest=rest)
         stack.callback(journal.close)

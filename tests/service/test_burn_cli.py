@@ -169,7 +169,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
         (("go", "nothing"), "which item of the list? 1 weather; 2 payload"),
         (("wind", "nan", "0"), "wind: "),
         (("erase", "91,0", "--radius", "5"), "erase: Expected `float` <= 90"),
-        (("unit", "0,0", "1,1", "0,1", "1,0"), "its sides cross"),
+        (("unit", "0,0", "1,1", "0,2", "2,0"), "its sides cross"),
     ],
 )
 def test_what_is_wrong_gets_one_line_and_exit_code_1(

@@ -133,7 +133,7 @@ NAN = float("nan")
         ({"do": "lit", "points": [[0, 0]] * 1001}, "lit: "),
         ({"do": "lit", "points": [[0, 0]], "ago_s": -1}, "lit: "),
         ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners; a polygon takes 3"),
-        ({"do": "unit", "points": [[0, 0], [1, 1], [0, 1], [1, 0]]}, "its sides cross"),
+        ({"do": "unit", "points": [[0, 0], [1, 1], [0, 2], [2, 0]]}, "its sides cross"),
         ({"do": "unit", "points": [[0, 0], [1, 1], [2, 2]]}, "unit: these corners are no polygon"),
         (
             {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
