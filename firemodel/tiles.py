@@ -29,18 +29,23 @@ class Tiles(NamedTuple):
     boxes: Floats  # (all squares, 4) least and largest x, then y, of the points in each
 
 
-def tiles_of(points_m: Floats, points_a_tile: int) -> Tiles:
-    """Points (n, 2) in tiles of about so many. Raises FireModelError if one is not finite."""
+def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:
+    """Points (n, 2) in tiles of about so many, or more if tiles need not be less than a side.
+
+    Raises FireModelError for a point that is not finite.
+    """
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
     count = len(points)
-    levels = math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0))
-    levels = min(levels, MOST_LEVELS)
-    low, high = _range(points)
-    if not np.isfinite([low, high]).all():
-        place = int(np.argmin(np.isfinite(points).all(axis=1)))
-        raise FireModelError(f"point {place}: x, y = {points[place].tolist()}; both must be finite")
-    side_m = max(high[0] - low[0], high[1] - low[1]) * (1.0 + 1e-12)
-    per_m = 2**levels / side_m if side_m > 0.0 else 0.0
+    box = np.array([np.inf, -np.inf, np.inf, -np.inf])
+    wrong = _enclose(points, box)
+    if wrong < count:
+        raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
+    west, east, south, north = box if count else np.zeros(4)
+    extent_m = max(east - west, north - south)
+    levels = min(math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0)), MOST_LEVELS)
+    if side_m > 0.0:
+        levels = min(levels, math.ceil(math.log2(max(extent_m / side_m, 1.0))))
+    per_m = 2**levels / extent_m if extent_m > 0.0 else 0.0
     found = Tiles(
         levels,
         np.zeros(4**levels + 2, dtype=np.int64),
@@ -49,15 +54,21 @@ def tiles_of(points_m: Floats, points_a_tile: int) -> Tiles:
         np.empty(count),
         np.empty(((4 ** (levels + 1) - 1) // 3, 4)),
     )
-    _sort(points, low[0], low[1], per_m, np.empty(count, dtype=np.int32), found)
+    _sort(points, west, south, per_m, np.empty(count, dtype=np.int32), found)
     _bound(found)
     return found
 
 
-def _range(points: Floats) -> tuple[Any, Any]:
-    if len(points) == 0:
-        return np.zeros(2), np.zeros(2)
-    return points.min(axis=0), points.max(axis=0)
+@kernel
+def _enclose(points, box):  # type: ignore[no-untyped-def]
+    """Widen a box to all points; returns the place of the first that is not finite."""
+    for k in range(points.shape[0]):
+        x, y = points[k, 0], points[k, 1]
+        if not abs(x) + abs(y) < np.inf:
+            return k
+        box[0], box[1] = min(box[0], x), max(box[1], x)
+        box[2], box[3] = min(box[2], y), max(box[3], y)
+    return points.shape[0]
 
 
 @kernel

@@ -71,8 +71,8 @@ class Leader(Protocol):
     def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
         """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
 
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
-        """Where its first mission leads: (n, 2) x, y in metres."""
+    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
+        """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""

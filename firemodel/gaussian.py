@@ -1,0 +1,275 @@
+"""A fire simulation set right by marks: Gaussian-process regression along the ways fire took.
+
+An error of the rate of spread grows along the way from the source. So what is regressed is not the
+time but the logarithm w of the slowness: fire that by the simulation needs e seconds along its way
+needs e · mean(exp w) along it, and a mark, whenever it was made, says something of the whole way
+behind it and, through what is alike, of what lies ahead. Fire so corrected never comes before it
+was lit, and always later further along its way.
+
+What a burn is wrong about has Gaussian priors and is found together (Gauss-Newton, MAP): the
+simulation's rates and wind (``ways.Ratable``), and w as a field over places, for fuel and ground.
+A mark is as wrong as its place times the slowness there; one that burns is held as by Student's t,
+so that a few wrong ones do little, one that is burned or unburned by the probability that it is
+true (Laplace's method). The field's prior sd and length are the most likely of a few (marginal
+likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
+"""
+
+import math
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import log_ndtr
+
+from firemodel.ellipse import EllipseFire
+from firemodel.gaussian_kernels import Field, slopes, stretch
+from firemodel.marks import BURNED, BURNING, UNBURNED
+from firemodel.ways import Ratable, RatableEllipses, Ways
+
+PLACE_SD_M = 6.0  # of a mark
+TIME_SD_S = 15.0
+LEAST_S = 45.0  # along a way; shorter ones say little
+LOG_SD = 0.05  # of ln of the time along a way, which nothing explains
+FIELD_SDS = (0.2, 0.3, 0.4)
+LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
+SMALLEST_M = 100.0  # of that diagonal
+NODES = 32  # of the field along its longer side, at most
+STEPS, PARTS = 8, (1.0, 0.5, 0.25, 0.1)
+CHOSEN_AT = (1, 3)
+GOOD_ENOUGH = 1e-2  # what a step must gain, in ln of the posterior density
+FIRST_RATES, FIRST_TURNS = (-0.7, 0.0, 0.7, 1.4), (-0.8, 0.0, 0.8)
+TAIL = 4.0  # degrees of freedom of Student's t
+
+Floats = NDArray[np.float64]
+
+
+class _Prior(NamedTuple):
+    """Rates, then the field, as L z with z of unit variance."""
+
+    sd: float
+    length_m: float
+    rates_sd: Floats
+    of_rows: Floats  # lower Cholesky factors
+    of_cols: Floats
+
+    def white(self, of_rates: Floats, of_place: Floats) -> Floats:
+        """A L of A = [of_rates (n, k), of_place (n, rows, cols)]: (n, parameters)."""
+        place = self.sd * (self.of_rows.T @ of_place @ self.of_cols)
+        return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
+
+    def colour(self, z: Floats) -> tuple[Floats, Floats]:
+        """Rates (k,) and w (rows, cols)."""
+        k = len(self.rates_sd)
+        place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
+        return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
+
+
+class _Look(NamedTuple):
+    """The marks as seen from some rates and field."""
+
+    fire: Ratable
+    field: Field
+    ways: Ways
+    expected: Floats  # ln of the time along the way
+    observed: Floats
+    sd: Floats  # of observed
+
+
+class GaussianCorrected:
+    """A fire with marks (n, 4) x, y, at_s, state; without marks exactly the fire itself.
+
+    Its time grows with n³: some hundred marks. Marks where fire never comes by the simulation are
+    left out: such fire has a source that must be added to it.
+    """
+
+    def __init__(
+        self, fire: EllipseFire | Ratable, marks: Floats, *, place_sd_m: float = PLACE_SD_M
+    ) -> None:
+        self.fire, self.place_sd_m = fire, place_sd_m
+        self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
+        ratable = RatableEllipses(fire) if isinstance(fire, EllipseFire) else fire
+        self._seen: _Look | None = None
+        self._points = np.ascontiguousarray(self.marks[:, :2])
+        come = np.isfinite(fire.ignition_time_s(self._points))
+        self._points, self._held = self._points[come], self.marks[come]
+        if len(self._held):
+            self._fit(ratable)
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        if self._seen is None:
+            return self.fire.ignition_time_s(points_m)
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        ways = self._seen.fire.ways(points)
+        found = np.empty(len(points))
+        stretch(points, ways.origin, self._seen.field, found)
+        return ways.lit_s + ways.takes_s * found
+
+    def _fit(self, fire: Ratable) -> None:
+        field, diagonal_m = _empty_field(np.concatenate([self._points, fire.places()]))
+        prior = _prior(fire.rates_sd, field, FIELD_SDS[-1], LENGTHS[1] * diagonal_m)
+        seen, z, score = self._start(fire, field, prior)
+        for step in range(STEPS):
+            of_rates, of_place = self._slopes(fire, seen, prior, z)
+            a = prior.white(of_rates, of_place)
+            y = seen.observed - seen.expected + a @ z
+            w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
+            if step in CHOSEN_AT:
+                prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
+                a = prior.white(of_rates, of_place)
+                score = math.inf
+            k, f = a @ a.T, a @ z
+            for _ in range(4):
+                w, b = _curvature(self._held[:, 3], y, seen.sd, f)
+                f, alpha = _mode(k, w, b)
+            towards = a.T @ alpha - z
+            tried = [self._try(fire, field, prior, z + part * towards) for part in PARTS[:1]]
+            for part in PARTS[1:]:
+                if tried[-1][2] <= score:
+                    break
+                tried.append(self._try(fire, field, prior, z + part * towards))
+            before, (seen, z, after) = score, min(tried, key=lambda one: one[2])
+            score = after
+            if abs(before - after) < GOOD_ENOUGH:
+                break
+        self._seen, self.prior = seen, prior
+        self._a, self._z, self._w = a, z, w
+
+    def _start(self, fire: Ratable, field: Field, prior: _Prior) -> tuple[_Look, Floats, float]:
+        """The best of a few rates; of an ellipse also of a few directions."""
+        found = []
+        rates_count = len(fire.rates_sd)
+        turns = FIRST_TURNS if rates_count == 4 else (0.0,)
+        for every, turn_rad in product(FIRST_RATES, turns):
+            z = np.zeros(rates_count + field.w.size)
+            z[0] = every / fire.rates_sd[0]
+            if rates_count == 4:
+                z[3] = turn_rad / fire.rates_sd[3]
+            found.append(self._try(fire, field, prior, z))
+        return min(found, key=lambda one: one[2])
+
+    def _try(
+        self, fire: Ratable, field: Field, prior: _Prior, z: Floats
+    ) -> tuple[_Look, Floats, float]:
+        rates, w = prior.colour(z)
+        seen = self._look(fire.rated(rates), field._replace(w=w))
+        miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
+        return seen, z, 0.5 * float(z @ z) - miss
+
+    def _look(self, fire: Ratable, field: Field) -> _Look:
+        points, n = self._points, len(self._points)
+        ways = fire.ways(np.concatenate([points, points + (1.0, 0.0), points + (0.0, 1.0)]))
+        slower = np.empty(n)
+        here = Ways(*(part[:n] for part in ways))
+        stretch(points, here.origin, field, slower)
+        time_s, east_s, north_s = (ways.lit_s + ways.takes_s).reshape(3, n)
+        slowness_s_m = np.hypot(east_s - time_s, north_s - time_s) * slower
+        expected_s = np.maximum(here.takes_s * slower, LEAST_S)
+        observed_s = np.maximum(self._held[:, 2] - here.lit_s, LEAST_S)
+        error_s2 = np.square(self.place_sd_m * slowness_s_m) + TIME_SD_S**2
+        sd = np.sqrt(error_s2 / np.square(0.5 * (expected_s + observed_s)) + LOG_SD**2)
+        return _Look(fire, field, here, np.log(expected_s), np.log(observed_s), sd)
+
+    def _slopes(
+        self, fire: Ratable, seen: _Look, prior: _Prior, z: Floats
+    ) -> tuple[Floats, Floats]:
+        """Of ``expected`` by the rates (n, k) and by w (n, rows, cols)."""
+        rates, _ = prior.colour(z)
+        of_rates = np.empty((len(self._points), len(rates)))
+        before_s = np.maximum(seen.ways.takes_s, 1.0)
+        for number in range(len(rates)):
+            step = np.where(np.arange(len(rates)) == number, 1e-3, 0.0)
+            other = fire.rated(rates + step).ignition_time_s(self._points)
+            of_rates[:, number] = np.log(np.maximum(other - seen.ways.lit_s, 1.0) / before_s) / 1e-3
+        of_place = np.zeros((len(self._points), *seen.field.w.shape))
+        slopes(self._points, seen.ways.origin, seen.field, of_place)
+        return of_rates, of_place
+
+    def _choose(
+        self,
+        fire: Ratable,
+        field: Field,
+        diagonal_m: float,
+        of_rates: Floats,
+        of_place: Floats,
+        w: Floats,
+        b: Floats,
+        given: _Prior,
+    ) -> _Prior:
+        """The prior under which the marks that burn are the most likely."""
+        burning = self._held[:, 3] == BURNING
+        if np.count_nonzero(burning) < 3:
+            return given
+        y, sd2 = (b / w)[burning], 1.0 / w[burning]
+        scaled = of_rates[burning] * fire.rates_sd
+        rest = scaled @ scaled.T + np.diag(sd2)
+        found = []
+        for length in LENGTHS:
+            prior = _prior(fire.rates_sd, field, 1.0, length * diagonal_m)
+            place = prior.white(of_rates[burning], of_place[burning])[:, len(fire.rates_sd) :]
+            k_place = place @ place.T
+            for sd in FIELD_SDS:
+                factor, _ = cho_factor(rest + sd**2 * k_place, lower=True, check_finite=False)
+                half = solve_triangular(factor, y, lower=True, check_finite=False)
+                score = -0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+                found.append((score, prior._replace(sd=sd)))
+        return max(found, key=lambda one: one[0])[1]
+
+
+def _empty_field(places: Floats) -> tuple[Field, float]:
+    """Around places (k, 2), and their diagonal in metres."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    diagonal_m = max(float(np.hypot(*(high - low))), SMALLEST_M)
+    margin_m = 2.0 * LENGTHS[1] * diagonal_m
+    low, high = low - margin_m, high + margin_m
+    apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
+    cols, rows = (int(count) for count in np.ceil((high - low) / apart_m) + 1)
+    return Field(float(low[0]), float(low[1]), apart_m, np.zeros((rows, cols))), diagonal_m
+
+
+def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior:
+    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.w.shape)
+    return _Prior(sd, length_m, rates_sd, rows, cols)
+
+
+def _factor(count: int, apart: float) -> Floats:
+    """Cholesky factor of a squared exponential between places in a row, ``apart`` lengths."""
+    at = np.arange(count) * apart
+    squares = np.square(at[:, None] - at)
+    factor: Floats = np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count))
+    return factor
+
+
+def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
+    r = (y - f) / sd
+    each = -0.5 * (TAIL + 1.0) * np.log1p(r * r / TAIL) - np.log(sd)
+    each = np.where(state == BURNED, log_ndtr(r), each)
+    return float(np.where(state == UNBURNED, log_ndtr(-r), each).sum())
+
+
+def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
+    """Of each mark's log likelihood at f: curvature w, and w f + slope.
+
+    Of Student's t the curvature is that of the Gaussian which touches it at f.
+    """
+    r = y - f
+    w = (TAIL + 1.0) / (TAIL * sd * sd + r * r)
+    b = w * y
+    for kind, sign in ((BURNED, 1.0), (UNBURNED, -1.0)):
+        these = state == kind
+        z = sign * r[these] / sd[these]
+        ratio = np.exp(-0.5 * z * z - 0.5 * math.log(2.0 * math.pi) - log_ndtr(z))
+        w[these] = np.maximum(ratio * (z + ratio), 1e-6) / sd[these] ** 2
+        b[these] = w[these] * f[these] - sign * ratio / sd[these]
+    return w, b
+
+
+def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """(f, alpha), f = k alpha, where the Gaussian prior k meets b - w f."""
+    root = np.sqrt(w)
+    inner = np.eye(len(w)) + root[:, None] * k * root
+    factor = cho_factor(inner, lower=True, check_finite=False)
+    alpha = b - root * cho_solve(factor, root * (k @ b), check_finite=False)
+    return k @ alpha, alpha
