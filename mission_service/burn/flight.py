@@ -49,6 +49,25 @@ def _box(leg: tuple[Place, Place]) -> Box:
     return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
+def _away_m(leg: tuple[Place, Place], places_m: Floats) -> Floats:
+    """How far places (n, 2) are from a leg."""
+    begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
+    length2 = max(float(step @ step), 1e-12)
+    part = np.clip((places_m - begin) @ step / length2, 0.0, 1.0)
+    away: Floats = np.hypot(*(places_m - begin - part[:, None] * step).T)
+    return away
+
+
+def fastest_m_s(fire: Simulation) -> float:
+    """No fire spreads faster: by its ``spreads``, as EllipseFire has them; else infinity."""
+    spreads = getattr(fire, "spreads", None)
+    if not spreads:
+        return math.inf
+    rates = np.array([(one.head_m_s, one.back_m_s, one.flank_m_s) for one in spreads])
+    head, back, flank = rates.T
+    return float((np.abs(head - back) / 2.0 + np.maximum((head + back) / 2.0, flank)).max())
+
+
 @dataclass(frozen=True, eq=False)
 class Air:
     """What flights are checked against. ``home_m`` is where the vehicle lands."""
@@ -169,6 +188,10 @@ class OwnFires:
         begin, end = leg
         later_s = self.air.settings.time_margin_s if nears else 0.0
         matter = self.sources[self.sources[:, 2] < end.at_s + later_s]
+        if len(matter):
+            spread_m = fastest_m_s(self.air.lights(matter)) * (end.at_s + later_s - matter[:, 2])
+            reach_m = self.air.hazard.margins.reach_m + self.air.hazard.cell_m
+            matter = matter[_away_m(leg, matter[:, :2]) <= reach_m + spread_m]
         if not len(matter):
             return math.inf
         hazard = hazard_of(

@@ -129,5 +129,17 @@ def test_cells_by_size_and_budget() -> None:
 
 
 def test_times_that_are_no_numbers_are_refused() -> None:
+    hazard = hazard_of(Formula(lambda x, y: np.where(x > 30.0, np.nan, 0.0)), BOX, CALM)
     with pytest.raises(MissionServiceError, match="not a number"):
-        hazard_of(Formula(lambda x, y: np.where(x > 30.0, np.nan, 0.0)), BOX, CALM)
+        hazard.leg_margin_s(0.0, 0.0, 0.0, 60.0, 60.0, 10.0)
+
+
+def test_the_order_in_which_legs_are_asked_does_not_matter() -> None:
+    random = np.random.default_rng(3)
+    fire = EllipseFire([Spread(0.0, 0.3, 0.02, 0.05, 1.0)], random.uniform(0, 200, (9, 3)))
+    box = (0.0, 0.0, 200.0, 200.0)
+    legs = random.uniform(0, 200, (40, 6)).tolist()
+    one, other = hazard_of(fire, box, CALM), hazard_of(fire, box, CALM)
+    found = [one.leg_margin_s(*leg) for leg in legs]
+    assert found == [other.leg_margin_s(*leg) for leg in legs[::-1]][::-1]
+    assert len(set(found)) > 20
