@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.marks import Simulation
-from mission_service.burn.hazard import Box, Hazard, fine_cell_m, hazard_of
+from mission_service.burn.hazard import Box, Hazard, hazard_of
 from mission_service.burn.unit import Unit
 from mission_service.burn.ways import Ways
 from mission_service.config_sections import BurnSection
@@ -20,7 +20,7 @@ Lights = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the fire o
 
 HIGH_M = 1e-6  # a height so little below the safe one is safe
 TOWARDS_M2 = 1e-3  # a leg that nears a drop by less (times its length) goes away from it
-CLIMB_EVERY_M = 5.0  # places along a leg tried for a climb
+CLIMB_EVERY_M, CLIMBS = 5.0, 12  # places along a leg tried for a climb: how far apart, how many
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # from a drop, where it is tried to climb
 DOWN_SPARE_M = 1.0  # more than rasters around two legs differ by
 ROUNDED_S = 1e-6
@@ -135,8 +135,7 @@ class Air:
         box, margins = _box(leg), self.hazard.margins
         if end.height_m < begin.height_m:
             margins = replace(margins, distance_m=margins.distance_m + DOWN_SPARE_M)
-        fine = hazard_of(self.fire, box, margins, cell_m=fine_cell_m(box, margins))
-        return max(margin_s, fine.leg_margin_s(*ends))
+        return max(margin_s, self.hazard.finer(box, margins).leg_margin_s(*ends))
 
     def is_high(self, leg: tuple[Place, Place]) -> bool:
         """Whether all of a leg is at the safe height or above."""
@@ -352,8 +351,9 @@ class Flier:
                 return route
         low = self._level(here)
         away_m = math.hypot(x_m - here.x_m, y_m - here.y_m)
-        for number in range(1, math.ceil(away_m / CLIMB_EVERY_M)):
-            part = number * CLIMB_EVERY_M / away_m
+        every_m = max(CLIMB_EVERY_M, away_m / CLIMBS)
+        for number in range(1, math.ceil(away_m / every_m)):
+            part = number * every_m / away_m
             there = (here.x_m + part * (x_m - here.x_m), here.y_m + part * (y_m - here.y_m))
             if not low or not self.air.low.straight((here.x_m, here.y_m), there):
                 return None

@@ -65,7 +65,13 @@ class Hazard:
     """
 
     def __init__(
-        self, fire: Simulation, box: Box, margins: Margins, cell_m: float, begins_s: float
+        self,
+        fire: Simulation,
+        sources: Floats,
+        box: Box,
+        margins: Margins,
+        cell_m: float,
+        begins_s: float = LONG_AGO_S,
     ) -> None:
         self.margins, self.cell_m = margins, cell_m
         around_m = margins.reach_m + SPARE_CELLS * cell_m
@@ -75,7 +81,7 @@ class Hazard:
         self.at_s = np.full((rows + 1, cols + 1), np.nan)  # at the corners of cells
         self.first_s, self.last_s = np.full((rows, cols), -np.inf), np.full((rows, cols), np.inf)
         self._known = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
-        self._fire, self._begins_s, self._sources = fire, begins_s, sources_of(fire)
+        self._fire, self._sources, self._begins_s = fire, sources, begins_s
 
     def _look(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> None:
         """Ask the simulation for all that a leg needs and is not known yet."""
@@ -119,6 +125,13 @@ class Hazard:
         _steep_bounds(self.at_s, self.cell_m, self._begins_s, top, left, first, last)
         west_m, north_m = self.west_m + left * self.cell_m, self.north_m - top * self.cell_m
         _mark_lit(self._sources, west_m, north_m, self.cell_m, first)
+
+    def finer(self, box: Box, margins: Margins) -> "Hazard":
+        """The same fire on a raster around one leg."""
+        wide_m = box[2] - box[0] + 2.0 * margins.reach_m
+        high_m = box[3] - box[1] + 2.0 * margins.reach_m
+        cell_m = max(FINE_CELL_M, math.sqrt(wide_m * high_m / FINE_NODES))
+        return Hazard(self._fire, self._sources, box, margins, cell_m, self._begins_s)
 
     @property
     def _raster(self) -> tuple[Any, ...]:
@@ -176,13 +189,6 @@ def cell_for(box: Box, margins: Margins) -> float:
     return max(LEAST_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MOST_CELL_M)))
 
 
-def fine_cell_m(box: Box, margins: Margins) -> float:
-    """The size of cells for a raster around one leg."""
-    wide_m = box[2] - box[0] + 2.0 * margins.reach_m
-    high_m = box[3] - box[1] + 2.0 * margins.reach_m
-    return max(FINE_CELL_M, math.sqrt(wide_m * high_m / FINE_NODES))
-
-
 def hazard_of(
     fire: Simulation,
     box: Box,
@@ -197,7 +203,7 @@ def hazard_of(
     what is smaller than a cell, as fires just lit are: see ``sources_of``.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
-    return Hazard(fire, box, margins, cell, begins_s)
+    return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)
 
 
 def sources_of(fire: Any) -> Floats:
