@@ -247,6 +247,10 @@ def test_a_place_where_an_earlier_drop_lies_is_none_again() -> None:
     rest = planned(replace(after(now, first), spheres=100, at_s=2000.0))
     assert rest.line == first.line
     assert not {round(x) for x in rest.drops[:, 0]} & {round(x) for x in first.drops[:, 0]}
+    # Nor where one fell and nothing burns.
+    again = planned(replace(now, dropped_m=first.drops[:, :2]))
+    assert len(again.drops) == 19 - 7
+    assert not {round(x) for x in again.drops[:, 0]} & {round(x) for x in first.drops[:, 0]}
     none = next_line(replace(now, spheres=0), SETTINGS)
     assert isinstance(none, NoPlan)
     assert none.why == "spheres"
