@@ -213,6 +213,17 @@ def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float
     be left upwards, is skipped for the next, from where the vehicle is. It ends where spheres or
     the battery (seconds to be in the air at most, way home included) do not suffice for one more.
     """
+    trip = _flown(air, start, places_m, spheres, battery_s, careful=False)
+    # Whether an earlier drop's fire comes to a later one before it ignites is asked once for all.
+    lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
+    if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
+        return _flown(air, start, places_m, spheres, battery_s, careful=True)
+    return trip
+
+
+def _flown(
+    air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float, careful: bool
+) -> Trip:
     flier = Flier(air, start)
     flier.climb_out_of_danger()
     home_s, out_margin_s = math.inf, math.inf
@@ -226,17 +237,12 @@ def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float
             why = "spheres"
             break
         found = flier.towards(x_m, y_m)
-        if found is None:
-            skipped.append((x_m, y_m))
-            continue
-        at_s = found[0][-1].at_s
+        at_s = math.inf if found is None else found[0][-1].at_s
         lands_s = at_s + air.settings.ignition_delay_s
-        too_soon = bool(drops) and at_s - drops[-1][2] < least_gap_s
-        if too_soon or base_s <= lands_s or flier.own.burns_by(x_m, y_m, lands_s):
-            skipped.append((x_m, y_m))
-            continue
-        way_out = flier.way_out(found[0], at_s)
-        if way_out is None:
+        good = base_s > lands_s and not (drops and at_s - drops[-1][2] < least_gap_s)
+        good = good and not (careful and flier.own.burns_by(x_m, y_m, lands_s))
+        way_out = flier.way_out(found[0], at_s) if good and found is not None else None
+        if found is None or way_out is None:
             skipped.append((x_m, y_m))
             continue
         then_home_s = air.home_s(way_out[0][-1])
