@@ -1,7 +1,6 @@
 """Section VII of Beachly et al.: how much corrections by people mend a simulated fire."""
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -12,21 +11,9 @@ from firemodel.gaussian import GaussianCorrected
 from firemodel.landscape import Landscape
 from firemodel.marks import Simulation
 from mission_service.experiments.beachly_participants import (
-    Box,
     Watching,
     front_error_m,
     front_points,
-    inside,
-    random_marks,
-)
-from mission_service.experiments.beachly_truth import (
-    CELL_M,
-    END_S,
-    MINUTE_S,
-    UNIT_M,
-    Burn,
-    random_burn,
-    unit_box,
 )
 
 Floats = NDArray[np.float64]
@@ -52,9 +39,7 @@ class Seen(NamedTuple):
     most_m: float
 
 
-def errors_m(
-    seen: Seen, fire: Simulation, marks: Floats, method: Method | None
-) -> Floats:
+def errors_m(seen: Seen, fire: Simulation, marks: Floats, method: Method | None) -> Floats:
     """Front error at each minute, by what was marked until then."""
     found = np.empty(seen.at_s.size)
     used, arrival_s = -1, np.empty(0)

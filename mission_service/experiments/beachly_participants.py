@@ -87,8 +87,9 @@ def random_marks(
     model_s = model.ignition_time_s(cells).reshape(arrival_s.shape)
     offset_m = watching.offset_sd_m * rng.standard_normal(2)
     steps = round(watching.segment_s / watching.step_s)
-    share = rng.multinomial(count, np.full(len(watching.begins_s) * steps, 1.0)
-                            / (len(watching.begins_s) * steps))
+    share = rng.multinomial(
+        count, np.full(len(watching.begins_s) * steps, 1.0) / (len(watching.begins_s) * steps)
+    )
     found: list[tuple[float, float, float, int]] = []
     for number, marks in enumerate(share):
         segment, step = divmod(number, steps)
@@ -106,10 +107,12 @@ def random_marks(
         burned = arrival_s <= at_s
         in_view = within & (np.hypot(x_m - look_at[0], y_m - look_at[1]) <= watching.view_m)
         near = {
-            BURNED: burned & (distance_transform_edt(burned) * landscape.cell_size_m
-                              <= watching.wrong_m) & (model_s > at_s),
-            UNBURNED: ~burned & (distance_transform_edt(~burned) * landscape.cell_size_m
-                                 <= watching.wrong_m) & (model_s <= at_s),
+            BURNED: burned
+            & (distance_transform_edt(burned) * landscape.cell_size_m <= watching.wrong_m)
+            & (model_s > at_s),
+            UNBURNED: ~burned
+            & (distance_transform_edt(~burned) * landscape.cell_size_m <= watching.wrong_m)
+            & (model_s <= at_s),
         }
         for _ in range(marks):
             state = BURNING

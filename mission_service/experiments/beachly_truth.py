@@ -34,6 +34,7 @@ LEAST_BURNED, MOST_EARLY, MOST_BURNED = 0.55, 0.35, 0.97  # shares of the unit, 
 MOST_UNEVEN = 4.0  # the fastest fuel's rate over the slowest's
 EARLY_S = 15.0 * MINUTE_S
 
+
 @dataclass(frozen=True)
 class Burn:
     """A burn as it was: ``arrival_s`` (y, x), and the model that was set up for it."""
@@ -102,7 +103,9 @@ def _weather(rng: np.random.Generator) -> WeatherStream:
         speed = 0.7 * speed + 0.25 * rng.standard_normal()
         turn_deg = 0.8 * turn_deg + 10.0 * rng.standard_normal()
         entries.append(
-            _entry(float(at_s), speed_m_s * math.exp(speed), from_deg + turn_deg, dead_pct, live_pct)
+            _entry(
+                float(at_s), speed_m_s * math.exp(speed), from_deg + turn_deg, dead_pct, live_pct
+            )
         )
     return WeatherStream(entries)
 
