@@ -74,3 +74,46 @@ def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
             found[place, row, col + 1] += share * (1.0 - up) * right
             found[place, row + 1, col] += share * up * (1.0 - right)
             found[place, row + 1, col + 1] += share * up * right
+
+
+@kernel
+def variances(points, origin, of_rates, field, covariance, found):  # type: ignore[no-untyped-def]
+    """Of ln of the time along each way, from of_rates (n, k) and the covariance of all (k + nodes).
+
+    The field counts evenly along the way.
+    """
+    rows, cols = field.w.shape
+    k = of_rates.shape[1]
+    for place in range(points.shape[0]):
+        x, y = origin[place, 0], origin[place, 1]
+        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        total = 0.0
+        for one in range(k):
+            for other in range(k):
+                both = of_rates[place, one] * of_rates[place, other]
+                total += both * covariance[one, other]
+        for piece in range(4 * PIECES):
+            node, share = _share(x, y, dx, dy, piece, field, rows, cols)
+            for rate in range(k):
+                total += 2.0 * share * of_rates[place, rate] * covariance[rate, k + node]
+            for another in range(4 * PIECES):
+                other_node, other_share = _share(x, y, dx, dy, another, field, rows, cols)
+                total += share * other_share * covariance[k + node, k + other_node]
+        found[place] = total
+
+
+@kernel
+def _share(x, y, dx, dy, number, field, rows, cols):  # type: ignore[no-untyped-def]
+    """One of the four nodes around a piece of a way, and its share of the whole way."""
+    piece = number // 4 + 0.5
+    col, right = _corner(x + piece * dx - field.west_m, field.apart_m, cols)
+    row, up = _corner(y + piece * dy - field.south_m, field.apart_m, rows)
+    if number % 2:
+        col += 1
+    else:
+        right = 1.0 - right
+    if number % 4 >= 2:
+        row += 1
+    else:
+        up = 1.0 - up
+    return row * cols + col, right * up / PIECES

@@ -4,15 +4,13 @@ A way is taken as straight, from where fire was lit to the place.
 """
 
 import math
+from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from firemodel.ellipse import EllipseFire
-from firemodel.fire import check_shape
-from firemodel.landscape import Landscape
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +33,10 @@ class Ratable(Protocol):
     def rates_sd(self) -> Floats:
         """Prior standard deviations of what ``rated`` takes; (k,)."""
 
+    @property
+    def first_rates(self) -> Floats:
+        """Rates (m, k) to begin the search from."""
+
     def rated(self, rates: Floats) -> "Ratable":
         """The fire with other rates; 0 for those it has."""
 
@@ -55,7 +57,9 @@ class RatableEllipses:
     the wind in radians.
     """
 
-    rates_sd = np.array([1.0, 0.5, 0.5, 0.8])
+    rates_sd = np.array([0.7, 1.2, 1.0, 0.4])
+
+    first_rates = np.array(list(product((-0.5, 0.2, 1.0), (-1.5, 0.0), (0.0,), (-0.7, 0.0, 0.7))))
 
     def __init__(self, fire: EllipseFire) -> None:
         self.fire = fire
