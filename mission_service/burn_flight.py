@@ -15,6 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
+from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.burn.approval import Approvals
 from mission_service.burn.checklist import Checklist
@@ -131,7 +132,10 @@ class BurnFlight:
     def told(self, event: CrewEvent) -> list[AnyCommand]:
         """What a person did or said."""
         self.approvals.heard(event)
-        changed = self.fire.take(event)
+        try:
+            changed = self.fire.take(event)
+        except FireModelError as error:
+            return self._say(f"not taken: {error}", warning=True)
         match event:
             case PersonTold() | UnitTold():
                 return self._unit_told(event)

@@ -54,7 +54,8 @@ class Run:
         return [f"{type(event).__name__} heard"]
 
     def status(self) -> dict[str, Any]:
-        told = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
+        told: dict[str, Any] = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
+        told["leader"] = {"phase": "flying"}
         return {**told, "items": SECTION.go_items, **self.lock.status()}
 
     def call(self, *arguments: str, text: str | None = None) -> Result:
@@ -208,7 +209,7 @@ def test_the_only_place_there_is_need_not_be_said(run: Run) -> None:
 def test_the_state_in_words_and_as_json(run: Run) -> None:
     told = run.call("status").output
     for words in (
-        "square  mission time 0:01:40",
+        "square  mission time 0:01:40, flying",
         "GO list   all 2 GO",
         "ignis     link, armed in mode mission, 15 m (49 ft) above home, fix, battery 90 %, 450 s",
         f"plan      {HASH[:12]}  line 1, 3 drops; approved by ann at alpha",

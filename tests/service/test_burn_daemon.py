@@ -57,7 +57,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         record.news.clear()
 
     def speak() -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 100  # kernels may have to be compiled first
         while True:
             try:
                 with Control(out) as there:
