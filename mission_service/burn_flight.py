@@ -528,11 +528,9 @@ class BurnFlight:
             return f"the last drop was {(at_us - last_us) / 1e6:.1f} s ago"
         if self.account.left <= 0:
             return "no spheres are left"
-        place_m = np.array([(falls.x_m, falls.y_m)])
-        if not self.unit.may_drop(place_m)[0]:
+        if not self.unit.may_drop(np.array([(falls.x_m, falls.y_m)]))[0]:
             return "it would fall outside the unit, or near people"
-        burns_s = float(self.fire.whole.ignition_time_s(place_m)[0])
-        if burns_s <= here.at_s + burn.ignition_delay_s:
+        if self.fire.burns_s(falls.x_m, falls.y_m) <= here.at_s + burn.ignition_delay_s:
             return "it would fall where it burns"
         return None
 

@@ -33,6 +33,7 @@ LINE_SPACING_M = 2.0  # of the points that stand for a line
 MARKS_APART_M = 5.0  # of a line or polygon drawn
 PAPER_LENGTH_M = 25.0
 OWN_WITHIN_M = 20.0
+LOOKED_EVERY_S = 15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
 STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
@@ -48,6 +49,7 @@ class BelievedFire:
         self._sources = np.empty((0, 3))
         self.held = np.empty((0, 3))  # spheres of the line under way: its flight minds them itself
         self._seen = SeenFront(landscape)
+        self._looked_s = -math.inf
         self._marks = np.empty((0, 4))
         self._spreads: tuple[Spread, ...] | None = None
         self._base: EllipseFire | None = None
@@ -62,12 +64,11 @@ class BelievedFire:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
-    @property
-    def whole(self) -> Simulation:
-        """The same with what is held back."""
-        if not len(self.held):
-            return self.simulation
-        return self._corrected(self.base.lit(self.held))
+    def burns_s(self, x_m: float, y_m: float) -> float:
+        """When fire comes to a place, that of spheres held back too."""
+        place_m = np.array([(x_m, y_m)])
+        both = (self.simulation, self.lights(self.held))
+        return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
 
     @property
     def base(self) -> EllipseFire:
@@ -110,7 +111,9 @@ class BelievedFire:
             case Observed() if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
                 self._seen.fold(event.row, event.col, event.cells, at_s, fire)
-                self._mark()
+                if at_s - self._looked_s >= LOOKED_EVERY_S:
+                    self._looked_s = at_s
+                    self._mark()
             case WindTold():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
