@@ -71,14 +71,17 @@ def time_of_plan(repeats: int = 20) -> dict[str, Any]:
     }
 
 
-def trial(seed: int) -> tuple[list[str], Counter[str]]:
-    """Faults of one burn's plans, before and after a change, and what came of it."""
+def trial(seed: int) -> tuple[list[str], Counter[str], list[float]]:
+    """Faults of one burn's plans, before and after a change, what came of it, ms of each plan."""
     random = np.random.default_rng(seed)
+    taken_ms: list[float] = []
     found: list[str] = []
     counts: Counter[str] = Counter()
     burn: Trial | None = drawn(random)
     while burn is not None:
+        worked = time.process_time()
         plan = next_line(burn.situation, burn.settings)
+        taken_ms.append(1e3 * (time.process_time() - worked))
         again = counts["plans"] + counts["no plan"] > 0
         if isinstance(plan, NoPlan):
             counts["no plan"] += 1
@@ -94,7 +97,7 @@ def trial(seed: int) -> tuple[list[str], Counter[str]]:
         counts["after a change"] += again
         counts[f"ended by {plan.ended or 'the line'}"] += 1
         burn = None if again else changed(random, burn, plan)
-    return found, counts
+    return found, counts, taken_ms
 
 
 def main() -> None:
@@ -105,8 +108,10 @@ def main() -> None:
     begun, worked = time.perf_counter(), time.process_time()
     wrong: list[str] = []
     counts: Counter[str] = Counter()
+    taken_ms: list[float] = []
     for seed in range(first, first + trials):
-        found, more = trial(seed)
+        found, more, some_ms = trial(seed)
+        taken_ms += some_ms
         wrong += [f"seed {seed}: {fault}" for fault in found]
         counts += more
         if sys.stderr.isatty() and seed % 100 == 0:
@@ -117,6 +122,9 @@ def main() -> None:
         "faults": len(wrong),
         "seconds": round(time.perf_counter() - begun, 1),
         "of the processor": round(time.process_time() - worked, 1),
+        "a plan, median_ms": round(statistics.median(taken_ms), 1),
+        "99 %, ms": round(float(np.percentile(taken_ms, 99)), 1),
+        "worst_ms": round(max(taken_ms), 1),
         **dict(sorted(counts.items())),
     }
     if "--json" in sys.argv[1:]:

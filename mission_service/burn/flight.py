@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.marks import Simulation
-from mission_service.burn.hazard import Box, Hazard, fine_cell_m, hazard_of
+from mission_service.burn.hazard import Box, Hazard, hazard_of
 from mission_service.burn.unit import Unit
 from mission_service.burn.ways import Ways
 from mission_service.config_sections import BurnSection
@@ -20,7 +20,7 @@ Lights = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the fire o
 
 HIGH_M = 1e-6  # a height so little below the safe one is safe
 TOWARDS_M2 = 1e-3  # a leg that nears a drop by less (times its length) goes away from it
-CLIMB_EVERY_M = 5.0  # places along a leg tried for a climb
+CLIMB_EVERY_M, CLIMBS = 5.0, 12  # places along a leg tried for a climb: how far apart, how many
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # from a drop, where it is tried to climb
 DOWN_SPARE_M = 1.0  # more than rasters around two legs differ by
 ROUNDED_S = 1e-6
@@ -47,6 +47,25 @@ def part_of(leg: tuple[Place, Place], part: float) -> Place:
 def _box(leg: tuple[Place, Place]) -> Box:
     (x0, y0, *_), (x1, y1, *_) = leg
     return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
+
+
+def _away_m(leg: tuple[Place, Place], places_m: Floats) -> Floats:
+    """How far places (n, 2) are from a leg."""
+    begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
+    length2 = max(float(step @ step), 1e-12)
+    part = np.clip((places_m - begin) @ step / length2, 0.0, 1.0)
+    away: Floats = np.hypot(*(places_m - begin - part[:, None] * step).T)
+    return away
+
+
+def fastest_m_s(fire: Simulation) -> float:
+    """No fire spreads faster: by its ``spreads``, as EllipseFire has them; else infinity."""
+    spreads = getattr(fire, "spreads", None)
+    if not spreads:
+        return math.inf
+    rates = np.array([(one.head_m_s, one.back_m_s, one.flank_m_s) for one in spreads])
+    head, back, flank = rates.T
+    return float((np.abs(head - back) / 2.0 + np.maximum((head + back) / 2.0, flank)).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +135,7 @@ class Air:
         box, margins = _box(leg), self.hazard.margins
         if end.height_m < begin.height_m:
             margins = replace(margins, distance_m=margins.distance_m + DOWN_SPARE_M)
-        fine = hazard_of(self.fire, box, margins, cell_m=fine_cell_m(box, margins))
-        return max(margin_s, fine.leg_margin_s(*ends))
+        return max(margin_s, self.hazard.finer(box, margins).leg_margin_s(*ends))
 
     def is_high(self, leg: tuple[Place, Place]) -> bool:
         """Whether all of a leg is at the safe height or above."""
@@ -169,6 +187,10 @@ class OwnFires:
         begin, end = leg
         later_s = self.air.settings.time_margin_s if nears else 0.0
         matter = self.sources[self.sources[:, 2] < end.at_s + later_s]
+        if len(matter):
+            spread_m = fastest_m_s(self.air.lights(matter)) * (end.at_s + later_s - matter[:, 2])
+            reach_m = self.air.hazard.margins.reach_m + self.air.hazard.cell_m
+            matter = matter[_away_m(leg, matter[:, :2]) <= reach_m + spread_m]
         if not len(matter):
             return math.inf
         hazard = hazard_of(
@@ -329,8 +351,9 @@ class Flier:
                 return route
         low = self._level(here)
         away_m = math.hypot(x_m - here.x_m, y_m - here.y_m)
-        for number in range(1, math.ceil(away_m / CLIMB_EVERY_M)):
-            part = number * CLIMB_EVERY_M / away_m
+        every_m = max(CLIMB_EVERY_M, away_m / CLIMBS)
+        for number in range(1, math.ceil(away_m / every_m)):
+            part = number * every_m / away_m
             there = (here.x_m + part * (x_m - here.x_m), here.y_m + part * (y_m - here.y_m))
             if not low or not self.air.low.straight((here.x_m, here.y_m), there):
                 return None

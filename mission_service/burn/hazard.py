@@ -26,6 +26,7 @@ FINE_CELL_M, FINE_NODES = 0.5, 12_000  # of a raster around one leg, where the o
 # A raster of a unit of 20 acres has cells of about 1.9 m.
 LEAST_CELL_M, MOST_CELL_M, NODES = 1.5, 3.0, 30_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
+BLOCK = 32  # cells whose times are asked for at once
 SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times look at neighbours
 
 
@@ -56,20 +57,81 @@ def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Mar
     )
 
 
-@dataclass(frozen=True, eq=False)
 class Hazard:
     """Bounds of the times of ignition in cells (y, x), row 0 in the north; infinity for never.
 
-    What lies beyond the raster is not known, and so in danger.
+    The simulation is asked block by block, where a leg comes near first. What lies beyond the
+    raster is not known, and so in danger.
     """
 
-    at_s: Floats  # at the corners of cells (y + 1, x + 1)
-    first_s: Floats
-    last_s: Floats
-    west_m: float
-    north_m: float
-    cell_m: float
-    margins: Margins
+    def __init__(
+        self,
+        fire: Simulation,
+        sources: Floats,
+        box: Box,
+        margins: Margins,
+        cell_m: float,
+        begins_s: float = LONG_AGO_S,
+    ) -> None:
+        self.margins, self.cell_m = margins, cell_m
+        around_m = margins.reach_m + SPARE_CELLS * cell_m
+        self.west_m, self.north_m = box[0] - around_m, box[3] + around_m
+        cols = math.ceil((box[2] + around_m - self.west_m) / cell_m)
+        rows = math.ceil((self.north_m - box[1] + around_m) / cell_m)
+        self.at_s = np.full((rows + 1, cols + 1), np.nan)  # at the corners of cells
+        self.first_s, self.last_s = np.full((rows, cols), -np.inf), np.full((rows, cols), np.inf)
+        self._known = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
+        self._fire, self._sources, self._begins_s = fire, sources, begins_s
+
+    def _look(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> None:
+        """Ask the simulation for all that a leg needs and is not known yet."""
+        around_m = self.margins.reach_m + self.cell_m
+        size_m = BLOCK * self.cell_m
+        low_x, high_x = min(x0_m, x1_m) - around_m, max(x0_m, x1_m) + around_m
+        low_y, high_y = min(y0_m, y1_m) - around_m, max(y0_m, y1_m) + around_m
+        left = max(math.floor((low_x - self.west_m) / size_m), 0)
+        right = max(math.floor((high_x - self.west_m) / size_m) + 1, 0)
+        top = max(math.floor((self.north_m - high_y) / size_m), 0)
+        bottom = max(math.floor((self.north_m - low_y) / size_m) + 1, 0)
+        known = self._known[top:bottom, left:right]
+        if known.all():
+            return
+        rows, cols = np.nonzero(~known)
+        self._fill(
+            (top + int(rows.min())) * BLOCK,
+            (top + int(rows.max()) + 1) * BLOCK,
+            (left + int(cols.min())) * BLOCK,
+            (left + int(cols.max()) + 1) * BLOCK,
+        )
+        known[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1] = True
+
+    def _fill(self, top: int, bottom: int, left: int, right: int) -> None:
+        """Cells of whole blocks; bounds of times need a ring of corners around them."""
+        rows = np.arange(max(top - 1, 0), min(bottom + 2, self.at_s.shape[0]))
+        cols = np.arange(max(left - 1, 0), min(right + 2, self.at_s.shape[1]))
+        nodes = np.empty((rows.size, cols.size, 2))
+        nodes[..., 0] = self.west_m + self.cell_m * cols
+        nodes[..., 1] = (self.north_m - self.cell_m * rows)[:, None]
+        at_s = np.asarray(self._fire.ignition_time_s(nodes.reshape(-1, 2)), np.float64)
+        if np.isnan(at_s).any():
+            x_m, y_m = nodes.reshape(-1, 2)[np.argmax(np.isnan(at_s))]
+            raise MissionServiceError(
+                f"fire simulation: time of ignition at x {x_m:.1f}, y {y_m:.1f} is not a number; "
+                "nothing can be planned on it: erase the last correction"
+            )
+        at_s = np.maximum(at_s, LONG_AGO_S).reshape(rows.size, cols.size)
+        self.at_s[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] = at_s
+        first, last = self.first_s[top:bottom, left:right], self.last_s[top:bottom, left:right]
+        _steep_bounds(self.at_s, self.cell_m, self._begins_s, top, left, first, last)
+        west_m, north_m = self.west_m + left * self.cell_m, self.north_m - top * self.cell_m
+        _mark_lit(self._sources, west_m, north_m, self.cell_m, first)
+
+    def finer(self, box: Box, margins: Margins) -> "Hazard":
+        """The same fire on a raster around one leg."""
+        wide_m = box[2] - box[0] + 2.0 * margins.reach_m
+        high_m = box[3] - box[1] + 2.0 * margins.reach_m
+        cell_m = max(FINE_CELL_M, math.sqrt(wide_m * high_m / FINE_NODES))
+        return Hazard(self._fire, self._sources, box, margins, cell_m, self._begins_s)
 
     @property
     def _raster(self) -> tuple[Any, ...]:
@@ -87,6 +149,7 @@ class Hazard:
 
         Infinity if none comes; negative where it burns. Danger is less than ``margins.time_s``.
         """
+        self._look(x0_m, y0_m, x1_m, y1_m)
         return float(_leg_margin(*self._raster, x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
 
     def surely_in_danger(
@@ -94,6 +157,7 @@ class Hazard:
     ) -> bool:
         """Whether fire at a corner of a cell is too near a leg: no finer raster can deny that."""
         _, _, west_m, north_m, cell_m, *margins = self._raster
+        self._look(x0_m, y0_m, x1_m, y1_m)
         leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
         raster = (self.at_s, west_m, north_m, cell_m, *margins, self.margins.time_s)
         return bool(_surely(*raster, *leg))
@@ -101,6 +165,8 @@ class Hazard:
     def margins_s(self, x_m: Floats, y_m: Floats, at_s: Floats, spacing_m: float = 0.0) -> Floats:
         """That of each sample (n,); they stand for what is around them, ``spacing_m`` apart."""
         found = np.empty(len(x_m))
+        if len(x_m):
+            self._look(float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max()))
         _sample_margins(*self._raster, x_m, y_m, at_s, spacing_m / 2.0, found)
         return found
 
@@ -123,13 +189,6 @@ def cell_for(box: Box, margins: Margins) -> float:
     return max(LEAST_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MOST_CELL_M)))
 
 
-def fine_cell_m(box: Box, margins: Margins) -> float:
-    """The size of cells for a raster around one leg."""
-    wide_m = box[2] - box[0] + 2.0 * margins.reach_m
-    high_m = box[3] - box[1] + 2.0 * margins.reach_m
-    return max(FINE_CELL_M, math.sqrt(wide_m * high_m / FINE_NODES))
-
-
 def hazard_of(
     fire: Simulation,
     box: Box,
@@ -144,25 +203,7 @@ def hazard_of(
     what is smaller than a cell, as fires just lit are: see ``sources_of``.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
-    around_m = margins.reach_m + SPARE_CELLS * cell
-    west, north = box[0] - around_m, box[3] + around_m
-    cols = math.ceil((box[2] + around_m - west) / cell)
-    rows = math.ceil((north - box[1] + around_m) / cell)
-    x = west + cell * np.arange(cols + 1)
-    y = north - cell * np.arange(rows + 1)
-    nodes = np.stack([np.tile(x, rows + 1), np.repeat(y, cols + 1)], axis=1)
-    at_s = np.asarray(fire.ignition_time_s(nodes), np.float64).reshape(rows + 1, cols + 1)
-    if np.isnan(at_s).any():
-        x_m, y_m = nodes[np.argmax(np.isnan(at_s))]
-        raise MissionServiceError(
-            f"fire simulation: time of ignition at x {x_m:.1f}, y {y_m:.1f} is not a number; "
-            "nothing can be planned on it: erase the last correction"
-        )
-    at_s = np.maximum(at_s, LONG_AGO_S)
-    first, last = np.empty((rows, cols)), np.empty((rows, cols))
-    _steep_bounds(at_s, cell, begins_s, first, last)
-    _mark_lit(sources_of(fire), west, north, cell, first)
-    return Hazard(at_s, first, last, west, north, cell, margins)
+    return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)
 
 
 def sources_of(fire: Any) -> Floats:
@@ -187,38 +228,43 @@ def _mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def
     for number in range(sources.shape[0]):
         col = math.floor((sources[number, 0] - west) / cell)
         row = math.floor((north - sources[number, 1]) / cell)
+        # Not beyond the raster: a fire far away has no row to speak of.
+        if not (-2 < row < rows + 1 and -2 < col < cols + 1):
+            continue
         for r in range(max(row - 1, 0), min(row + 2, rows)):
             for c in range(max(col - 1, 0), min(col + 2, cols)):
                 first[r, c] = min(first[r, c], sources[number, 2])
 
 
 @kernel
-def _steep_bounds(at_s, cell, begins, first, last):  # type: ignore[no-untyped-def]
+def _steep_bounds(at_s, cell, begins, top, left, first, last):  # type: ignore[no-untyped-def]
     """From the four corners, by the steepest slope among them and their neighbours.
 
     That finds fires lit between nodes and ridges where fires meet: all of a cell is within half
     its diagonal of a corner.
     """
-    rows, cols = first.shape
-    for row in range(rows):
-        for col in range(cols):
+    most_row, most_col = at_s.shape[0] - 1, at_s.shape[1] - 1
+    for here in range(first.shape[0]):
+        for there in range(first.shape[1]):
+            row, col = top + here, left + there
             low, high, east, south = math.inf, -math.inf, 0.0, 0.0
             for r in range(row, row + 2):
                 for c in range(col, col + 2):
                     low, high = min(low, at_s[r, c]), max(high, at_s[r, c])
             if low == math.inf:
-                first[row, col], last[row, col] = low, low
+                first[here, there], last[here, there] = low, low
                 continue
-            for r in range(max(row - 1, 0), min(row + 3, rows + 1)):
-                for c in range(max(col - 1, 0), min(col + 3, cols + 1)):
+            r1, c1 = min(row + 2, most_row), min(col + 2, most_col)
+            for r in range(max(row - 1, 0), r1 + 1):
+                for c in range(max(col - 1, 0), c1 + 1):
                     if at_s[r, c] == math.inf:
                         continue
-                    if c + 1 <= cols and at_s[r, c + 1] < math.inf:
+                    if c < c1 and at_s[r, c + 1] < math.inf:
                         east = max(east, abs(at_s[r, c + 1] - at_s[r, c]))
-                    if r + 1 <= rows and at_s[r + 1, c] < math.inf:
+                    if r < r1 and at_s[r + 1, c] < math.inf:
                         south = max(south, abs(at_s[r + 1, c] - at_s[r, c]))
             spare = math.sqrt(0.5) * math.hypot(east, south)
-            first[row, col], last[row, col] = max(low - spare, begins), high + spare
+            first[here, there], last[here, there] = max(low - spare, begins), high + spare
 
 
 @kernel

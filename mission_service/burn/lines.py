@@ -94,15 +94,14 @@ def alignment_m(
 ) -> float:
     """Where across a drop is to be: right upwind of an earlier one, the one closest to the centre.
 
-    Earlier drops (n, 2) count if they are within ``near_m`` of the remaining area. Without any it
-    is the centre (line 5).
+    Of the earlier drops (n, 2) those at the remaining area count, or else the nearest to it and
+    what is up to ``near_m`` farther away. Without any it is the centre (line 5).
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):
-        near = shapely.distance(shapely.points(earlier_m), area) <= near_m
-        across = line.across(earlier_m[near])
-        if across.size:
-            return float(across[np.argmin(np.abs(across - centre))])
+        away_m = shapely.distance(shapely.points(earlier_m), area)
+        across = line.across(earlier_m[away_m <= away_m.min() + near_m])
+        return float(across[np.argmin(np.abs(across - centre))])
     return centre
 
 

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from firemodel.ellipse import EllipseFire, Spread
+from mission_service.burn.flight import fastest_m_s
 from mission_service.burn.hazard import Floats, Margins, cell_for, hazard_of
+from mission_service.burn.whole_burn import Together
 from mission_service.errors import MissionServiceError
 from tests.service.burns import Formula
 
@@ -115,6 +118,24 @@ def test_a_leg_is_in_danger_where_any_of_its_samples_is() -> None:
     assert hazard.leg_margin_s(30.0, 30.0, -3000.0, 30.0, 30.0, -2900.0) > 10.0
 
 
+@pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: Together([fire])])
+def test_a_fire_smaller_than_a_cell_is_known_by_its_source(wrap: Callable[..., Any]) -> None:
+    """Hardly alight for 200 s, until wind drives it to the corners of its cell at once."""
+    slow, fast = Spread(0.0, 1e-4, 1e-4, 1e-4, 0.0), Spread(200.0, 5.0, 5.0, 5.0, 0.0)
+    hazard = hazard_of(wrap(EllipseFire([slow, fast], np.array([[30.4, 30.9, 0.0]]))), BOX, CALM)
+    assert hazard.in_danger(*np.array([[30.0], [40.0], [5.0]]))[0]
+    assert not hazard.in_danger(*np.array([[30.0], [55.0], [5.0]]))[0]
+
+
+def test_no_fire_is_faster_than_its_fastest() -> None:
+    random = np.random.default_rng(5)
+    spreads = [Spread(0.0, 0.4, 0.02, 0.3, 1.0), Spread(60.0, 0.1, 0.05, 0.5, 2.0)]
+    fire = EllipseFire(spreads, np.array([[0.0, 0.0, 0.0]]))
+    xy = random.uniform(-60, 60, (500, 2))
+    assert (np.hypot(*xy.T) <= fastest_m_s(fire) * fire.ignition_time_s(xy) + 1e-9).all()
+    assert fastest_m_s(Formula(never)) == math.inf
+
+
 def test_what_lies_beyond_the_raster_is_in_danger() -> None:
     hazard = hazard_of(Formula(never), BOX, CALM)
     assert hazard.leg_margin_s(0.0, 0.0, 0.0, 60.0, 60.0, 10.0) == math.inf
@@ -129,5 +150,17 @@ def test_cells_by_size_and_budget() -> None:
 
 
 def test_times_that_are_no_numbers_are_refused() -> None:
+    hazard = hazard_of(Formula(lambda x, y: np.where(x > 30.0, np.nan, 0.0)), BOX, CALM)
     with pytest.raises(MissionServiceError, match="not a number"):
-        hazard_of(Formula(lambda x, y: np.where(x > 30.0, np.nan, 0.0)), BOX, CALM)
+        hazard.leg_margin_s(0.0, 0.0, 0.0, 60.0, 60.0, 10.0)
+
+
+def test_the_order_in_which_legs_are_asked_does_not_matter() -> None:
+    random = np.random.default_rng(3)
+    fire = EllipseFire([Spread(0.0, 0.3, 0.02, 0.05, 1.0)], random.uniform(0, 200, (9, 3)))
+    box = (0.0, 0.0, 200.0, 200.0)
+    legs = random.uniform(0, 200, (40, 6)).tolist()
+    one, other = hazard_of(fire, box, CALM), hazard_of(fire, box, CALM)
+    found = [one.leg_margin_s(*leg) for leg in legs]
+    assert found == [other.leg_margin_s(*leg) for leg in legs[::-1]][::-1]
+    assert len(set(found)) > 20

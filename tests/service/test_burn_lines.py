@@ -67,6 +67,10 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
     assert points[:, 0] == pytest.approx([1.0, 16.0, 31.0, 46.0, 61.0, 76.0, 91.0])
     assert points[:, 1] == pytest.approx(np.full(7, 40.0))
     assert alignment_m(line, ends, earlier[:0], area, 10.0) == pytest.approx(50.0)
+    # With none at the area, as after a line that was cut off, those nearest to it.
+    assert alignment_m(line, ends, earlier[3:], area, 10.0) == pytest.approx(50.0)
+    farther = np.array([[7.0, 0.0], [50.0, -15.0]])
+    assert alignment_m(line, ends, farther, area, 10.0) == pytest.approx(7.0)
 
 
 def test_ways_bend_around_what_is_not_inside() -> None:

@@ -90,7 +90,7 @@ def test_droppable_is_never_more_than_may_drop_says() -> None:
     made = Unit(
         area.difference(shapely.Point(20, 20).buffer(6.0)),
         shapely.box(70, 10, 80, 20),
-        shapely.box(-10, -10, 95, 90),
+        shapely.box(-10, -10, 85, 90),
         (Person("chief", 50.0, 12.0, 8.0),),
         5.0,
     )
