@@ -135,7 +135,7 @@ class GaussianCorrected:
         """Of rates and nodes (parameters, parameters), after the marks."""
         prior, a = self._prior, self._a
         inner = a @ a.T + np.diag(1.0 / self._w)
-        half = a
+        half: NDArray[np.floating] = a
         if len(a):
             half = solve_triangular(np.linalg.cholesky(inner), a, lower=True, check_finite=False)
         known = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])

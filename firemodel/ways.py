@@ -57,7 +57,7 @@ class RatableEllipses:
     the wind in radians.
     """
 
-    rates_sd = np.array([0.7, 1.2, 1.0, 0.4])
+    rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
 
     first_rates = np.array(list(product((-0.5, 0.2, 1.0), (-1.5, 0.0), (0.0,), (-0.7, 0.0, 0.7))))
 
