@@ -41,6 +41,7 @@ STEPS, PARTS = 8, (1.0, 0.5, 0.25, 0.1)
 CHOSEN_AT = (1, 3)
 GOOD_ENOUGH = 1e-2  # what a step must gain, in ln of the posterior density
 SMALL_RATE = 1e-3  # for slopes
+MOST_LOG = 2.5  # of the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
@@ -101,7 +102,7 @@ class GaussianCorrected:
             self._field, self._diagonal_m = _empty_field(places)
             rates_sd, length_m = self._rated.rates_sd, LENGTHS[1] * self._diagonal_m
             self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
-            self._a = np.empty((0, len(rates_sd) + self._field.w.size))
+            self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
             self._w = np.empty(0)
         if len(self._held):
             self._fit(self._rated)
@@ -153,7 +154,7 @@ class GaussianCorrected:
         seen, z, score = self._start(fire, field, prior)
         for step in range(STEPS):
             of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
-            of_place = np.zeros((len(self._points), *field.w.shape))
+            of_place = np.zeros((len(self._points), *field.slower.shape))
             slopes(self._points, seen.ways.origin, seen.field, of_place)
             a = prior.white(of_rates, of_place)
             y = seen.observed - seen.expected + a @ z
@@ -184,7 +185,7 @@ class GaussianCorrected:
         """The best of a few rates."""
         found = []
         for rates in fire.first_rates:
-            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.w.size)])
+            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
             found.append(self._try(fire, field, prior, z))
         return min(found, key=lambda one: one[2])
 
@@ -192,7 +193,9 @@ class GaussianCorrected:
         self, fire: Ratable, field: Field, prior: _Prior, z: Floats
     ) -> tuple[_Look, Floats, float]:
         rates, w = prior.colour(z)
-        seen = self._look(fire.rated(rates), field._replace(w=w))
+        seen = self._look(
+            fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MOST_LOG, MOST_LOG)))
+        )
         miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
         return seen, z, 0.5 * float(z @ z) - miss
 
@@ -261,11 +264,11 @@ def _empty_field(places: Floats) -> tuple[Field, float]:
     low, high = low - margin_m, high + margin_m
     apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
     cols, rows = (int(count) for count in np.ceil((high - low) / apart_m) + 1)
-    return Field(float(low[0]), float(low[1]), apart_m, np.zeros((rows, cols))), diagonal_m
+    return Field(float(low[0]), float(low[1]), apart_m, np.ones((rows, cols))), diagonal_m
 
 
 def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior:
-    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.w.shape)
+    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.slower.shape)
     return _Prior(sd, length_m, rates_sd, rows, cols)
 
 
