@@ -37,9 +37,9 @@ FIELD_SDS = (0.2, 0.3, 0.4)
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
 SMALLEST_M = 100.0  # of that diagonal
 NODES = 32  # of the field along its longer side, at most
-STEPS, PARTS = 8, (1.0, 0.5, 0.25, 0.1)
-CHOSEN_AT = (1, 3)
-GOOD_ENOUGH = 1e-2  # what a step must gain, in ln of the posterior density
+STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
+CHOSEN_AT = 1
+GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
 SMALL_RATE = 1e-3  # for slopes
 MOST_LOG = 2.5  # of the field
 TAIL = 4.0  # degrees of freedom of Student's t
@@ -159,7 +159,7 @@ class GaussianCorrected:
             a = prior.white(of_rates, of_place)
             y = seen.observed - seen.expected + a @ z
             w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
-            if step in CHOSEN_AT:
+            if step == CHOSEN_AT:
                 prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
                 a = prior.white(of_rates, of_place)
                 score = math.inf

@@ -82,25 +82,22 @@ def draw_errors(path: Path, studies: list[Study]) -> None:
 
 def draw_fronts(path: Path, one: Study) -> None:
     """Fig. 11: true and simulated fronts at the end of the second segment."""
-    figure = Figure(figsize=(15.0, 5.6), dpi=100, layout="constrained")
+    figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     at_s = SHOWN_MIN * MINUTE_S
     number = int(np.argmin(np.abs(one.case.at_s - at_s)))
     marks = one.marks[one.marks[:, 2] <= at_s]
     west, south, east, north = unit_box()
     panels = figure.subplots(1, 3)
-    shown: list[tuple[str, str, Any, float]] = [
-        ("no corrections", "black", None, float(one.uncorrected_m[number]))
+    shown: list[tuple[str, Any, float]] = [
+        ("no corrections", None, float(one.uncorrected_m[number]))
     ]
-    shown += [
-        (LABELS[name], COLOURS[name], METHODS[name], float(one.errors_m[name][number]))
-        for name in METHODS
-    ]
-    for axes, (title, colour, method, error_m) in zip(panels, shown, strict=True):
+    shown += [(LABELS[name], METHODS[name], float(one.errors_m[name][number])) for name in METHODS]
+    for axes, (title, method, error_m) in zip(panels, shown, strict=True):
         front = front_points(arrival_s(one.case, marks, method), at_s, one.case.grid)
         true = one.case.fronts[number]
-        axes.plot(*(true - (west, south)).T, ".", color="#4a90d9", markersize=3, label="true front")
-        axes.plot(*(front - (west, south)).T, ".", color=colour, markersize=2, label="simulated")
+        axes.plot(*(true - (west, south)).T, ".", color="#0b3c8c", markersize=3, label="true front")
+        axes.plot(*(front - (west, south)).T, ".", color="#c62828", markersize=2, label="simulated")
         lit = one.case.model.sources  # type: ignore[attr-defined]
         lit = lit[lit[:, 2] <= at_s]
         axes.plot(*(lit[:, :2] - (west, south)).T, "x", color="#888888", markersize=3, label="lit")
