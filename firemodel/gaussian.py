@@ -37,10 +37,11 @@ FIELD_SDS = (0.2, 0.3, 0.4)
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
 SMALLEST_M = 100.0  # of that diagonal
 NODES = 32  # of the field along its longer side, at most
-STEPS, PARTS = 8, (1.0, 0.5, 0.25, 0.1)
-CHOSEN_AT = (1, 3)
-GOOD_ENOUGH = 1e-2  # what a step must gain, in ln of the posterior density
+STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
+CHOSEN_AT = 1
+GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
 SMALL_RATE = 1e-3  # for slopes
+MOST_LOG = 2.5  # of the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
@@ -101,7 +102,7 @@ class GaussianCorrected:
             self._field, self._diagonal_m = _empty_field(places)
             rates_sd, length_m = self._rated.rates_sd, LENGTHS[1] * self._diagonal_m
             self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
-            self._a = np.empty((0, len(rates_sd) + self._field.w.size))
+            self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
             self._w = np.empty(0)
         if len(self._held):
             self._fit(self._rated)
@@ -135,7 +136,7 @@ class GaussianCorrected:
         """Of rates and nodes (parameters, parameters), after the marks."""
         prior, a = self._prior, self._a
         inner = a @ a.T + np.diag(1.0 / self._w)
-        half = a
+        half: NDArray[np.floating] = a
         if len(a):
             half = solve_triangular(np.linalg.cholesky(inner), a, lower=True, check_finite=False)
         known = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])
@@ -153,12 +154,12 @@ class GaussianCorrected:
         seen, z, score = self._start(fire, field, prior)
         for step in range(STEPS):
             of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
-            of_place = np.zeros((len(self._points), *field.w.shape))
+            of_place = np.zeros((len(self._points), *field.slower.shape))
             slopes(self._points, seen.ways.origin, seen.field, of_place)
             a = prior.white(of_rates, of_place)
             y = seen.observed - seen.expected + a @ z
             w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
-            if step in CHOSEN_AT:
+            if step == CHOSEN_AT:
                 prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
                 a = prior.white(of_rates, of_place)
                 score = math.inf
@@ -184,7 +185,7 @@ class GaussianCorrected:
         """The best of a few rates."""
         found = []
         for rates in fire.first_rates:
-            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.w.size)])
+            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
             found.append(self._try(fire, field, prior, z))
         return min(found, key=lambda one: one[2])
 
@@ -192,7 +193,9 @@ class GaussianCorrected:
         self, fire: Ratable, field: Field, prior: _Prior, z: Floats
     ) -> tuple[_Look, Floats, float]:
         rates, w = prior.colour(z)
-        seen = self._look(fire.rated(rates), field._replace(w=w))
+        seen = self._look(
+            fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MOST_LOG, MOST_LOG)))
+        )
         miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
         return seen, z, 0.5 * float(z @ z) - miss
 
@@ -261,11 +264,11 @@ def _empty_field(places: Floats) -> tuple[Field, float]:
     low, high = low - margin_m, high + margin_m
     apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
     cols, rows = (int(count) for count in np.ceil((high - low) / apart_m) + 1)
-    return Field(float(low[0]), float(low[1]), apart_m, np.zeros((rows, cols))), diagonal_m
+    return Field(float(low[0]), float(low[1]), apart_m, np.ones((rows, cols))), diagonal_m
 
 
 def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior:
-    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.w.shape)
+    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.slower.shape)
     return _Prior(sd, length_m, rates_sd, rows, cols)
 
 

@@ -4,7 +4,6 @@ A way is taken as straight, from where fire was lit to the place.
 """
 
 import math
-from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -57,9 +56,17 @@ class RatableEllipses:
     the wind in radians.
     """
 
-    rates_sd = np.array([0.7, 1.2, 1.0, 0.4])
+    rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
 
-    first_rates = np.array(list(product((-0.5, 0.2, 1.0), (-1.5, 0.0), (0.0,), (-0.7, 0.0, 0.7))))
+    first_rates = np.array(
+        [
+            [0.0, 0.0, 0.0, 0.0],
+            [0.8, 0.0, 0.0, 0.0],
+            [0.0, -1.5, 0.0, 0.0],
+            [0.3, -0.5, 0.0, 0.5],
+            [0.3, -0.5, 0.0, -0.5],
+        ]
+    )
 
     def __init__(self, fire: EllipseFire) -> None:
         self.fire = fire
