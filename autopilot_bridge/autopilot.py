@@ -49,6 +49,9 @@ class Autopilot(Protocol):
     def change_speed(self, speed_m_s: float, now_us: int) -> object:
         """Airspeed of planes, ground speed of multirotors."""
 
+    def set_return_height(self, height_m: float, now_us: int) -> object:
+        """How high above home returns of a multirotor lead at least."""
+
     def climb_and_hold(
         self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
     ) -> object:

@@ -165,6 +165,11 @@ class VehicleClient:
         """Return to the launch place."""
         return self._order("return", orders.return_home(self._known_stack()), now_us, urgent=True)
 
+    def set_return_height(self, height_m: float, now_us: int) -> int:
+        """How high above home returns of a multirotor lead at least; sets its parameters."""
+        steps = orders.return_height(self._known_stack(), height_m)
+        return self._order("return height", steps, now_us)
+
     def land(self, now_us: int) -> int:
         """Land here; ArduPlane by the landing of its mission."""
         return self._order("land", orders.land(self._known_stack()), now_us, urgent=True)

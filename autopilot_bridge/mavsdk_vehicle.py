@@ -173,6 +173,10 @@ class MavsdkVehicle:
         """Not done through MAVSDK; outcome as CommandFinished."""
         self._tell(CommandFinished(now_us, "change speed", False, NO_ORDER))
 
+    def set_return_height(self, height_m: float, now_us: int) -> None:
+        """Not done through MAVSDK; outcome as CommandFinished."""
+        self._tell(CommandFinished(now_us, "return height", False, NO_ORDER))
+
     def climb_and_hold(
         self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
     ) -> None:

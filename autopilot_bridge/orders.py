@@ -99,6 +99,21 @@ def return_home(stack: Stack) -> Steps:
     return (stack.set_mode(stack.rtl_mode),)
 
 
+def return_height(stack: Stack, height_m: float) -> Steps:
+    """How high above home a return leads at least, for good; multirotors only.
+
+    As delivered ArduCopter returns at 15 m or as low as it flies, and PX4 lower the nearer it is to
+    home.
+    """
+    if stack.vehicle != "copter":
+        raise BridgeError("the height of returns is set for multirotors only")
+    if not 1.0 <= height_m <= 3000.0:
+        raise BridgeError(f"return at {height_m:g} m: take 1 to 3000 m above home")
+    if stack.name == "px4":
+        return SetParameter("RTL_RETURN_ALT", height_m), SetParameter("RTL_CONE_ANG", 0.0)
+    return (SetParameter("RTL_ALT", round(height_m * 100.0)),)
+
+
 def land(stack: Stack) -> Steps:
     """Land: here, but ArduPlane only by the landing of its mission (after its DO_LAND_START)."""
     if stack.name == "ardupilot" and stack.vehicle == "plane":

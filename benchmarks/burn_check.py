@@ -7,11 +7,11 @@ a point is inside a polygon, and how far from it, is worked out side by side.
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 from shapely.geometry.base import BaseGeometry
 
 from mission_service.burn.planner import LinePlan, Situation
@@ -97,23 +97,25 @@ def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> It
 
 def _of_places(plan: LinePlan, situation: Situation, settings: BurnSection) -> Iterator[str]:
     unit, path = situation.unit, plan.path
-    for leg, (one, other) in enumerate(pairwise(path)):
-        points = _samples(one, other)[:, :2]
-        if unit.fence is not None:
-            within, away = _inside(points, unit.fence)
-            if (~within & (away > NEAR_M)).any():
-                yield f"leg {leg} leaves the fence"
-        if min(one[2], other[2]) >= settings.safe_height_m - 1e-6:
-            continue
-        at_start = np.hypot(*(points - path[0, :2]).T).max() < 1e-6
-        if at_start:
-            continue  # straight up, or down to the drop height, where it is
-        within, away = _inside(points, unit.area)
-        if (~within & (away > NEAR_M)).any():
-            yield f"leg {leg} leaves the unit low"
-        for person in unit.people:
-            if (np.hypot(*(points - person[1:3]).T) < person.radius_m - NEAR_M).any():
-                yield f"leg {leg} is low at {person.name}"
+    legs = [_samples(one, other) for one, other in pairwise(path)]
+    number = np.repeat(np.arange(len(legs)), [len(leg) for leg in legs])
+    points = np.concatenate(legs)[:, :2]
+    if unit.fence is not None:
+        within, away = _inside(points, unit.fence)
+        for leg in np.unique(number[~within & (away > NEAR_M)]):
+            yield f"leg {leg} leaves the fence"
+    # Straight up, or down to the drop height, where it starts, is anywhere.
+    low = np.array([min(a, b) < settings.safe_height_m - 1e-6 for a, b in pairwise(path[:, 2])])
+    at_start = [np.hypot(*(leg[:, :2] - path[0, :2]).T).max() < 1e-6 for leg in legs]
+    low &= ~np.array(at_start)
+    points, number = points[low[number]], number[low[number]]
+    within, away = _inside(points, unit.area)
+    for leg in np.unique(number[~within & (away > NEAR_M)]):
+        yield f"leg {leg} leaves the unit low"
+    for person in unit.people:
+        near = np.hypot(*(points - person[1:3]).T) < person.radius_m - NEAR_M
+        for leg in np.unique(number[near]):
+            yield f"leg {leg} is low at {person.name}"
 
 
 def _of_fire(
@@ -195,18 +197,13 @@ def _around(legs: list[Floats], reach_m: float) -> Floats:
     """A fine grid of all within reach of some samples."""
     if not legs:
         return np.empty((0, 2))
-    width = math.ceil(reach_m / GRID_M)
-    across = np.arange(-width, width + 1)
-    offsets = np.stack([np.repeat(across, across.size), np.tile(across, across.size)], axis=1)
-    offsets = offsets[np.hypot(*offsets.T) <= width + 1.0]
-    middles = np.unique(np.round(np.concatenate(legs)[:, :2] / GRID_M).astype(np.int64), axis=0)
-    low = middles.min(axis=0) - width - 1
-    size = middles.max(axis=0) + width + 2 - low
-    seen = np.zeros(size, np.bool_)
-    for step in offsets:
-        at = middles + step - low
-        seen[at[:, 0], at[:, 1]] = True
-    found: Floats = (np.argwhere(seen) + low) * GRID_M
+    middles = np.round(np.concatenate(legs)[:, :2] / GRID_M).astype(np.int64)
+    width = math.ceil(reach_m / GRID_M) + 2
+    low = middles.min(axis=0) - width
+    away = np.ones(middles.max(axis=0) + width + 1 - low, np.bool_)
+    away[middles[:, 0] - low[0], middles[:, 1] - low[1]] = False
+    near = ndimage.distance_transform_edt(away) <= width
+    found: Floats = (np.argwhere(near) + low) * GRID_M
     return found
 
 
@@ -214,8 +211,7 @@ def _inside(points: Floats, area: BaseGeometry) -> tuple[NDArray[np.bool_], Floa
     """Whether points (n, 2) are inside, by counting crossings, and how far from its sides."""
     within, away = np.zeros(len(points), np.bool_), np.full(len(points), np.inf)
     for ring in shapely.get_rings(shapely.get_parts(area)):
-        corners: Any = shapely.get_coordinates(ring)
-        for (ax, ay), (bx, by) in pairwise(corners):
+        for (ax, ay), (bx, by) in pairwise(shapely.get_coordinates(ring).tolist()):
             crosses = (points[:, 1] < ay) != (points[:, 1] < by)
             with np.errstate(divide="ignore", invalid="ignore"):
                 at_x = ax + (points[:, 1] - ay) / (by - ay) * (bx - ax)

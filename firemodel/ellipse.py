@@ -20,14 +20,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipse_kernels import changing, steady
+from firemodel.ellipse_kernels import Bounds, changing, steady
 from firemodel.errors import FireModelError
 from firemodel.fuels import FUEL_MODELS
 from firemodel.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.tiles import Tiles, tiles_of
 from firemodel.weather import WeatherStream, wind_adjustment_factor
 
-STEADY_TILE, CHANGING_TILE = 64, 16  # points
+TILE = 64  # points
+DIRECTIONS = 12  # in which a source may be seen to come too late
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.int32]
@@ -128,9 +129,9 @@ class EllipseFire:
             to_plane, e = _plane(self.spreads[0])
             origin = self.sources[0, :2] if len(self.sources) else np.zeros(2)
             points = (np.asarray(points_m).reshape(-1, 2) - origin) @ to_plane
-            tiles = tiles_of(points, STEADY_TILE)
+            tiles = tiles_of(points, TILE)
         else:
-            tiles = tiles_of(points_m, CHANGING_TILE)
+            tiles = tiles_of(points_m, TILE)
         count, most = len(self.sources), tiles.levels + 1
         best_s = np.full(len(tiles.x), np.inf)
         first = np.full(len(tiles.x) if with_sources else 0, -1, dtype=np.int32)
@@ -146,8 +147,10 @@ class EllipseFire:
             steady(sources, e, tiles, kept, counts, at, np.empty(count), best_s, first)
         else:
             lit_in = np.searchsorted(self._table[:, 0], self.sources[:, 2], side="right") - 1
+            lit_in = np.maximum(lit_in, 0)
+            bounds = _bounds(self._table, self.sources[:, 2], lit_in)
             changing(
-                *(self.sources, np.maximum(lit_in, 0), self._table, tiles, kept, counts, at),
+                *(self.sources, lit_in, self._table, bounds, tiles, kept, counts, at),
                 *(np.zeros((count, 2)), best_s, first),
             )
         return _in_order(best_s, tiles), _in_order(first, tiles) if with_sources else first
@@ -193,6 +196,19 @@ def _table(spreads: Sequence[Spread]) -> Floats:
             )
         )
     return np.array([row for k, row in enumerate(rows) if not k or row[1:] != rows[k - 1][1:]])
+
+
+def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
+    """For sources lit at these times, in these periods."""
+    angles = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
+    nx, ny = np.cos(angles), np.sin(angles)
+    from_s, cx, cy, xx, xy, yy = table.T[:, :, None]
+    speeds = cx * nx + cy * ny + np.sqrt(xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny)
+    begins_m = np.zeros_like(speeds)
+    np.cumsum(speeds[:-1] * np.diff(from_s, axis=0), axis=0, out=begins_m[1:])
+    lit_m = begins_m[lit_in] + speeds[lit_in] * (lit_s[:, None] - from_s[lit_in])
+    last = np.zeros(len(lit_s), dtype=np.int64)
+    return Bounds(np.column_stack([nx, ny]), speeds, begins_m, lit_m, np.empty(DIRECTIONS), last)
 
 
 def _in_order(found: Any, tiles: Tiles) -> Any:

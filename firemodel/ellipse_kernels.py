@@ -6,8 +6,10 @@ it is not after the latest time of another there.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from firemodel.tiles import first_of
@@ -16,6 +18,23 @@ MOST_STEPS = 100
 WARM_STEPS = 5  # from where the last point was, before the safe way
 CLOSE = 1e-11  # part of the time by which an estimate may still be off
 SLACK = 1e-9  # part of the times by which a source may be behind another and is kept
+
+Floats = NDArray[np.float64]
+
+
+class Bounds(NamedTuple):
+    """How far fire goes in each of some directions: bounds that are quick to reckon.
+
+    Fire that is lit at no time at all has gone ``begins_m`` (periods, k) when a period begins; that
+    of a source is behind it by ``lit_m`` (sources, k), for all time.
+    """
+
+    normals: Floats  # (k, 2)
+    speeds: Floats  # (periods, k) m/s
+    begins_m: Floats
+    lit_m: Floats
+    limit_m: Floats  # (k) room for how far by a limit
+    last: NDArray[np.int64]  # (sources) room for the direction that last told
 
 
 @kernel
@@ -73,20 +92,22 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
             if at[level] != square:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
+        # Of their own, so that places count from 0 and several can be reckoned at once.
+        xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
             x, y, at_s = sources[number, 0], sources[number, 1], sources[number, 2]
             if first.size:
-                for place in range(begin, end):
-                    dx, dy = tiles.x[place] - x, tiles.y[place] - y
+                for place in range(xs.size):
+                    dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    if time < best[place]:
-                        best[place], first[place] = time, number
+                    if time < here[place]:
+                        here[place], first[begin + place] = time, number
             else:
-                for place in range(begin, end):
-                    dx, dy = tiles.x[place] - x, tiles.y[place] - y
+                for place in range(xs.size):
+                    dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    best[place] = min(best[place], time)
+                    here[place] = time if time < here[place] else here[place]
 
 
 # With wind that changes. A direction n is d + u m, m being d turned left, so that d·n = d·d.
@@ -117,27 +138,11 @@ def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _time_along(nx, ny, way, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
-    """When Σ τ h(n) comes to ``way``; or any time from the limit on."""
-    total, now = 0.0, at_s
-    for number in range(period, table.shape[0]):
-        if now >= limit_s:
-            return now
-        until = table[number + 1, 0] if number + 1 < table.shape[0] else math.inf
-        xx, xy, yy = table[number, 3], table[number, 4], table[number, 5]
-        if xx + yy > 0.0:
-            root = math.sqrt(xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny)
-            h = table[number, 1] * nx + table[number, 2] * ny + root
-            if total + h * (until - now) >= way:
-                return now + (way - total) / h
-            total += h * (until - now)
-        now = until
-    return math.inf
-
-
-@kernel
 def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
-    """When Σ τ h(n) comes to d·n: (time, h then, Σ τ h', Σ τ h''), by u; as ``_time_along``."""
+    """When Σ τ h(n) comes to d·n: (time, h then, Σ τ h', Σ τ h''), by u.
+
+    Or any time from the limit on.
+    """
     nx, ny = dx - u * dy, dy + u * dx
     way = dx * dx + dy * dy
     total, slope, curve, now = 0.0, 0.0, 0.0, at_s
@@ -177,11 +182,6 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
     warm = forward > 0.1 * (abs(nx) + abs(ny)) * (abs(dx) + abs(dy))
     if warm:
         u = (ny * dx - nx * dy) / forward
-        time = _time_along(
-            dx - u * dy, dy + u * dx, dx * dx + dy * dy, at_s, period, limit_s, table
-        )
-        if time >= limit_s:
-            return time, nx, ny
     time = at_s
     for step in range(MOST_STEPS):
         if step == (WARM_STEPS if warm else 0):
@@ -224,23 +224,58 @@ def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type:
 
 
 @kernel
+def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
+    """Set how far fire lit at no time at all goes by a limit, in each of the directions."""
+    period = table.shape[0] - 1
+    while period > 0 and table[period, 0] > limit_s:
+        period -= 1
+    since_s = limit_s - table[period, 0]
+    for k in range(bounds.limit_m.size):
+        speed = bounds.speeds[period, k]
+        bounds.limit_m[k] = bounds.begins_m[period, k] + (speed * since_s if speed > 0.0 else 0.0)
+
+
+@kernel
+def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
+    """Whether a source surely comes to all of a box after the limit set.
+
+    It does if in any one direction fire does not go so far in that time.
+    """
+    if sources[number, 2] > limit_s:
+        return True
+    dx, dy = x - sources[number, 0], y - sources[number, 1]
+    count = bounds.limit_m.size
+    for turn in range(count):
+        k = bounds.last[number] + turn
+        k = k - count if k >= count else k
+        nx, ny = bounds.normals[k, 0], bounds.normals[k, 1]
+        way = dx * nx + dy * ny - (half_x * abs(nx) + half_y * abs(ny))
+        if way > bounds.limit_m[k] - bounds.lit_m[number, k]:
+            bounds.last[number] = k
+            return True
+    return False
+
+
+@kernel
 def _keep_changing(  # type: ignore[no-untyped-def]
-    level, square, sources, periods, table, tiles, kept, counts, normals
+    level, square, sources, periods, table, bounds, tiles, kept, counts, normals
 ):
     """As ``_keep_steady``; the one that is first in the middle comes first.
 
-    What has burned from one source is convex: it has a square once it has its corners. Any n gives
-    a bound of another's earliest time there.
+    What has burned from one source is convex: it has a square once it has its corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)
     middle_s, winner = math.inf, 0
     for k in range(counts[parent]):
         number = kept[parent, k]
+        if middle_s < math.inf and _too_late(x, y, 0.0, 0.0, sources, number, middle_s, bounds):
+            continue
         source, period = sources[number], periods[number]
         time = _reach_from(x, y, source, period, middle_s, normals, number, table)
         if time < middle_s:
             middle_s, winner = time, k
+            _limit(middle_s, table, bounds)
     number = kept[parent, winner]
     latest = -math.inf
     for corner in range(4):
@@ -252,23 +287,24 @@ def _keep_changing(  # type: ignore[no-untyped-def]
         time, nx, ny = reach(dx, dy, at_s, period, math.inf, nx, ny, table)
         latest = max(latest, time)
     latest += SLACK * (1.0 + abs(latest))
+    if latest < math.inf:
+        _limit(latest, table, bounds)
     count = 0
     for place in range(counts[parent]):
         k = winner if place == 0 else (0 if place == winner else place)
         number = kept[parent, k]
-        nx, ny, at_s = normals[number, 0], normals[number, 1], sources[number, 2]
-        way = (x - sources[number, 0]) * nx + (y - sources[number, 1]) * ny
-        way -= half_x * abs(nx) + half_y * abs(ny)
-        if way > 0.0:
-            at_s = _time_along(nx, ny, way, at_s, periods[number], latest, table)
-        if at_s <= latest:
+        if latest == math.inf or not _too_late(
+            x, y, half_x, half_y, sources, number, latest, bounds
+        ):
             kept[level, count] = number
             count += 1
     counts[level] = count
 
 
 @kernel
-def changing(sources, periods, table, tiles, kept, counts, at, normals, best, first):  # type: ignore[no-untyped-def]
+def changing(  # type: ignore[no-untyped-def]
+    sources, periods, table, bounds, tiles, kept, counts, at, normals, best, first
+):
     """As ``steady``; ``periods`` are those in which the sources are lit, ``normals`` all 0."""
     for tile in range(tiles.begin.size - 2):
         begin, end = tiles.begin[tile], tiles.begin[tile + 1]
@@ -278,25 +314,22 @@ def changing(sources, periods, table, tiles, kept, counts, at, normals, best, fi
             square = tile >> (2 * (tiles.levels - level))
             if at[level] != square:
                 at[level] = square
-                _keep_changing(level, square, sources, periods, table, tiles, kept, counts, normals)
+                _keep_changing(
+                    level, square, sources, periods, table, bounds, tiles, kept, counts, normals
+                )
         candidates = kept[tiles.levels]
         for place in range(begin, end):
+            x, y = tiles.x[place], tiles.y[place]
             for k in range(counts[tiles.levels]):
-                number = candidates[k]
-                source, limit_s = sources[number], best[place]
-                if source[2] >= limit_s:
+                number, limit_s = candidates[k], best[place]
+                if limit_s < math.inf and _too_late(
+                    x, y, 0.0, 0.0, sources, number, limit_s, bounds
+                ):
                     continue
-                time = _reach_from(
-                    tiles.x[place],
-                    tiles.y[place],
-                    source,
-                    periods[number],
-                    limit_s,
-                    normals,
-                    number,
-                    table,
-                )
-                if time < best[place]:
+                source, period = sources[number], periods[number]
+                time = _reach_from(x, y, source, period, limit_s, normals, number, table)
+                if time < limit_s:
                     best[place] = time
+                    _limit(time, table, bounds)
                     if first.size:
                         first[place] = number

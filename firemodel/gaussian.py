@@ -6,339 +6,289 @@ needs e · mean(exp w) along it, and a mark, whenever it was made, says somethin
 behind it and, through what is alike, of what lies ahead. Fire so corrected never comes before it
 was lit, and always later further along its way.
 
-w is the sum of what a burn is wrong about:
-
-- rates and wind as they were set: factors on head, back and flank and a turn of the wind, of the
-  ellipse itself (``EllipseFire`` only);
-- fuel and ground: a field over places, of a length that the marks choose;
-- weather: what changes with time, for all directions alike and by direction (one sine).
-
-All have Gaussian priors and are found together (Gauss-Newton; MAP). A mark is as wrong as its place
-times the slowness there; one that burns is held as by Student's t, so that a few wrong ones do
-little, and one that is burned or unburned by the probability that it is true (Laplace's method).
-Prior sd and length of the field are the most likely of a few (marginal likelihood of the linearised
-regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
+What a burn is wrong about has Gaussian priors and is found together (Gauss-Newton, MAP): the
+simulation's rates and wind (``ways.Ratable``), and w as a field over places, for fuel and ground.
+A mark is as wrong as its place times the slowness there; one that burns is held as by Student's t,
+so that a few wrong ones do little, one that is burned or unburned by the probability that it is
+true (Laplace's method). The field's prior sd and length are the most likely of a few (marginal
+likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
 """
 
 import math
-from itertools import product
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
 
-from firemodel.compiled import kernel
 from firemodel.ellipse import EllipseFire
-from firemodel.errors import FireModelError
-from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.gaussian_kernels import Field, slopes, stretch, variances
+from firemodel.marks import BURNED, BURNING, UNBURNED
+from firemodel.ways import Ratable, RatableEllipses, Ways
 
-PIECES = 12  # of a way
 PLACE_SD_M = 6.0  # of a mark
 TIME_SD_S = 15.0
-LEAST_S = 30.0  # along a way; shorter ones say little
-LOG_SD = 0.05  # what no field explains
-RATES_SD = np.array([0.5, 0.35, 0.35, 0.6])  # ln of all, of head and of flank besides; turn in rad
-FIELD_SDS = (0.25, 0.5, 0.8)
-LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the diagonal of what is marked and lit
-WEATHER_SDS = (0.1, 0.3)
-WEATHER_S = 900.0
-STEPS = 5
+LEAST_S = 45.0  # along a way; shorter ones say little
+LOG_SD = 0.05  # of ln of the time along a way, of a mark
+UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its way around what is slow
+FIELD_SDS = (0.2, 0.3, 0.4)
+LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
+SMALLEST_M = 100.0  # of that diagonal
+NODES = 32  # of the field along its longer side, at most
+STEPS, PARTS = 8, (1.0, 0.5, 0.25, 0.1)
+CHOSEN_AT = (1, 3)
+GOOD_ENOUGH = 1e-2  # what a step must gain, in ln of the posterior density
+SMALL_RATE = 1e-3  # for slopes
 TAIL = 4.0  # degrees of freedom of Student's t
-MOST_LOG = 2.5
-NODES, TIMES = 36, 24  # of the fields, at most, along each axis
+
+EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
-class Ways(NamedTuple):
-    """How fire comes to n points: from ``origin`` (n, 2), lit at ``lit_s``, within ``takes_s``."""
+class _Prior(NamedTuple):
+    """Rates, then the field, as L z with z of unit variance."""
 
-    origin: Floats
-    lit_s: Floats
-    takes_s: Floats
+    sd: float
+    length_m: float
+    rates_sd: Floats
+    of_rows: Floats  # lower Cholesky factors
+    of_cols: Floats
 
+    def white(self, of_rates: Floats, of_place: Floats) -> Floats:
+        """A L of A = [of_rates (n, k), of_place (n, rows, cols)]: (n, parameters)."""
+        place = self.sd * (self.of_rows.T @ of_place @ self.of_cols)
+        return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
 
-class Field(NamedTuple):
-    """w over places (rows of y, columns of x) and over time (even, x, y)."""
-
-    west_m: float
-    south_m: float
-    apart_m: float
-    of_place: Floats  # (rows, cols), row 0 in the south
-    from_s: float
-    apart_s: float
-    of_time: Floats  # (3, times)
-
-
-def firsts(fire: EllipseFire, points: Floats) -> tuple[Floats, Floats]:
-    """Time of ignition (n,) and the source (n, 3) it comes from, the first where fire never comes."""
-    time_s, number = fire._burned(points, with_sources=True)
-    return time_s, fire.sources[np.maximum(number, 0)]
+    def colour(self, z: Floats) -> tuple[Floats, Floats]:
+        """Rates (k,) and w (rows, cols)."""
+        k = len(self.rates_sd)
+        place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
+        return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
 
 
-@kernel
-def _cell(x, apart, count):  # type: ignore[no-untyped-def]
-    """Node below and share of the one above; held at the ends."""
-    at = min(max(x / apart, 0.0), count - 1.0)
-    node = min(int(at), count - 2)
-    return node, at - node
+class _Look(NamedTuple):
+    """The marks as seen from some rates and field."""
 
-
-@kernel
-def _w(x, y, at_s, to_x, to_y, field):  # type: ignore[no-untyped-def]
-    rows, cols = field.of_place.shape
-    col, right = _cell(x - field.west_m, field.apart_m, cols)
-    row, up = _cell(y - field.south_m, field.apart_m, rows)
-    f = field.of_place
-    found = (1.0 - up) * ((1.0 - right) * f[row, col] + right * f[row, col + 1]) + up * (
-        (1.0 - right) * f[row + 1, col] + right * f[row + 1, col + 1]
-    )
-    t = field.of_time
-    node, late = _cell(at_s - field.from_s, field.apart_s, t.shape[1])
-    early = 1.0 - late
-    found += early * t[0, node] + late * t[0, node + 1]
-    found += to_x * (early * t[1, node] + late * t[1, node + 1])
-    found += to_y * (early * t[2, node] + late * t[2, node + 1])
-    return min(max(found, -MOST_LOG), MOST_LOG)
-
-
-@kernel
-def _stretch(points, origin, lit_s, takes_s, field, found):  # type: ignore[no-untyped-def]
-    """mean(exp w) along each way."""
-    for place in range(points.shape[0]):
-        dx, dy = points[place, 0] - origin[place, 0], points[place, 1] - origin[place, 1]
-        length = math.sqrt(dx * dx + dy * dy)
-        to_x, to_y = (dx / length, dy / length) if length > 0.0 else (0.0, 0.0)
-        total = 0.0
-        for piece in range(PIECES):
-            part = (piece + 0.5) / PIECES
-            total += math.exp(
-                _w(
-                    origin[place, 0] + part * dx,
-                    origin[place, 1] + part * dy,
-                    lit_s[place] + part * takes_s[place],
-                    to_x,
-                    to_y,
-                    field,
-                )
-            )
-        found[place] = total / PIECES
-
-
-@kernel
-def _slopes(points, origin, lit_s, takes_s, field, of_place, of_time):  # type: ignore[no-untyped-def]
-    """d ln mean(exp w) by each node: of_place (n, rows, cols), of_time (n, 3, times), from 0."""
-    rows, cols = field.of_place.shape
-    times = field.of_time.shape[1]
-    for place in range(points.shape[0]):
-        dx, dy = points[place, 0] - origin[place, 0], points[place, 1] - origin[place, 1]
-        length = math.sqrt(dx * dx + dy * dy)
-        to_x, to_y = (dx / length, dy / length) if length > 0.0 else (0.0, 0.0)
-        total = 0.0
-        for second in range(2):
-            for piece in range(PIECES):
-                part = (piece + 0.5) / PIECES
-                x, y = origin[place, 0] + part * dx, origin[place, 1] + part * dy
-                at_s = lit_s[place] + part * takes_s[place]
-                share = math.exp(_w(x, y, at_s, to_x, to_y, field))
-                if second == 0:
-                    total += share
-                    continue
-                share /= total
-                col, right = _cell(x - field.west_m, field.apart_m, cols)
-                row, up = _cell(y - field.south_m, field.apart_m, rows)
-                of_place[place, row, col] += share * (1.0 - up) * (1.0 - right)
-                of_place[place, row, col + 1] += share * (1.0 - up) * right
-                of_place[place, row + 1, col] += share * up * (1.0 - right)
-                of_place[place, row + 1, col + 1] += share * up * right
-                node, late = _cell(at_s - field.from_s, field.apart_s, times)
-                of_time[place, 0, node] += share * (1.0 - late)
-                of_time[place, 0, node + 1] += share * late
-                of_time[place, 1, node] += share * (1.0 - late) * to_x
-                of_time[place, 1, node + 1] += share * late * to_x
-                of_time[place, 2, node] += share * (1.0 - late) * to_y
-                of_time[place, 2, node + 1] += share * late * to_y
-
-
-def refitted(fire: EllipseFire, rates: Floats) -> EllipseFire:
-    """The fire with other rates and wind: ln of all, of head and of flank besides; turn in rad."""
-    every, head, flank, turn_rad = rates
-    return EllipseFire(
-        [
-            spread._replace(
-                head_m_s=spread.head_m_s * math.exp(every + head),
-                back_m_s=spread.back_m_s * math.exp(every),
-                flank_m_s=spread.flank_m_s * math.exp(every + flank),
-                toward_rad=spread.toward_rad + turn_rad,
-            )
-            for spread in fire.spreads
-        ],
-        fire.sources,
-    )
-
-
-class _State(NamedTuple):
-    """Where the regression stands: the fire refitted, w, and the marks seen from there."""
-
-    rates: Floats
+    fire: Ratable
     field: Field
-    fire: EllipseFire
     ways: Ways
-    found_s: Floats  # along the way, corrected
-    sd: Floats  # of ln of the time along the way
-    observed: Floats  # ln of it
-    given: Floats  # and as found
+    expected: Floats  # ln of the time along the way
+    observed: Floats
+    sd: Floats  # of observed
 
 
 class GaussianCorrected:
-    """An ``EllipseFire`` with marks (n, 4) x, y, at_s, state."""
+    """A fire with marks (n, 4) x, y, at_s, state; without marks exactly the fire itself.
 
-    def __init__(self, fire: EllipseFire, marks: Floats, *, place_sd_m: float = PLACE_SD_M) -> None:
-        self.fire = fire
+    Its time grows with n³: some hundred marks. Marks where fire never comes by the simulation are
+    left out: such fire has a source that must be added to it.
+    """
+
+    def __init__(
+        self, fire: EllipseFire | Ratable, marks: Floats, *, place_sd_m: float = PLACE_SD_M
+    ) -> None:
+        self.fire, self.place_sd_m = fire, place_sd_m
         self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
-        self.place_sd_m = place_sd_m
-        self._at = None
-        if len(self.marks) and len(fire.sources):
-            self._fit()
-
-    # --- regression
-
-    def _look(self, rates: Floats, field: Field) -> _State:
-        marks = self.marks
-        fire = refitted(self.fire, rates)
-        points = np.ascontiguousarray(marks[:, :2])
-        time_s, lit = firsts(fire, points)
-        ways = Ways(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
-        stretch = np.empty(len(marks))
-        _stretch(points, *ways, field, stretch)
-        beside = np.concatenate([points + (1.0, 0.0), points + (0.0, 1.0)])
-        east_s, north_s = fire.ignition_time_s(beside).reshape(2, -1)
-        slowness = np.hypot(east_s - time_s, north_s - time_s) * stretch
-        found_s = np.maximum(ways.takes_s * stretch, LEAST_S)
-        observed_s = np.maximum(marks[:, 2] - ways.lit_s, LEAST_S)
-        near_s = np.maximum(0.5 * (found_s + observed_s), LEAST_S)
-        sd = np.sqrt(
-            (np.square(self.place_sd_m * slowness) + TIME_SD_S**2) / np.square(near_s) + LOG_SD**2
-        )
-        return _State(rates, field, fire, ways, found_s, sd, np.log(observed_s), np.log(found_s))
-
-    def _rates_slopes(self, state: _State) -> Floats:
-        points = np.ascontiguousarray(self.marks[:, :2])
-        found = np.empty((len(points), 4))
-        for number in range(4):
-            step = np.zeros(4)
-            step[number] = 1e-3
-            time_s = refitted(self.fire, state.rates + step).ignition_time_s(points)
-            takes_s = np.maximum(time_s - state.ways.lit_s, 1e-3)
-            before_s = np.maximum(state.ways.takes_s, 1e-3)
-            found[:, number] = np.log(takes_s / before_s) / 1e-3
-        return found
-
-    def _fit(self) -> None:
-        field, diagonal_m = self._empty_field()
-        state = self._look(np.zeros(4), field)
-        rows, cols = field.of_place.shape
-        times = field.of_time.shape[1]
-        points = np.ascontiguousarray(self.marks[:, :2])
-        theta = np.zeros(4 + rows * cols + 3 * times)
-        chosen = (0.5, diagonal_m * LENGTHS[1], 0.1)
-        for step in range(STEPS):
-            of_place = np.zeros((len(points), rows, cols))
-            of_time = np.zeros((len(points), 3, times))
-            _slopes(points, *state.ways, state.field, of_place, of_time)
-            of_rates = self._rates_slopes(state)
-            a = np.concatenate(
-                [of_rates, of_place.reshape(len(points), -1), of_time.reshape(len(points), -1)],
-                axis=1,
-            )
-            y = state.observed - state.given + a @ theta
-            w, b = _likelihood(self.marks[:, 3], y, state.sd, a @ theta)
-            if step == 1 or step == 3:
-                chosen = self._choose(field, of_rates, of_place, of_time, w, b, diagonal_m)
-            pa = _prior_times(field, chosen, of_rates, of_place, of_time)
-            k = a @ pa
-            f = a @ theta
-            for _ in range(4):
-                w, b = _likelihood(self.marks[:, 3], y, state.sd, f)
-                f, alpha = _solve(k, w, b)
-            theta = pa @ alpha
-            state = self._look(
-                theta[:4],
-                field._replace(
-                    of_place=theta[4 : 4 + rows * cols].reshape(rows, cols),
-                    of_time=theta[4 + rows * cols :].reshape(3, times),
-                ),
-            )
-        self._at = state
-        self.chosen = chosen
-        self._posterior = (a, pa, k, w)
-
-    def _empty_field(self) -> tuple[Field, float]:
-        places = np.concatenate([self.marks[:, :2], self.fire.sources[:, :2]])
-        low, high = places.min(axis=0), places.max(axis=0)
-        diagonal_m = max(float(np.hypot(*(high - low))), 100.0)
-        diagonal_m = 2.0 ** round(math.log2(diagonal_m) * 2) ** 1 if False else diagonal_m
-        margin_m = 2.0 * LENGTHS[1] * diagonal_m
-        low, high = low - margin_m, high + margin_m
-        apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
-        cols, rows = (int(n) for n in np.ceil((high - low) / apart_m) + 1)
-        from_s = float(self.fire.sources[:, 2].min())
-        until_s = max(float(self.marks[:, 2].max()) + 2.0 * WEATHER_S, from_s + WEATHER_S)
-        times = int(min(TIMES, math.ceil((until_s - from_s) / (WEATHER_S / 3.0)) + 1))
-        return Field(
-            float(low[0]),
-            float(low[1]),
-            apart_m,
-            np.zeros((rows, cols)),
-            from_s,
-            (until_s - from_s) / (times - 1),
-            np.zeros((3, times)),
-        ), diagonal_m
-
-    def _choose(self, field, of_rates, of_place, of_time, w, b, diagonal_m):
-        burning = self.marks[:, 3] == BURNING
-        if burning.sum() < 3:
-            return (0.5, diagonal_m * LENGTHS[1], 0.1)
-        y, sd2 = (b / w)[burning], 1.0 / w[burning]
-        of_rates, of_place, of_time = of_rates[burning], of_place[burning], of_time[burning]
-        k_rates = (of_rates * RATES_SD**2) @ of_rates.T
-        flat_time = of_time.reshape(len(y), -1)
-        k_time = flat_time @ _times_prior(field, of_time).reshape(len(y), -1).T
-        best, found = -math.inf, None
-        for length in LENGTHS:
-            k_place = of_place.reshape(len(y), -1) @ (
-                _places_prior(field, length * diagonal_m, of_place).reshape(len(y), -1).T
-            )
-            for sd, weather_sd in product(FIELD_SDS, WEATHER_SDS):
-                k = k_rates + sd**2 * k_place + weather_sd**2 * k_time + np.diag(sd2)
-                factor = cho_factor(k, lower=True, check_finite=False)
-                score = -0.5 * y @ cho_solve(factor, y, check_finite=False)
-                score -= np.log(np.diag(factor[0])).sum()
-                score -= 0.5 * (math.log(sd / 0.5) / 0.5) ** 2
-                if score > best:
-                    best, found = score, (sd, length * diagonal_m, weather_sd)
-        return found
-
-    # --- prediction
+        come = np.isfinite(fire.ignition_time_s(self.marks[:, :2]))
+        self._held = self.marks[come]
+        self._points = np.ascontiguousarray(self._held[:, :2])
+        self._rated = RatableEllipses(fire) if isinstance(fire, EllipseFire) else fire
+        if len(self._rated.places()):
+            places = np.concatenate([self._points, self._rated.places()])
+            self._field, self._diagonal_m = _empty_field(places)
+            rates_sd, length_m = self._rated.rates_sd, LENGTHS[1] * self._diagonal_m
+            self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
+            self._a = np.empty((0, len(rates_sd) + self._field.w.size))
+            self._w = np.empty(0)
+        if len(self._held):
+            self._fit(self._rated)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
-        if self._at is None:
+        if not len(self._held):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        fire, field = self._at.fire, self._at.field
-        time_s, lit = firsts(fire, points)
-        takes_s = time_s - lit[:, 2]
-        stretch = np.empty(len(points))
-        _stretch(points, lit[:, :2].copy(), lit[:, 2].copy(), takes_s, field, stretch)
-        return lit[:, 2] + takes_s * stretch
+        ways = self._rated.ways(points)
+        found = np.empty(len(points))
+        stretch(points, ways.origin, self._field, found)
+        return ways.lit_s + ways.takes_s * found
+
+    def sd_s(self, points_m: Floats) -> Floats:
+        """Standard deviation of that time (n,), of the fire itself; infinity for never."""
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        if not len(self._rated.places()):
+            return np.full(len(points), np.inf)
+        ways = self._rated.ways(points)
+        of_rates = _rates_slopes(self._rated, points, ways)
+        slower, variance = np.empty(len(points)), np.empty(len(points))
+        stretch(points, ways.origin, self._field, slower)
+        variances(points, ways.origin, of_rates, self._field, self._covariance, variance)
+        sd = np.sqrt(np.maximum(variance, 0.0) + UNEXPLAINED_SD**2)
+        found: Floats = np.where(np.isinf(ways.takes_s), np.inf, ways.takes_s * slower * sd)
+        return found
+
+    @cached_property
+    def _covariance(self) -> Floats:
+        """Of rates and nodes (parameters, parameters), after the marks."""
+        prior, a = self._prior, self._a
+        inner = a @ a.T + np.diag(1.0 / self._w)
+        half = a
+        if len(a):
+            half = solve_triangular(np.linalg.cholesky(inner), a, lower=True, check_finite=False)
+        known = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])
+        found = np.zeros((a.shape[1], a.shape[1]))
+        k = len(prior.rates_sd)
+        np.fill_diagonal(found[:k, :k], np.square(prior.rates_sd))
+        grams = (factor @ factor.T for factor in (prior.of_rows, prior.of_cols))
+        found[k:, k:] = prior.sd**2 * np.kron(*grams)
+        known = known.reshape(-1, a.shape[1])
+        found -= known.T @ known
+        return found
+
+    def _fit(self, fire: Ratable) -> None:
+        field, prior, diagonal_m = self._field, self._prior, self._diagonal_m
+        seen, z, score = self._start(fire, field, prior)
+        for step in range(STEPS):
+            of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
+            of_place = np.zeros((len(self._points), *field.w.shape))
+            slopes(self._points, seen.ways.origin, seen.field, of_place)
+            a = prior.white(of_rates, of_place)
+            y = seen.observed - seen.expected + a @ z
+            w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
+            if step in CHOSEN_AT:
+                prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
+                a = prior.white(of_rates, of_place)
+                score = math.inf
+            k, f = a @ a.T, a @ z
+            for _ in range(4):
+                w, b = _curvature(self._held[:, 3], y, seen.sd, f)
+                f, alpha = _mode(k, w, b)
+            towards = a.T @ alpha - z
+            tried = [self._try(fire, field, prior, z + part * towards) for part in PARTS[:1]]
+            for part in PARTS[1:]:
+                if tried[-1][2] <= score:
+                    break
+                tried.append(self._try(fire, field, prior, z + part * towards))
+            before, (seen, z, after) = score, min(tried, key=lambda one: one[2])
+            score = after
+            if abs(before - after) < GOOD_ENOUGH:
+                break
+        self._rated, self._field, self._prior = seen.fire, seen.field, prior
+        self.rates = prior.colour(z)[0]
+        self._a, self._w = a, w
+
+    def _start(self, fire: Ratable, field: Field, prior: _Prior) -> tuple[_Look, Floats, float]:
+        """The best of a few rates."""
+        found = []
+        for rates in fire.first_rates:
+            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.w.size)])
+            found.append(self._try(fire, field, prior, z))
+        return min(found, key=lambda one: one[2])
+
+    def _try(
+        self, fire: Ratable, field: Field, prior: _Prior, z: Floats
+    ) -> tuple[_Look, Floats, float]:
+        rates, w = prior.colour(z)
+        seen = self._look(fire.rated(rates), field._replace(w=w))
+        miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
+        return seen, z, 0.5 * float(z @ z) - miss
+
+    def _look(self, fire: Ratable, field: Field) -> _Look:
+        points, n = self._points, len(self._points)
+        ways = fire.ways(np.concatenate([points, points + EAST, points + NORTH]))
+        slower = np.empty(n)
+        here = Ways(*(part[:n] for part in ways))
+        stretch(points, here.origin, field, slower)
+        time_s, east_s, north_s = (ways.lit_s + ways.takes_s).reshape(3, n)
+        slowness_s_m = np.hypot(east_s - time_s, north_s - time_s) * slower
+        expected_s = np.maximum(here.takes_s * slower, LEAST_S)
+        observed_s = np.maximum(self._held[:, 2] - here.lit_s, LEAST_S)
+        error_s2 = np.square(self.place_sd_m * slowness_s_m) + TIME_SD_S**2
+        sd = np.sqrt(error_s2 / np.square(0.5 * (expected_s + observed_s)) + LOG_SD**2)
+        return _Look(fire, field, here, np.log(expected_s), np.log(observed_s), sd)
+
+    def _choose(
+        self,
+        fire: Ratable,
+        field: Field,
+        diagonal_m: float,
+        of_rates: Floats,
+        of_place: Floats,
+        w: Floats,
+        b: Floats,
+        given: _Prior,
+    ) -> _Prior:
+        """The prior under which the marks that burn are the most likely."""
+        burning = self._held[:, 3] == BURNING
+        if np.count_nonzero(burning) < 3:
+            return given
+        y, sd2 = (b / w)[burning], 1.0 / w[burning]
+        scaled = of_rates[burning] * fire.rates_sd
+        rest = scaled @ scaled.T + np.diag(sd2)
+        found = []
+        for length in LENGTHS:
+            prior = _prior(fire.rates_sd, field, 1.0, length * diagonal_m)
+            place = prior.white(of_rates[burning], of_place[burning])[:, len(fire.rates_sd) :]
+            k_place = place @ place.T
+            for sd in FIELD_SDS:
+                factor, _ = cho_factor(rest + sd**2 * k_place, lower=True, check_finite=False)
+                half = solve_triangular(factor, y, lower=True, check_finite=False)
+                score = -0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+                found.append((score, prior._replace(sd=sd)))
+        return max(found, key=lambda one: one[0])[1]
 
 
-def _likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Curvature w and w f + slope of the log likelihood of each mark at f."""
+def _rates_slopes(fire: Ratable, points: Floats, ways: Ways) -> Floats:
+    """Of ln of the time along the way by further rates (n, k)."""
+    found = np.empty((len(points), len(fire.rates_sd)))
+    before_s = np.maximum(ways.takes_s, 1.0)
+    for number in range(found.shape[1]):
+        step = np.where(np.arange(found.shape[1]) == number, SMALL_RATE, 0.0)
+        other_s = fire.rated(step).ignition_time_s(points) - ways.lit_s
+        with np.errstate(invalid="ignore"):
+            found[:, number] = np.log(np.maximum(other_s, 1.0) / before_s) / SMALL_RATE
+    return found
+
+
+def _empty_field(places: Floats) -> tuple[Field, float]:
+    """Around places (k, 2), and their diagonal in metres."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    diagonal_m = max(float(np.hypot(*(high - low))), SMALLEST_M)
+    margin_m = 2.0 * LENGTHS[1] * diagonal_m
+    low, high = low - margin_m, high + margin_m
+    apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
+    cols, rows = (int(count) for count in np.ceil((high - low) / apart_m) + 1)
+    return Field(float(low[0]), float(low[1]), apart_m, np.zeros((rows, cols))), diagonal_m
+
+
+def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior:
+    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.w.shape)
+    return _Prior(sd, length_m, rates_sd, rows, cols)
+
+
+def _factor(count: int, apart: float) -> Floats:
+    """Cholesky factor of a squared exponential between places in a row, ``apart`` lengths."""
+    at = np.arange(count) * apart
+    squares = np.square(at[:, None] - at)
+    factor: Floats = np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count))
+    return factor
+
+
+def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
+    r = (y - f) / sd
+    each = -0.5 * (TAIL + 1.0) * np.log1p(r * r / TAIL) - np.log(sd)
+    each = np.where(state == BURNED, log_ndtr(r), each)
+    return float(np.where(state == UNBURNED, log_ndtr(-r), each).sum())
+
+
+def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
+    """Of each mark's log likelihood at f: curvature w, and w f + slope.
+
+    Of Student's t the curvature is that of the Gaussian which touches it at f.
+    """
     r = y - f
     w = (TAIL + 1.0) / (TAIL * sd * sd + r * r)
     b = w * y
@@ -351,39 +301,10 @@ def _likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats
     return w, b
 
 
-def _solve(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """(f, alpha) with f = k alpha, at the top of the Gaussian of curvature w and w f = b."""
+def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """(f, alpha), f = k alpha, where the Gaussian prior k meets b - w f."""
     root = np.sqrt(w)
-    m = np.eye(len(w)) + root[:, None] * k * root
-    factor = cho_factor(m, lower=True, check_finite=False)
+    inner = np.eye(len(w)) + root[:, None] * k * root
+    factor = cho_factor(inner, lower=True, check_finite=False)
     alpha = b - root * cho_solve(factor, root * (k @ b), check_finite=False)
     return k @ alpha, alpha
-
-
-def _gram(count: int, apart: float, length: float) -> Floats:
-    at = np.arange(count) * apart
-    return np.exp(-0.5 * np.square((at[:, None] - at) / length))
-
-
-def _places_prior(field: Field, length_m: float, of_place: Floats) -> Floats:
-    rows, cols = field.of_place.shape
-    return _gram(rows, field.apart_m, length_m) @ of_place @ _gram(cols, field.apart_m, length_m)
-
-
-def _times_prior(field: Field, of_time: Floats) -> Floats:
-    times = field.of_time.shape[1]
-    return of_time @ _gram(times, field.apart_s, WEATHER_S)
-
-
-def _prior_times(field, chosen, of_rates, of_place, of_time) -> Floats:
-    """P a' (parameters, n)."""
-    sd, length_m, weather_sd = chosen
-    n = len(of_rates)
-    return np.concatenate(
-        [
-            of_rates * RATES_SD**2,
-            sd**2 * _places_prior(field, length_m, of_place).reshape(n, -1),
-            weather_sd**2 * _times_prior(field, of_time).reshape(n, -1),
-        ],
-        axis=1,
-    ).T

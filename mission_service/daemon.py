@@ -16,6 +16,7 @@ from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
 from autopilot_bridge.rates import RatesHz
 from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
+from mission_service.burn.mission import return_height_m
 from mission_service.burn_flight import BurnFlight
 from mission_service.burn_preview import warm_up as warm_up_burn
 from mission_service.commands import Announce
@@ -104,7 +105,13 @@ async def serve(
             client, connection = _client_of(
                 section, rates_hz(scenario), tlog, signing, len(connections)
             )
-            gateways[section.name] = Gateway(section.name, client, clock, dropper_of(scenario))
+            gateways[section.name] = Gateway(
+                section.name,
+                client,
+                clock,
+                dropper_of(scenario),
+                return_height_m(scenario, landscape),
+            )
             connections.append(await stack.enter_async_context(connection))
             refusals.append(Refusals(section.link, section.system_id, signing))
         cut_off = unfinished(journal_path, scenario, digest)

@@ -125,13 +125,22 @@ class Gateway:
     """Translates one client's events and carries out the core's commands for its vehicle."""
 
     def __init__(
-        self, name: str, client: Autopilot, clock: MissionClock, dropper: Dropper | None = None
+        self,
+        name: str,
+        client: Autopilot,
+        clock: MissionClock,
+        dropper: Dropper | None = None,
+        return_height_m: float | None = None,
     ) -> None:
-        """Without a ``dropper`` every drop is refused."""
+        """Without a ``dropper`` every drop is refused.
+
+        ``return_height_m`` above home is set on the vehicle when it is heard.
+        """
         self.name = name
         self.client = client
         self._clock = clock
         self._dropper = dropper
+        self._return_height_m = return_height_m
         self._drops: dict[int, Drop] = {}  # under way, by the client's number
         self._told: deque[VehicleEvent] = deque()  # without the client
         self._battery_pct: dict[int, float] = {}
@@ -235,6 +244,8 @@ class Gateway:
                 )
             case bridge.Connected():
                 stack = event.stack
+                if self._return_height_m is not None:
+                    self.client.set_return_height(self._return_height_m, link_us)
                 return VehicleConnected(
                     now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload
                 )

@@ -11,6 +11,7 @@ from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
 from firemodel.weather import Weather
+from mission_service.burn.mission import return_height_m
 from mission_service.config import Scenario
 from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
@@ -71,7 +72,13 @@ class Rig:
         self._clock = clock
         self._weather = weather_of(scenario) if scenario.fly_in_wind else None
         self._entry: Weather | None = None
-        self.gateway = Gateway(section.name, self.client, clock, dropper_of(scenario))
+        self.gateway = Gateway(
+            section.name,
+            self.client,
+            clock,
+            dropper_of(scenario),
+            return_height_m(scenario, landscape),
+        )
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)
 

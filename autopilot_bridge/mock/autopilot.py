@@ -3,6 +3,8 @@
 The time it is given is its simulation clock; ``time_boot_ms`` counts from the first time it sees.
 """
 
+from dataclasses import replace
+
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message
@@ -24,6 +26,11 @@ from autopilot_bridge.mock.telemetry import Telemetry
 from autopilot_bridge.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
+# As delivered: WPNAV_SPEED_UP and _DN; MPC_Z_V_AUTO_UP and _DN.
+LIMITS = {
+    ("ardupilot", "copter"): Limits(climb_m_s=2.5, sink_m_s=1.5),
+    ("px4", "copter"): Limits(climb_m_s=3.0, sink_m_s=1.5),
+}
 # A process that was held up does not try to make up for more than this at once.
 MOST_STEPS_AT_ONCE = 4000
 
@@ -46,7 +53,10 @@ class MockAutopilot:
     ) -> None:
         self.stack = stack
         frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
-        self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s), wind, terrain)
+        limits = replace(
+            LIMITS.get((stack.name, stack.vehicle), Limits()), airspeed_m_s=airspeed_m_s
+        )
+        self.flight = Flight(stack, frame, limits, wind, terrain)
         if battery_minutes is not None:
             self.flight.battery = Battery(100.0, battery_minutes * 60.0)
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
@@ -63,6 +73,7 @@ class MockAutopilot:
         self._steps = 0
         self.intervals = Intervals(stack)
         self.parameters = ParameterServer(stack)
+        self.flight.return_m = self.parameters.return_m
         self.telemetry = Telemetry(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
@@ -141,6 +152,7 @@ class MockAutopilot:
     def reboot(self, now_us: int) -> None:
         """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
         self.flight = self.flight.rebooted()
+        self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
         self.telemetry.forget()
         self.intervals.reset()
@@ -167,6 +179,7 @@ class MockAutopilot:
             self.ftp.receive(message, now_us)
         elif kind.startswith("PARAM_"):
             self._send(*self.parameters.receive(message))
+            self.flight.return_m = self.parameters.return_m
         elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
             self._take_over()

@@ -29,8 +29,6 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
-HIGH_ENOUGH_M = 1.5
-RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
 # How long a copter flies on without satellites before it lands where it believes to be, as the
 # stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -71,6 +69,7 @@ class Flight(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+    return_m: float = 60.0  # a copter's least height on its way home
     orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
@@ -150,8 +149,13 @@ class Flight(Body):
     def change_speed(self, kind: int, speed_m_s: float) -> bool:
         """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
 
-        Planes take an airspeed within their limits and fly no ground speed.
+        Planes take an airspeed within their limits and fly no ground speed. ArduCopter takes 2 and
+        3 too, its speeds up and down.
         """
+        if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
+            change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}
+            self.limits = replace(self.limits, **change)
+            return True
         if speed_m_s == -2.0:
             speed_m_s = self._cruise_m_s
         plane = self.stack.vehicle == "plane"
@@ -239,12 +243,14 @@ class Flight(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
+        """One after the other, within milliseconds (seen), unless one is to wait."""
         assert self.target is not None
-        if now_s <= self._wait_until_s:
-            return
-        if self.distance(self.frame.local(self.target.item)) <= self._wait_within_m:
+        left_m = self.distance(self.frame.local(self.target.item))
+        may_run = self._wait_until_s < now_s
+        while self._waiting and may_run and left_m <= self._wait_within_m:
             self._wait_within_m = math.inf
             self._run(self._waiting.popleft(), now_s)
+            may_run = self._wait_until_s <= now_s
 
     def _fly(self, target: Target, now_s: float) -> None:
         item = target.item
@@ -363,7 +369,11 @@ class Flight(Body):
             self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
             return now_s - target.arrived_at_s >= hold_s
         if self.stack.vehicle == "copter":
-            there = self._straight(target, place, altitude_m, hold_s > 0.0)
+            stop = hold_s > 0.0
+            near_m = acceptance_m(item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
+            rise_m = altitude_m - target.begun_amsl_m
+            rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
+            there = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
         else:
             self.follow(target.leg_start, place, altitude_m)
             there = self._past(target, place)
@@ -371,26 +381,6 @@ class Flight(Body):
             target.arrived_at_s = now_s
             return False
         return there
-
-    def _straight(self, target: Target, place: Place, altitude_m: float, stop: bool) -> bool:
-        """A copter's step along the straight line to a waypoint; whether it is there.
-
-        It is as slow as climbing or sinking along the line needs, and goes straight up or down to
-        what lies above or below it.
-        """
-        length_m, left_m = math.dist(target.leg_start, place), self.distance(place)
-        rise_m, limits = altitude_m - target.begun_amsl_m, self.limits
-        wanted_m = altitude_m
-        if length_m > STOP_WITHIN_M and target.item.frame not in TERRAIN_FRAMES:
-            rate = limits.climb_m_s if rise_m > 0.0 else limits.sink_m_s
-            fastest = rate * length_m / max(abs(rise_m), 1e-6)
-            self.limits = replace(limits, airspeed_m_s=min(limits.airspeed_m_s, fastest))
-            wanted_m -= rise_m * min(left_m / length_m, 1.0)
-        self.approach(place, wanted_m, stop or length_m <= STOP_WITHIN_M)
-        self.limits = limits
-        near_m = acceptance_m(target.item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
-        high = abs(self.motion.altitude_m - wanted_m) <= HIGH_ENOUGH_M
-        return high and self.distance(place) <= near_m
 
     def _past(self, target: Target, place: Place) -> bool:
         """Within the acceptance radius, or past the end of the leg."""
@@ -425,8 +415,7 @@ class Flight(Body):
     def _way_home_amsl_m(self) -> float:
         if self.stack.vehicle == "plane":
             return self.frame.altitude_m + 100.0
-        least_m = RETURN_M[self.stack.name, self.stack.vehicle]
-        return max(self.motion.altitude_m, self.frame.altitude_m + least_m)
+        return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
         """Fly home; a plane circles there, a copter lands (True when it stands)."""

@@ -12,7 +12,7 @@ from firemodel.drawn import marks_of
 from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
 from firemodel.landscape import Landscape
 from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
-from firemodel.seen import Seen
+from firemodel.seen import SeenFront
 from firemodel.weather import Weather, WeatherStream
 from mission_service.burn.correction_log import CorrectionLog, Held, erases
 from mission_service.config_sections import BurnSection
@@ -47,7 +47,7 @@ class BelievedFire:
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
         self.held = np.empty((0, 3))  # spheres of the line under way: its flight minds them itself
-        self._seen = Seen(landscape)
+        self._seen = SeenFront(landscape)
         self._marks = np.empty((0, 4))
         self._spreads: tuple[Spread, ...] | None = None
         self._base: EllipseFire | None = None
@@ -94,16 +94,22 @@ class BelievedFire:
         return GaussianCorrected(base, self._marks)
 
     def take(self, event: object) -> bool:
-        """Take in an event; whether the fire is believed to be another one now."""
+        """Take in an event; whether the fire is believed to be another one now.
+
+        Raises FireModelError for a correction that cannot be drawn; nothing is changed then.
+        """
         before = self.version
         match event:
             case Lit():
                 self.ignite(_sources(self._xy(event.points), event.lit_at_us / 1e6))
             case Corrected() | Erased() | Undone() | Redone():
+                if isinstance(event, Corrected):
+                    self._drawn(event)  # what cannot be drawn is not taken
                 self.log.take(event)
                 self._mark()
             case Observed() if self._burn.camera_corrects:
-                self._seen.take(event, self.base.lit(self.held))
+                at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
+                self._seen.fold(event.row, event.col, event.cells, at_s, fire)
                 self._mark()
             case WindTold():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
@@ -148,7 +154,7 @@ class BelievedFire:
     def _mark(self) -> None:
         """Bring the marks in line with all that was drawn and seen."""
         drawn = [self._marks_of(held) for held in self.log.held()]
-        seen = self._seen.marks
+        seen = self._seen.marks()
         if len(self.held):  # a camera cannot tell their fires from others near them
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
@@ -158,12 +164,14 @@ class BelievedFire:
             self._changed()
 
     def _marks_of(self, held: Held) -> Floats:
-        told = held.correction
-        at_s, state = told.marked_at_us / 1e6, STATES[told.state]
-        marks = marks_of(told.shape, self._xy(told.points), at_s, state, MARKS_APART_M)
+        marks = self._drawn(held.correction)
         places = zip(*self._landscape.lat_lon_of(marks[:, 0], marks[:, 1]), strict=True)
         kept = [not any(erases(each, *place) for each in held.erasures) for place in places]
         return marks[kept]
+
+    def _drawn(self, told: Corrected) -> Floats:
+        at_s, state = told.marked_at_us / 1e6, STATES[told.state]
+        return marks_of(told.shape, self._xy(told.points), at_s, state, MARKS_APART_M)
 
     def _changed(self) -> None:
         self._simulation = None

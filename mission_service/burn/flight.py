@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.marks import Simulation
-from mission_service.burn.hazard import Hazard, hazard_of
+from mission_service.burn.hazard import Box, Hazard, fine_cell_m, hazard_of
 from mission_service.burn.unit import Unit
 from mission_service.burn.ways import Ways
 from mission_service.config_sections import BurnSection
@@ -22,6 +22,7 @@ HIGH_M = 1e-6  # a height so little below the safe one is safe
 TOWARDS_M2 = 1e-3  # a leg that nears a drop by less (times its length) goes away from it
 CLIMB_EVERY_M = 5.0  # places along a leg tried for a climb
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # from a drop, where it is tried to climb
+DOWN_SPARE_M = 1.0  # more than rasters around two legs differ by
 ROUNDED_S = 1e-6
 
 
@@ -41,6 +42,11 @@ def part_of(leg: tuple[Place, Place], part: float) -> Place:
     """Where on a leg the vehicle is after a part (0 to 1) of its time."""
     begin, end = leg
     return Place(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
+
+
+def _box(leg: tuple[Place, Place]) -> Box:
+    (x0, y0, *_), (x1, y1, *_) = leg
+    return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +96,28 @@ class Air:
         return self.moved(above, *self.home_m, 0.0).at_s - here.at_s
 
     def margin_s(self, leg: tuple[Place, Place]) -> float:
-        """How far ahead of fire; straight up and down also away from the raster."""
-        begin, end = leg
+        """How far ahead of fire.
+
+        Where the raster is in doubt, a finer one around the leg is asked; straight up and down
+        also where there is no raster. Who comes down keeps a little farther away: the next leg
+        must be safe as well.
+        """
         if self.is_high(leg):
             return math.inf
+        begin, end = leg
         ends = (begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
         margin_s = self.hazard.leg_margin_s(*ends)
-        if margin_s == -math.inf and begin[:2] == end[:2]:
-            box = (begin.x_m, begin.y_m, begin.x_m, begin.y_m)
-            here = hazard_of(self.fire, box, self.hazard.margins, cell_m=self.hazard.cell_m)
-            margin_s = here.leg_margin_s(*ends)
-        return margin_s
+        if margin_s >= self.settings.time_margin_s:
+            return margin_s
+        if margin_s == -math.inf and begin[:2] != end[:2]:
+            return margin_s
+        if self.hazard.surely_in_danger(*ends):
+            return margin_s
+        box, margins = _box(leg), self.hazard.margins
+        if end.height_m < begin.height_m:
+            margins = replace(margins, distance_m=margins.distance_m + DOWN_SPARE_M)
+        fine = hazard_of(self.fire, box, margins, cell_m=fine_cell_m(box, margins))
+        return max(margin_s, fine.leg_margin_s(*ends))
 
     def is_high(self, leg: tuple[Place, Place]) -> bool:
         """Whether all of a leg is at the safe height or above."""
@@ -139,9 +156,11 @@ class OwnFires:
             return math.inf
         nears = self.nears(leg)
         begin, end = leg
-        # In parts: a sphere that ignites at the end of a long leg is no danger at its begin.
-        taken_s = end.at_s - begin.at_s
-        parts = max(math.ceil(taken_s / max(self.air.settings.ignition_delay_s / 4.0, 1.0)), 1)
+        if nears or begin[:2] == end[:2]:
+            parts = 1
+        else:  # a sphere that ignites at the end of a long leg is no danger at its begin
+            short_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
+            parts = max(math.ceil((end.at_s - begin.at_s) / short_s), 1)
         ends = [begin, *(part_of(leg, number / parts) for number in range(1, parts)), end]
         least_s = min(self._margin_s(part, nears) for part in pairwise(ends))
         return least_s if nears or least_s < 0.0 else math.inf
@@ -154,7 +173,7 @@ class OwnFires:
             return math.inf
         hazard = hazard_of(
             self.air.lights(matter),
-            (*np.minimum(begin[:2], end[:2]), *np.maximum(begin[:2], end[:2])),
+            _box(leg),
             self.air.hazard.margins,
             cell_m=self.air.hazard.cell_m,
             begins_s=float(matter[:, 2].min()),
@@ -194,9 +213,20 @@ def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float
     be left upwards, is skipped for the next, from where the vehicle is. It ends where spheres or
     the battery (seconds to be in the air at most, way home included) do not suffice for one more.
     """
+    trip = _flown(air, start, places_m, spheres, battery_s, careful=False)
+    # Whether an earlier drop's fire comes to a later one before it ignites is asked once for all.
+    lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
+    if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
+        return _flown(air, start, places_m, spheres, battery_s, careful=True)
+    return trip
+
+
+def _flown(
+    air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float, careful: bool
+) -> Trip:
     flier = Flier(air, start)
     flier.climb_out_of_danger()
-    out, home_s = (air.straight_up(flier.route[-1]), math.inf), math.inf
+    home_s, out_margin_s = math.inf, math.inf
     burns_s = air.fire.ignition_time_s(places_m)
     drops: list[tuple[float, float, float]] = []
     skipped: list[tuple[float, float]] = []
@@ -207,17 +237,12 @@ def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float
             why = "spheres"
             break
         found = flier.towards(x_m, y_m)
-        if found is None:
-            skipped.append((x_m, y_m))
-            continue
-        at_s = found[0][-1].at_s
+        at_s = math.inf if found is None else found[0][-1].at_s
         lands_s = at_s + air.settings.ignition_delay_s
-        too_soon = bool(drops) and at_s - drops[-1][2] < least_gap_s
-        if too_soon or base_s <= lands_s or flier.own.burns_by(x_m, y_m, lands_s):
-            skipped.append((x_m, y_m))
-            continue
-        way_out = flier.way_out(found[0], at_s)
-        if way_out is None:
+        good = base_s > lands_s and not (drops and at_s - drops[-1][2] < least_gap_s)
+        good = good and not (careful and flier.own.burns_by(x_m, y_m, lands_s))
+        way_out = flier.way_out(found[0], at_s) if good and found is not None else None
+        if found is None or way_out is None:
             skipped.append((x_m, y_m))
             continue
         then_home_s = air.home_s(way_out[0][-1])
@@ -227,8 +252,8 @@ def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float
         flier.take(*found)
         flier.own.add(x_m, y_m, at_s)
         drops.append((x_m, y_m, at_s))
-        out, home_s = way_out, then_home_s
-    flier.take(*out)
+        (flier.out, out_margin_s), home_s = way_out, then_home_s
+    flier.take(flier.out, out_margin_s)
     return Trip(
         tuple(flier.route),
         np.array(drops, np.float64).reshape(-1, 3),
@@ -247,6 +272,7 @@ class Flier:
         self.air, self.settings = air, air.settings
         self.own = OwnFires(air)
         self.route: Route = [start]
+        self.out: Route = []  # from the last drop to the safe height
         self.least_s = math.inf
         self.climbs_first = False
 
@@ -280,28 +306,40 @@ class Flier:
         is not safe where the vehicle is, it flies on low as far as it must, and never into danger.
         """
         here = self.route[-1]
-        routes = [self._low(here, x_m, y_m), self._high([here], x_m, y_m)]
-        for route in sorted(filter(None, routes), key=lambda route: route[-1].at_s):
-            margin_s = self.checked(route)
-            if margin_s is not None:
-                return route, margin_s
-        if routes[1] is None or self.checked(self.air.straight_up(here)) is not None:
-            return None
+        low = self._with_margin(self._low(here, x_m, y_m))
+        if low is not None and self._is_straight(low[0]):
+            return low
+        up = self._up(here, x_m, y_m)
+        high = None if up is None else self._with_margin(self._over(up, x_m, y_m))
+        safe = [found for found in (low, high) if found is not None]
+        return min(safe, key=lambda found: found[0][-1].at_s, default=None)
+
+    def _with_margin(self, route: Route | None) -> tuple[Route, float] | None:
+        margin_s = None if route is None else self.checked(route)
+        return None if route is None or margin_s is None else (route, margin_s)
+
+    def _is_straight(self, low: Route) -> bool:
+        """Then nothing is faster."""
+        return sum(one[:2] != other[:2] for one, other in pairwise(low)) <= 1
+
+    def _up(self, here: Place, x_m: float, y_m: float) -> Route | None:
+        """To the safe height: here, by the way out, or as near as is safe on the way to a place."""
+        for route in (self.air.straight_up(here), self.out):
+            if route and route[0] == here and self.checked(route) is not None:
+                return route
         low = self._level(here)
         away_m = math.hypot(x_m - here.x_m, y_m - here.y_m)
         for number in range(1, math.ceil(away_m / CLIMB_EVERY_M)):
             part = number * CLIMB_EVERY_M / away_m
-            x, y = here.x_m + part * (x_m - here.x_m), here.y_m + part * (y_m - here.y_m)
-            there = (x, y)
+            there = (here.x_m + part * (x_m - here.x_m), here.y_m + part * (y_m - here.y_m))
             if not low or not self.air.low.straight((here.x_m, here.y_m), there):
                 return None
             flown = self.air.along(low, [(here.x_m, here.y_m), there])
             if self.checked(flown) is None:
                 return None
-            over = self._high(flown, x_m, y_m)
-            margin_s = None if over is None else self.checked(over)
-            if over is not None and margin_s is not None:
-                return over, margin_s
+            route = [*flown, *self.air.straight_up(flown[-1])[1:]]
+            if self.checked(route) is not None:
+                return route
         return None
 
     def way_out(self, arrives: Route, dropped_s: float) -> tuple[Route, float] | None:
@@ -344,12 +382,12 @@ class Flier:
         way = self.air.low.way((here.x_m, here.y_m), (x_m, y_m)) if level else None
         return None if way is None or level is None else self.air.along(level, way)
 
-    def _high(self, flown: Route, x_m: float, y_m: float) -> Route | None:
-        """On from a route: up, over, and down."""
-        way = self.air.high_way(flown[-1], x_m, y_m)
+    def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:
+        """On from a route to the safe height, over and down to the drop height."""
+        way = self.air.high_way(up[-1], x_m, y_m)
         if way is None:
             return None
-        route = self.air.along([*flown, *self.air.straight_up(flown[-1])[1:]], way)
+        route = self.air.along(up, way)
         if route[-1].height_m > self.settings.safe_height_m:
             route = [*route, self.air.moved(route[-1], x_m, y_m, self.settings.safe_height_m)]
         return [*route, self.air.moved(route[-1], x_m, y_m, self.settings.drop_height_m)]

@@ -22,11 +22,9 @@ from mission_service.errors import MissionServiceError
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-LEAST_CELL_M, MOST_CELL_M, NODES = (
-    1.5,
-    3.0,
-    30_000,
-)  # a raster of a unit of 20 acres has cells of about 1.9 m
+FINE_CELL_M, FINE_NODES = 0.5, 12_000  # of a raster around one leg, where the other is in doubt
+# A raster of a unit of 20 acres has cells of about 1.9 m.
+LEAST_CELL_M, MOST_CELL_M, NODES = 1.5, 3.0, 30_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
 SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times look at neighbours
 
@@ -65,6 +63,7 @@ class Hazard:
     What lies beyond the raster is not known, and so in danger.
     """
 
+    at_s: Floats  # at the corners of cells (y + 1, x + 1)
     first_s: Floats
     last_s: Floats
     west_m: float
@@ -89,6 +88,15 @@ class Hazard:
         Infinity if none comes; negative where it burns. Danger is less than ``margins.time_s``.
         """
         return float(_leg_margin(*self._raster, x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
+
+    def surely_in_danger(
+        self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
+    ) -> bool:
+        """Whether fire at a corner of a cell is too near a leg: no finer raster can deny that."""
+        _, _, west_m, north_m, cell_m, *margins = self._raster
+        leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
+        raster = (self.at_s, west_m, north_m, cell_m, *margins, self.margins.time_s)
+        return bool(_surely(*raster, *leg))
 
     def margins_s(self, x_m: Floats, y_m: Floats, at_s: Floats, spacing_m: float = 0.0) -> Floats:
         """That of each sample (n,); they stand for what is around them, ``spacing_m`` apart."""
@@ -115,6 +123,13 @@ def cell_for(box: Box, margins: Margins) -> float:
     return max(LEAST_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MOST_CELL_M)))
 
 
+def fine_cell_m(box: Box, margins: Margins) -> float:
+    """The size of cells for a raster around one leg."""
+    wide_m = box[2] - box[0] + 2.0 * margins.reach_m
+    high_m = box[3] - box[1] + 2.0 * margins.reach_m
+    return max(FINE_CELL_M, math.sqrt(wide_m * high_m / FINE_NODES))
+
+
 def hazard_of(
     fire: Simulation,
     box: Box,
@@ -125,7 +140,8 @@ def hazard_of(
 ) -> Hazard:
     """A raster of a fire that answers for all places in a box. It burns nowhere before it begins.
 
-    Between the corners of a cell times are bounded by how steep they are around it.
+    Between the corners of a cell times are bounded by how steep they are around it. That can miss
+    what is smaller than a cell, as fires just lit are: see ``sources_of``.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     around_m = margins.reach_m + SPARE_CELLS * cell
@@ -145,7 +161,35 @@ def hazard_of(
     at_s = np.maximum(at_s, LONG_AGO_S)
     first, last = np.empty((rows, cols)), np.empty((rows, cols))
     _steep_bounds(at_s, cell, begins_s, first, last)
-    return Hazard(first, last, west, north, cell, margins)
+    _mark_lit(sources_of(fire), west, north, cell, first)
+    return Hazard(at_s, first, last, west, north, cell, margins)
+
+
+def sources_of(fire: Any) -> Floats:
+    """Where and when a simulation was lit (n, 3) x, y, at_s, as far as it knows.
+
+    One that knows has ``sources``; one made of others has these as ``fire`` or ``fires``, and may
+    have other times.
+    """
+    if hasattr(fire, "sources"):
+        return np.asarray(fire.sources, np.float64)
+    inner = [*getattr(fire, "fires", ()), *([fire.fire] if hasattr(fire, "fire") else [])]
+    lit = np.concatenate([np.empty((0, 3)), *(sources_of(one) for one in inner)])
+    if len(lit):
+        lit[:, 2] = fire.ignition_time_s(lit[:, :2])
+    return lit
+
+
+@kernel
+def _mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
+    """A small fire may reach into the next cell before it comes to any corner."""
+    rows, cols = first.shape
+    for number in range(sources.shape[0]):
+        col = math.floor((sources[number, 0] - west) / cell)
+        row = math.floor((north - sources[number, 1]) / cell)
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(col - 1, 0), min(col + 2, cols)):
+                first[r, c] = min(first[r, c], sources[number, 2])
 
 
 @kernel
@@ -222,6 +266,28 @@ def _leg_margin(  # type: ignore[no-untyped-def]
         )
         least = min(least, here)
     return least
+
+
+@kernel
+def _surely(  # type: ignore[no-untyped-def]
+    at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
+):
+    most = reach + math.hypot(wx, wy)
+    count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
+    for number in range(count + 1):
+        part = number / count
+        x, y, t = x0 + part * (x1 - x0), y0 + part * (y1 - y0), t0 + part * (t1 - t0)
+        left, right = math.ceil((x - most - west) / cell), math.floor((x + most - west) / cell)
+        top, bottom = math.ceil((north - y - most) / cell), math.floor((north - y + most) / cell)
+        for row in range(max(top, 0), min(bottom, at_s.shape[0] - 1) + 1):
+            for col in range(max(left, 0), min(right, at_s.shape[1] - 1) + 1):
+                if t - residence < at_s[row, col] < t + time:
+                    dx, dy = x - (west + col * cell), y - (north - row * cell)
+                    away = math.hypot(dx, dy)
+                    along = max(wx * dx + wy * dy, 0.0)
+                    if away <= reach or away * away <= reach * away + along:
+                        return True
+    return False
 
 
 @kernel

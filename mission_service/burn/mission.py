@@ -11,6 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from firemodel.landscape import Landscape
 from mission_service.burn.plan import PathPoint
+from mission_service.burn.unit import unit_of
+from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection, VehicleSection
 
 Floats = NDArray[np.float64]
@@ -71,6 +73,29 @@ def mission_items(
     ]
     items.append(loiter_unlimited(last.lat_deg, last.lon_deg, _safe_amsl_m(last, burn), 0.0))
     return tuple(items)
+
+
+def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
+    """How high above home a return is safe: the safe height over the highest ground on any way.
+
+    None without a burn. Raises FireModelError without elevation.
+    """
+    if scenario.burn is None or scenario.planner.rule != "burn":
+        return None
+    vehicle = scenario.vehicles[0]
+    home = (vehicle.home_lat_deg, vehicle.home_lon_deg)
+    home_m = landscape.xy_of_lat_lon(*home)
+    west, south, east, north = unit_of(scenario.burn, landscape, home).area.bounds
+    across = _steps(min(west, home_m[0]), max(east, home_m[0]), landscape)
+    down = _steps(min(south, home_m[1]), max(north, home_m[1]), landscape)
+    x, y = np.meshgrid(across, down)
+    ground_m = np.max(landscape.elevation_at(x, y)) - landscape.elevation_at(*home_m)
+    return float(round(float(ground_m) + scenario.burn.safe_height_m, 1))
+
+
+def _steps(least_m: float, most_m: float, landscape: Landscape) -> Floats:
+    count = math.ceil((most_m - least_m) / landscape.cell_size_m) + 2
+    return np.linspace(least_m, most_m, count)
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:

@@ -35,7 +35,10 @@ def trouble(
         found = _of_place(air, rest, places[0])
         if found:
             return f"{found} {after_s:.0f} s after its begin"
-        margin_s = min(air.margin_s(rest), own.margin_s(rest))
+        # All of the leg, as it was checked when planned; what is flown of it does not count.
+        margin_s = max(
+            min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
+        )
         first = plan.climbs_first and leg[0] == places[0]
         if margin_s < settings.time_margin_s and not first:
             near = f"comes within {margin_s:.0f} s" if margin_s > 0.0 else "burns within reach"

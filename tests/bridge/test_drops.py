@@ -367,6 +367,29 @@ def test_without_satellites_a_mock_lands_blind_as_the_real_ones_do(stack: Stack)
     assert not mock.flight.armed
 
 
+@copters
+def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
+    # As delivered ArduCopter 4.6 comes home from a drop line at the height of the line (seen).
+    heights = []
+    for height_m in (None, 75.0):
+        pair, mock = flying(stack, loss=0.1)
+        if height_m is not None:
+            pair.client.set_return_height(height_m, pair.now_us)
+            pair.run_for(10.0)
+            assert pair.of(CommandFinished)[-1].accepted
+        pair.client.return_home(pair.now_us)
+        told = len(pair.of(Position))
+        pair.run_for(25.0)
+        heights.append(max(at.altitude_relative_m for at in pair.of(Position)[told:]))
+    assert heights == pytest.approx([30.0 if stack is ARDUPILOT else 60.0, 75.0], abs=1.5)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 4000.0, math.nan])
+def test_a_return_height_that_cannot_be_is_an_error(height_m: float) -> None:
+    with pytest.raises(BridgeError, match="take 1 to 3000 m"):
+        orders.return_height(PX4, height_m)
+
+
 def test_planes_cannot() -> None:
     plane = stack_named("px4", "plane")
     with pytest.raises(BridgeError, match="multirotors"):

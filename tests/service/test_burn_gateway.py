@@ -49,6 +49,9 @@ class Client:
     def climb_and_hold(self, *told: Any) -> None:
         self.orders.append(("climb_and_hold", *told))
 
+    def set_return_height(self, *told: Any) -> None:
+        self.orders.append(("set_return_height", *told))
+
     def next_event(self) -> Any:
         return self.told.pop(0) if self.told else None
 
@@ -92,6 +95,13 @@ def test_climb_and_hold_is_the_clients_own_order() -> None:
     client = Client()
     gateway_of(client).execute(ClimbAndHold("drake", 36.0, -84.0, 380.0), 5)
     assert client.orders == [("climb_and_hold", 36.0, -84.0, 380.0, 5)]
+
+
+def test_the_height_of_returns_is_set_when_a_vehicle_of_a_burn_is_heard() -> None:
+    client = Client(bridge.Connected(3, stack_named("px4", "copter")))
+    gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO, return_height_m=95.0)  # type: ignore[arg-type]
+    assert len(list(gateway.events(4))) == 1
+    assert client.orders == [("set_return_height", 95.0, 4)]
 
 
 def battery(at_us: int, number: int, percent: int | None, volts: float) -> bridge.Battery:

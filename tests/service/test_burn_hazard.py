@@ -75,6 +75,8 @@ def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
     toward = float(random.uniform(-math.pi, math.pi))
     back = float(random.choice([0.01, 0.1]))
     spreads = [Spread(0.0, back * float(random.uniform(1, 20)), back, back, toward)]
+    if seed % 3 == 0:  # hardly anything burns until the wind comes
+        spreads = [Spread(-1000.0, 0.004, 0.004, 0.004, 0.0), spreads[0]._replace(from_s=50.0)]
     count = int(random.integers(1, 4))
     sources = np.column_stack([random.uniform(0, 60, (count, 2)), random.uniform(-200, 200, count)])
     fire = EllipseFire(spreads, sources)

@@ -13,9 +13,16 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.burn.mission import BAND, has_drop, mission_items, plan_points
+from mission_service.burn.mission import (
+    BAND,
+    has_drop,
+    mission_items,
+    plan_points,
+    return_height_m,
+)
 from mission_service.burn.plan import PathPoint
-from mission_service.config_sections import BurnSection, VehicleSection
+from mission_service.config import load_scenario
+from mission_service.config_sections import BurnSection, PlannerSection, VehicleSection
 from tests.bridge.helpers import SECOND, Pair
 
 stacks = pytest.mark.parametrize("stack", ["ardupilot", "px4"])
@@ -143,6 +150,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
     pair.client.start_mission(pair.now_us)
     low, speeds = [], []
+    climbs = []
     last = len(items) - (0 if mock.stack.item_0_is_home else 1)
     while mock.flight.current < last and pair.now_us < 600 * SECOND:
         pair.run_for(0.5)
@@ -151,6 +159,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
         x, y = landscape.xy_of_lat_lon(lat, lon)
         height_m = motion.altitude_m - float(landscape.elevation_at(x, y))
         speeds.append(motion.speed_m_s)
+        climbs.append(motion.climb_m_s)
         if y > 4_020_105.0:
             low.append(height_m)
     assert mock.flight.current == last
@@ -160,9 +169,33 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert mock.flight.motion.altitude_m - ground == pytest.approx(66.0, abs=7.0)
     assert mock.flight.motion.speed_m_s < 0.1
     assert max(speeds) < 5.5
+    assert float(np.median(speeds[len(speeds) // 2 :])) == pytest.approx(5.0, abs=0.1)
+    assert min(climbs) == pytest.approx(-BURN.sink_m_s if stack == "ardupilot" else -1.5, abs=0.01)
     assert min(low) > 13.0  # corners are cut by 5 m, off the ground they were planned over
     assert max(low) < 20.0  # it sank in place before it flew the line
     assert mock.outputs == []
+
+
+def test_returns_are_as_high_as_is_safe_over_all_ground_on_the_way() -> None:
+    landscape = land(None)
+    elevation = landscape.elevation_m
+    assert elevation is not None
+    elevation[25:28, 30:33] = 340.0  # a hill in the unit
+    elevation[2:5, 50:55] = 500.0  # a mountain elsewhere
+    corners = [(750_250.0, 4_020_250.0), (750_400.0, 4_020_250.0), (750_400.0, 4_020_450.0)]
+    places = [landscape.lat_lon_of(*corner) for corner in corners]
+    vehicle = vehicle_of("px4", landscape)
+    scenario = load_scenario("default").model_copy(
+        update={
+            "vehicles": (vehicle,),
+            "planner": PlannerSection(rule="burn"),
+            "burn": BURN.model_copy(
+                update={"unit": tuple((float(a), float(b)) for a, b in places)}
+            ),
+        }
+    )
+    assert return_height_m(scenario, landscape) == pytest.approx(100.0)
+    assert return_height_m(load_scenario("default"), landscape) is None
 
 
 SWITCHES = (
