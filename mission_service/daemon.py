@@ -228,7 +228,11 @@ def desk_of(
             "leader": leader.status(),
         }
 
-    return Desk(told, status, lambda: clock.now_us, stations, burn.go_items)
+    def on_map(lat_deg: float, lon_deg: float) -> bool:
+        landscape = service.world.landscape
+        return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
+
+    return Desk(told, status, lambda: clock.now_us, stations, burn.go_items, on_map)
 
 
 def tell(record: Record, vehicle: str, text: str) -> None:

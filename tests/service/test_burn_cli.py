@@ -75,7 +75,14 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
             made.lock.sent(thing.commands)
         else:
             made.lock.take(thing)
-    desk = Desk(made.tell, lambda: made.status(), lambda: AT_US, stations, SECTION.go_items)
+    desk = Desk(
+        made.tell,
+        lambda: made.status(),
+        lambda: AT_US,
+        stations,
+        SECTION.go_items,
+        lambda *place: True,
+    )
     loop = asyncio.new_event_loop()
     with claimed(tmp_path / NAME) as listening:
         task = loop.create_task(serve_control(listening, desk))
@@ -107,8 +114,8 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
             Corrected(*EVENT, "burned", "point", ((-36.5, -84.0),), 40_000_000),
         ),
         (
-            ("correct", "burning", "36.5,-84", "36.5,-83"),
-            Corrected(*EVENT, "burning", "line", ((36.5, -84.0), (36.5, -83.0)), AT_US),
+            ("correct", "burning", "36.5,-84", "36.5,-83.99"),
+            Corrected(*EVENT, "burning", "line", ((36.5, -84.0), (36.5, -83.99)), AT_US),
         ),
         (("light", "36.5,-84", "--ago", "30"), Lit(*EVENT, ((36.5, -84.0),), 70_000_000)),
         (("erase", "36.5,-84", "--radius", "9"), Erased(*EVENT, 36.5, -84.0, 9.0)),
@@ -118,8 +125,8 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
         (("person", "cy", "36.5,-84", "--radius", "30"), PersonTold(*EVENT, "cy", 36.5, -84.0, 30)),
         (("person", "cy", "36.5,-84", "--gone"), PersonTold(*EVENT, "cy", 36.5, -84.0, 0.0)),
         (
-            ("unit", "0,0", "0,1", "1,0"),
-            UnitTold(*EVENT, ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0))),
+            ("unit", "0,0", "0,0.01", "0.01,0"),
+            UnitTold(*EVENT, ((0.0, 0.0), (0.0, 0.01), (0.01, 0.0))),
         ),
     ],
 )
@@ -170,7 +177,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
         (("go", "nothing"), "which item of the list? 1 weather; 2 payload"),
         (("wind", "nan", "0"), "wind: "),
         (("erase", "91,0", "--radius", "5"), "erase: Expected `float` <= 90"),
-        (("unit", "0,0", "1,1", "0,2", "2,0"), "its sides cross"),
+        (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "its sides cross"),
     ],
 )
 def test_what_is_wrong_gets_one_line_and_exit_code_1(
