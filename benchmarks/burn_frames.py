@@ -109,11 +109,11 @@ class WildCrew:
         who = (now_us, "somebody", "boss")
         events: list[CrewEvent] = [Present(*who)]
         chance = self._rng.random()
-        if not leader.checklist.complete and chance < 0.6:
+        if not leader.checklist.complete and chance < 0.9:
             events += [Answered(*who, item, True) for item in self._burn.go_items]
-        if wanted and leader.approvals.approval is None and self._rng.random() < 0.5:
+        if wanted and leader.approvals.approval is None and self._rng.random() < 0.8:
             events.append(Approved(*who, wanted))
-        if self._rng.random() < 0.12:
+        if self._rng.random() < 0.05:
             events.append(self._anything(who))
         return events
 

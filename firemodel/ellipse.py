@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipse_kernels import Bounds, changing, steady
+from firemodel.ellipse_kernels import Bounds, changing, steady, to_plane
 from firemodel.errors import FireModelError
 from firemodel.fuels import FUEL_MODELS
 from firemodel.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
-from firemodel.tiles import Tiles, tiles_of
+from firemodel.tiles import Tiles, check_finite, tiles_of
 from firemodel.weather import WeatherStream, wind_adjustment_factor
 
 TILE = 64  # points
@@ -124,15 +124,18 @@ class EllipseFire:
         return self._burned(points_m, with_sources=True)[1]
 
     def _burned(self, points_m: Floats, with_sources: bool) -> tuple[Floats, Places]:
+        points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
+        sources = self.sources
         if one:
-            to_plane, e = _plane(self.spreads[0])
-            origin = self.sources[0, :2] if len(self.sources) else np.zeros(2)
-            points = (np.asarray(points_m).reshape(-1, 2) - origin) @ to_plane
-            tiles = tiles_of(points, TILE)
-        else:
-            tiles = tiles_of(points_m, TILE)
-        count, most = len(self.sources), tiles.levels + 1
+            matrix, e = _plane(self.spreads[0])
+            origin = sources[0] if len(sources) else np.zeros(2)
+            points, given = np.empty_like(points), points
+            check_finite(given, to_plane(given, origin, matrix, points))
+            sources = sources.copy()
+            to_plane(self.sources, origin, matrix, sources)
+        tiles = tiles_of(points, TILE)
+        count, most = len(sources), tiles.levels + 1
         best_s = np.full(len(tiles.x), np.inf)
         first = np.full(len(tiles.x) if with_sources else 0, -1, dtype=np.int32)
         kept = np.empty((most, count), dtype=np.int32)
@@ -141,16 +144,13 @@ class EllipseFire:
         if count == 0:
             pass
         elif one:
-            sources = np.column_stack(
-                [(self.sources[:, :2] - origin) @ to_plane, self.sources[:, 2]]
-            )
             steady(sources, e, tiles, kept, counts, at, np.empty(count), best_s, first)
         else:
-            lit_in = np.searchsorted(self._table[:, 0], self.sources[:, 2], side="right") - 1
+            lit_in = np.searchsorted(self._table[:, 0], sources[:, 2], side="right") - 1
             lit_in = np.maximum(lit_in, 0)
-            bounds = _bounds(self._table, self.sources[:, 2], lit_in)
+            bounds = _bounds(self._table, sources[:, 2], lit_in)
             changing(
-                *(self.sources, lit_in, self._table, bounds, tiles, kept, counts, at),
+                *(sources, lit_in, self._table, bounds, tiles, kept, counts, at),
                 *(np.zeros((count, 2)), best_s, first),
             )
         return _in_order(best_s, tiles), _in_order(first, tiles) if with_sources else first

@@ -54,6 +54,18 @@ def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
+    """(p - origin) times the matrix; returns the place of the first p that is not finite."""
+    for k in range(points.shape[0]):
+        x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
+        if not abs(x) + abs(y) < math.inf:
+            return k
+        found[k, 0] = x * matrix[0, 0] + y * matrix[1, 0]
+        found[k, 1] = x * matrix[0, 1] + y * matrix[1, 1]
+    return points.shape[0]
+
+
+@kernel
 def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # type: ignore[no-untyped-def]
     """Of the sources kept by the parent (level - 1), those that may be first in a square."""
     x, y, half_x, half_y = _box_of(level, square, tiles)

@@ -15,7 +15,7 @@ likelihood of the linearised regression). See Rasmussen & Williams 2006, chapter
 """
 
 import math
-from itertools import product
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -24,23 +24,27 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
 
 from firemodel.ellipse import EllipseFire
-from firemodel.gaussian_kernels import Field, slopes, stretch
+from firemodel.gaussian_kernels import Field, slopes, stretch, variances
 from firemodel.marks import BURNED, BURNING, UNBURNED
 from firemodel.ways import Ratable, RatableEllipses, Ways
 
 PLACE_SD_M = 6.0  # of a mark
 TIME_SD_S = 15.0
 LEAST_S = 45.0  # along a way; shorter ones say little
-LOG_SD = 0.05  # of ln of the time along a way, which nothing explains
+LOG_SD = 0.05  # of ln of the time along a way, of a mark
+UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its way around what is slow
 FIELD_SDS = (0.2, 0.3, 0.4)
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
 SMALLEST_M = 100.0  # of that diagonal
 NODES = 32  # of the field along its longer side, at most
-STEPS, PARTS = 8, (1.0, 0.5, 0.25, 0.1)
-CHOSEN_AT = (1, 3)
-GOOD_ENOUGH = 1e-2  # what a step must gain, in ln of the posterior density
-FIRST_RATES, FIRST_TURNS = (-0.7, 0.0, 0.7, 1.4), (-0.8, 0.0, 0.8)
+STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
+CHOSEN_AT = 1
+GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
+SMALL_RATE = 1e-3  # for slopes
+MOST_LOG = 2.5  # of the field
 TAIL = 4.0  # degrees of freedom of Student's t
+
+EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 Floats = NDArray[np.float64]
 
@@ -89,34 +93,73 @@ class GaussianCorrected:
     ) -> None:
         self.fire, self.place_sd_m = fire, place_sd_m
         self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
-        ratable = RatableEllipses(fire) if isinstance(fire, EllipseFire) else fire
-        self._seen: _Look | None = None
-        self._points = np.ascontiguousarray(self.marks[:, :2])
-        come = np.isfinite(fire.ignition_time_s(self._points))
-        self._points, self._held = self._points[come], self.marks[come]
+        come = np.isfinite(fire.ignition_time_s(self.marks[:, :2]))
+        self._held = self.marks[come]
+        self._points = np.ascontiguousarray(self._held[:, :2])
+        self._rated = RatableEllipses(fire) if isinstance(fire, EllipseFire) else fire
+        if len(self._rated.places()):
+            places = np.concatenate([self._points, self._rated.places()])
+            self._field, self._diagonal_m = _empty_field(places)
+            rates_sd, length_m = self._rated.rates_sd, LENGTHS[1] * self._diagonal_m
+            self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
+            self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
+            self._w = np.empty(0)
         if len(self._held):
-            self._fit(ratable)
+            self._fit(self._rated)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
-        if self._seen is None:
+        if not len(self._held):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        ways = self._seen.fire.ways(points)
+        ways = self._rated.ways(points)
         found = np.empty(len(points))
-        stretch(points, ways.origin, self._seen.field, found)
+        stretch(points, ways.origin, self._field, found)
         return ways.lit_s + ways.takes_s * found
 
+    def sd_s(self, points_m: Floats) -> Floats:
+        """Standard deviation of that time (n,), of the fire itself; infinity for never."""
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        if not len(self._rated.places()):
+            return np.full(len(points), np.inf)
+        ways = self._rated.ways(points)
+        of_rates = _rates_slopes(self._rated, points, ways)
+        slower, variance = np.empty(len(points)), np.empty(len(points))
+        stretch(points, ways.origin, self._field, slower)
+        variances(points, ways.origin, of_rates, self._field, self._covariance, variance)
+        sd = np.sqrt(np.maximum(variance, 0.0) + UNEXPLAINED_SD**2)
+        found: Floats = np.where(np.isinf(ways.takes_s), np.inf, ways.takes_s * slower * sd)
+        return found
+
+    @cached_property
+    def _covariance(self) -> Floats:
+        """Of rates and nodes (parameters, parameters), after the marks."""
+        prior, a = self._prior, self._a
+        inner = a @ a.T + np.diag(1.0 / self._w)
+        half: NDArray[np.floating] = a
+        if len(a):
+            half = solve_triangular(np.linalg.cholesky(inner), a, lower=True, check_finite=False)
+        known = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])
+        found = np.zeros((a.shape[1], a.shape[1]))
+        k = len(prior.rates_sd)
+        np.fill_diagonal(found[:k, :k], np.square(prior.rates_sd))
+        grams = (factor @ factor.T for factor in (prior.of_rows, prior.of_cols))
+        found[k:, k:] = prior.sd**2 * np.kron(*grams)
+        known = known.reshape(-1, a.shape[1])
+        found -= known.T @ known
+        return found
+
     def _fit(self, fire: Ratable) -> None:
-        field, diagonal_m = _empty_field(np.concatenate([self._points, fire.places()]))
-        prior = _prior(fire.rates_sd, field, FIELD_SDS[-1], LENGTHS[1] * diagonal_m)
+        field, prior, diagonal_m = self._field, self._prior, self._diagonal_m
         seen, z, score = self._start(fire, field, prior)
         for step in range(STEPS):
-            of_rates, of_place = self._slopes(fire, seen, prior, z)
+            of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
+            of_place = np.zeros((len(self._points), *field.slower.shape))
+            slopes(self._points, seen.ways.origin, seen.field, of_place)
             a = prior.white(of_rates, of_place)
             y = seen.observed - seen.expected + a @ z
             w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
-            if step in CHOSEN_AT:
+            if step == CHOSEN_AT:
                 prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
                 a = prior.white(of_rates, of_place)
                 score = math.inf
@@ -134,19 +177,15 @@ class GaussianCorrected:
             score = after
             if abs(before - after) < GOOD_ENOUGH:
                 break
-        self._seen, self.prior = seen, prior
-        self._a, self._z, self._w = a, z, w
+        self._rated, self._field, self._prior = seen.fire, seen.field, prior
+        self.rates = prior.colour(z)[0]
+        self._a, self._w = a, w
 
     def _start(self, fire: Ratable, field: Field, prior: _Prior) -> tuple[_Look, Floats, float]:
-        """The best of a few rates; of an ellipse also of a few directions."""
+        """The best of a few rates."""
         found = []
-        rates_count = len(fire.rates_sd)
-        turns = FIRST_TURNS if rates_count == 4 else (0.0,)
-        for every, turn_rad in product(FIRST_RATES, turns):
-            z = np.zeros(rates_count + field.w.size)
-            z[0] = every / fire.rates_sd[0]
-            if rates_count == 4:
-                z[3] = turn_rad / fire.rates_sd[3]
+        for rates in fire.first_rates:
+            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
             found.append(self._try(fire, field, prior, z))
         return min(found, key=lambda one: one[2])
 
@@ -154,13 +193,15 @@ class GaussianCorrected:
         self, fire: Ratable, field: Field, prior: _Prior, z: Floats
     ) -> tuple[_Look, Floats, float]:
         rates, w = prior.colour(z)
-        seen = self._look(fire.rated(rates), field._replace(w=w))
+        seen = self._look(
+            fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MOST_LOG, MOST_LOG)))
+        )
         miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
         return seen, z, 0.5 * float(z @ z) - miss
 
     def _look(self, fire: Ratable, field: Field) -> _Look:
         points, n = self._points, len(self._points)
-        ways = fire.ways(np.concatenate([points, points + (1.0, 0.0), points + (0.0, 1.0)]))
+        ways = fire.ways(np.concatenate([points, points + EAST, points + NORTH]))
         slower = np.empty(n)
         here = Ways(*(part[:n] for part in ways))
         stretch(points, here.origin, field, slower)
@@ -171,21 +212,6 @@ class GaussianCorrected:
         error_s2 = np.square(self.place_sd_m * slowness_s_m) + TIME_SD_S**2
         sd = np.sqrt(error_s2 / np.square(0.5 * (expected_s + observed_s)) + LOG_SD**2)
         return _Look(fire, field, here, np.log(expected_s), np.log(observed_s), sd)
-
-    def _slopes(
-        self, fire: Ratable, seen: _Look, prior: _Prior, z: Floats
-    ) -> tuple[Floats, Floats]:
-        """Of ``expected`` by the rates (n, k) and by w (n, rows, cols)."""
-        rates, _ = prior.colour(z)
-        of_rates = np.empty((len(self._points), len(rates)))
-        before_s = np.maximum(seen.ways.takes_s, 1.0)
-        for number in range(len(rates)):
-            step = np.where(np.arange(len(rates)) == number, 1e-3, 0.0)
-            other = fire.rated(rates + step).ignition_time_s(self._points)
-            of_rates[:, number] = np.log(np.maximum(other - seen.ways.lit_s, 1.0) / before_s) / 1e-3
-        of_place = np.zeros((len(self._points), *seen.field.w.shape))
-        slopes(self._points, seen.ways.origin, seen.field, of_place)
-        return of_rates, of_place
 
     def _choose(
         self,
@@ -218,6 +244,18 @@ class GaussianCorrected:
         return max(found, key=lambda one: one[0])[1]
 
 
+def _rates_slopes(fire: Ratable, points: Floats, ways: Ways) -> Floats:
+    """Of ln of the time along the way by further rates (n, k)."""
+    found = np.empty((len(points), len(fire.rates_sd)))
+    before_s = np.maximum(ways.takes_s, 1.0)
+    for number in range(found.shape[1]):
+        step = np.where(np.arange(found.shape[1]) == number, SMALL_RATE, 0.0)
+        other_s = fire.rated(step).ignition_time_s(points) - ways.lit_s
+        with np.errstate(invalid="ignore"):
+            found[:, number] = np.log(np.maximum(other_s, 1.0) / before_s) / SMALL_RATE
+    return found
+
+
 def _empty_field(places: Floats) -> tuple[Field, float]:
     """Around places (k, 2), and their diagonal in metres."""
     low, high = places.min(axis=0), places.max(axis=0)
@@ -226,11 +264,11 @@ def _empty_field(places: Floats) -> tuple[Field, float]:
     low, high = low - margin_m, high + margin_m
     apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
     cols, rows = (int(count) for count in np.ceil((high - low) / apart_m) + 1)
-    return Field(float(low[0]), float(low[1]), apart_m, np.zeros((rows, cols))), diagonal_m
+    return Field(float(low[0]), float(low[1]), apart_m, np.ones((rows, cols))), diagonal_m
 
 
 def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior:
-    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.w.shape)
+    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.slower.shape)
     return _Prior(sd, length_m, rates_sd, rows, cols)
 
 

@@ -37,9 +37,7 @@ def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
     count = len(points)
     box = np.array([np.inf, -np.inf, np.inf, -np.inf])
-    wrong = _enclose(points, box)
-    if wrong < count:
-        raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
+    check_finite(points, _enclose(points, box))
     west, east, south, north = box if count else np.zeros(4)
     extent_m = max(east - west, north - south)
     levels = min(math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0)), MOST_LEVELS)
@@ -57,6 +55,12 @@ def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles
     _sort(points, west, south, per_m, np.empty(count, dtype=np.int32), found)
     _bound(found)
     return found
+
+
+def check_finite(points: Floats, wrong: int) -> None:
+    """Raise FireModelError for the point at a place, unless the place is after the last."""
+    if wrong < len(points):
+        raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
 
 
 @kernel

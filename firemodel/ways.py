@@ -9,10 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from firemodel.ellipse import EllipseFire
-from firemodel.fire import check_shape
-from firemodel.landscape import Landscape
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +32,10 @@ class Ratable(Protocol):
     def rates_sd(self) -> Floats:
         """Prior standard deviations of what ``rated`` takes; (k,)."""
 
+    @property
+    def first_rates(self) -> Floats:
+        """Rates (m, k) to begin the search from."""
+
     def rated(self, rates: Floats) -> "Ratable":
         """The fire with other rates; 0 for those it has."""
 
@@ -55,7 +56,17 @@ class RatableEllipses:
     the wind in radians.
     """
 
-    rates_sd = np.array([1.0, 0.5, 0.5, 0.8])
+    rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
+
+    first_rates = np.array(
+        [
+            [0.0, 0.0, 0.0, 0.0],
+            [0.8, 0.0, 0.0, 0.0],
+            [0.0, -1.5, 0.0, 0.0],
+            [0.3, -0.5, 0.0, 0.5],
+            [0.3, -0.5, 0.0, -0.5],
+        ]
+    )
 
     def __init__(self, fire: EllipseFire) -> None:
         self.fire = fire

@@ -15,6 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
+from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.burn.approval import Approvals
 from mission_service.burn.checklist import Checklist
@@ -131,7 +132,10 @@ class BurnFlight:
     def told(self, event: CrewEvent) -> list[AnyCommand]:
         """What a person did or said."""
         self.approvals.heard(event)
-        changed = self.fire.take(event)
+        try:
+            changed = self.fire.take(event)
+        except FireModelError as error:
+            return self._say(f"not taken: {error}", warning=True)
         match event:
             case PersonTold() | UnitTold():
                 return self._unit_told(event)
@@ -312,10 +316,12 @@ class BurnFlight:
 
     def _approved(self, event: Approved) -> list[AnyCommand]:
         still = self.checklist.open_items
-        refused = self.approvals.approve(event) if not still else f"NO-GO: {'; '.join(still)}"
+        refused = self.approvals.approve(event) if not still else f"{len(still)} items are open"
         plan = self.approvals.plan
         if refused is not None or plan is None:
-            return self._say(f"approval by {event.by} does not count: {refused}", warning=True)
+            words = self._say(f"approval by {event.by} does not count: {refused}", warning=True)
+            ours = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
+            return [*words, *self._stop("whose word it has is in doubt")] if ours else words
         why = self._why_void(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
@@ -522,11 +528,9 @@ class BurnFlight:
             return f"the last drop was {(at_us - last_us) / 1e6:.1f} s ago"
         if self.account.left <= 0:
             return "no spheres are left"
-        place_m = np.array([(falls.x_m, falls.y_m)])
-        if not self.unit.may_drop(place_m)[0]:
+        if not self.unit.may_drop(np.array([(falls.x_m, falls.y_m)]))[0]:
             return "it would fall outside the unit, or near people"
-        burns_s = float(self.fire.whole.ignition_time_s(place_m)[0])
-        if burns_s <= here.at_s + burn.ignition_delay_s:
+        if self.fire.burns_s(falls.x_m, falls.y_m) <= here.at_s + burn.ignition_delay_s:
             return "it would fall where it burns"
         return None
 
@@ -627,8 +631,11 @@ class BurnFlight:
         return here.altitude_m - ground_m - self._above_map_m
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
+        was_armed = self._armed
         self._mode, self._armed = event.mode, event.armed
         if not event.armed:
+            if not was_armed:
+                return []
             if vehicle.started:
                 self._reloads, vehicle.started = True, False
                 self.checklist.clear("it has landed")

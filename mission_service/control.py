@@ -42,6 +42,7 @@ class Desk:
         now_us: Callable[[], int],
         stations: Collection[str],
         items: Collection[str],
+        on_map: Callable[[float, float], bool],
     ) -> None:
         """``tell`` handles an event, and returns what was said in answer to it."""
         self._tell = tell
@@ -49,6 +50,7 @@ class Desk:
         self._now_us = now_us
         self._stations = stations
         self._items = items
+        self._on_map = on_map
 
     def answer(self, line: bytes) -> Answer:
         """The answer to one line; never raises for anything that a line may say."""
@@ -59,7 +61,7 @@ class Desk:
         if isinstance(request, dict) and request.get("do") == "status":
             return {"ok": True, "status": self._status()}
         try:
-            event = event_of(request, self._now_us(), self._stations, self._items)
+            event = event_of(request, self._now_us(), self._stations, self._items, self._on_map)
             said = self._tell(event)
         except KNOWN_ERRORS as error:
             return wrong(str(error))

@@ -17,6 +17,8 @@ from autopilot_bridge.rates import RatesHz
 from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
 from mission_service.burn.mission import return_height_m
+from mission_service.burn_flight import BurnFlight
+from mission_service.burn_preview import warm_up as warm_up_burn
 from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
@@ -76,6 +78,9 @@ async def serve(
     digest = landscape.digest()
     if scenario.planner.rule == FORMATION:  # compiling takes long: nobody flies yet
         warm_up(scenario.formation.avoidance)
+    burns = scenario.planner.rule == BURN
+    if burns:
+        warm_up_burn(scenario, landscape)
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     world.advance(clock.now_us)
@@ -86,7 +91,6 @@ async def serve(
             # Each may have a transfer and a command under way, in a thread each.
             threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
             asyncio.get_running_loop().set_default_executor(threads)
-        burns = scenario.planner.rule == BURN
         listening = stack.enter_context(claimed(journal_path.parent / NAME)) if burns else None
         # Links first: a port in use must not cost an earlier run its journal.
         connections: list[Connection | MavsdkVehicle] = []
@@ -201,8 +205,9 @@ def desk_of(
     connections: Sequence[Connection | MavsdkVehicle],
 ) -> Desk:
     """Where people's requests are taken; what they lead to leaves at once."""
-    burn = scenario.burn
+    burn, leader = scenario.burn, service.core.leader
     assert burn is not None
+    assert isinstance(leader, BurnFlight)  # by the rule
     stations = tuple(station.name for station in burn.stations)
 
     def told(event: CrewEvent) -> list[str]:
@@ -220,10 +225,14 @@ def desk_of(
             "stations": stations,
             "items": burn.go_items,
             **service.status(),
-            "leader": getattr(service.core.leader, "status", dict)(),
+            "leader": leader.status(),
         }
 
-    return Desk(told, status, lambda: clock.now_us, stations, burn.go_items)
+    def on_map(lat_deg: float, lon_deg: float) -> bool:
+        landscape = service.world.landscape
+        return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
+
+    return Desk(told, status, lambda: clock.now_us, stations, burn.go_items, on_map)
 
 
 def tell(record: Record, vehicle: str, text: str) -> None:

@@ -65,7 +65,8 @@ def plan_in_words(plan: IgnitionPlan, name: str) -> list[str]:
 
 def status_in_words(status: dict[str, Any]) -> list[str]:
     """The state of a burn as the control socket tells it; a fact a line."""
-    lines = [f"{status['scenario']}  mission time {_clock(round(status['at_s'] * 1e6))}"]
+    phase, at_us = status["leader"]["phase"], round(status["at_s"] * 1e6)
+    lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
     open_items = status["open_items"]
     lines.append(
         "GO list   "

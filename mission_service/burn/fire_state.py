@@ -12,7 +12,7 @@ from firemodel.drawn import marks_of
 from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
 from firemodel.landscape import Landscape
 from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
-from firemodel.seen import Seen
+from firemodel.seen import SeenFront
 from firemodel.weather import Weather, WeatherStream
 from mission_service.burn.correction_log import CorrectionLog, Held, erases
 from mission_service.config_sections import BurnSection
@@ -33,6 +33,7 @@ LINE_SPACING_M = 2.0  # of the points that stand for a line
 MARKS_APART_M = 5.0  # of a line or polygon drawn
 PAPER_LENGTH_M = 25.0
 OWN_WITHIN_M = 20.0
+LOOKED_EVERY_S = 15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
 STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
@@ -47,7 +48,8 @@ class BelievedFire:
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
         self.held = np.empty((0, 3))  # spheres of the line under way: its flight minds them itself
-        self._seen = Seen(landscape)
+        self._seen = SeenFront(landscape)
+        self._looked_s = -math.inf
         self._marks = np.empty((0, 4))
         self._spreads: tuple[Spread, ...] | None = None
         self._base: EllipseFire | None = None
@@ -62,12 +64,11 @@ class BelievedFire:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
-    @property
-    def whole(self) -> Simulation:
-        """The same with what is held back."""
-        if not len(self.held):
-            return self.simulation
-        return self._corrected(self.base.lit(self.held))
+    def burns_s(self, x_m: float, y_m: float) -> float:
+        """When fire comes to a place, that of spheres held back too."""
+        place_m = np.array([(x_m, y_m)])
+        both = (self.simulation, self.lights(self.held))
+        return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
 
     @property
     def base(self) -> EllipseFire:
@@ -94,17 +95,25 @@ class BelievedFire:
         return GaussianCorrected(base, self._marks)
 
     def take(self, event: object) -> bool:
-        """Take in an event; whether the fire is believed to be another one now."""
+        """Take in an event; whether the fire is believed to be another one now.
+
+        Raises FireModelError for a correction that cannot be drawn; nothing is changed then.
+        """
         before = self.version
         match event:
             case Lit():
                 self.ignite(_sources(self._xy(event.points), event.lit_at_us / 1e6))
             case Corrected() | Erased() | Undone() | Redone():
+                if isinstance(event, Corrected):
+                    self._drawn(event)  # what cannot be drawn is not taken
                 self.log.take(event)
                 self._mark()
             case Observed() if self._burn.camera_corrects:
-                self._seen.take(event, self.base.lit(self.held))
-                self._mark()
+                at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
+                self._seen.fold(event.row, event.col, event.cells, at_s, fire)
+                if at_s - self._looked_s >= LOOKED_EVERY_S:
+                    self._looked_s = at_s
+                    self._mark()
             case WindTold():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
@@ -148,7 +157,7 @@ class BelievedFire:
     def _mark(self) -> None:
         """Bring the marks in line with all that was drawn and seen."""
         drawn = [self._marks_of(held) for held in self.log.held()]
-        seen = self._seen.marks
+        seen = self._seen.marks()
         if len(self.held):  # a camera cannot tell their fires from others near them
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
@@ -158,12 +167,14 @@ class BelievedFire:
             self._changed()
 
     def _marks_of(self, held: Held) -> Floats:
-        told = held.correction
-        at_s, state = told.marked_at_us / 1e6, STATES[told.state]
-        marks = marks_of(told.shape, self._xy(told.points), at_s, state, MARKS_APART_M)
+        marks = self._drawn(held.correction)
         places = zip(*self._landscape.lat_lon_of(marks[:, 0], marks[:, 1]), strict=True)
         kept = [not any(erases(each, *place) for each in held.erasures) for place in places]
         return marks[kept]
+
+    def _drawn(self, told: Corrected) -> Floats:
+        at_s, state = told.marked_at_us / 1e6, STATES[told.state]
+        return marks_of(told.shape, self._xy(told.points), at_s, state, MARKS_APART_M)
 
     def _changed(self) -> None:
         self._simulation = None

@@ -86,8 +86,9 @@ class Interlock:
     """Asked right before each drop. Feed it with all events and commands in their order.
 
     An approval counts only for a plan proposed before, from a station of the scenario, with a
-    complete GO list; a NO-GO ends it. An abort, a restart of the service and a return home end it
-    too and open the whole list: nothing is dropped until all is GO and a plan approved anew.
+    complete GO list; a NO-GO ends it. An abort, a restart of service or autopilot, a return home
+    and a landing end it too and open the whole list: nothing is dropped until all is GO and a plan
+    approved anew.
     A drop that was ordered once is never let out again, whatever became of it.
     """
 
@@ -171,7 +172,7 @@ class Interlock:
                 vehicle.linked = False
             case VehicleRebooted():
                 self._forget(event.vehicle, linked=True)
-                self._void("the autopilot restarted since")
+                self._begin_anew("the autopilot was restarted since")
             case Telemetry():
                 vehicle.here = event
             case ModeChanged():

@@ -4,7 +4,7 @@ A request is a JSON object: ``do`` says what, ``by`` who asks, ``station`` from 
 by what is asked. Unknown keys are refused: what is not understood is not done in part.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -16,7 +16,8 @@ from mission_service.errors import RequestError
 from mission_service.events import CrewEvent
 
 LONGEST_S = 1e7  # times farther away are a mistake
-LARGEST_M = 10_000.0
+LARGEST_M = 10_000.0  # and so are larger circles and longer lines
+M_PER_DEG = 111_195.0
 
 # Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
 Name = Annotated[
@@ -159,12 +160,14 @@ def event_of(
     at_us: int,
     stations: Collection[str],
     items: Collection[str] | None = None,
+    on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
 ) -> CrewEvent:
     """The event that a request stands for, at mission time ``at_us``.
 
     ``stations`` are the places from which anything may be asked; ``items`` those of the GO list,
-    where they are known. An abort is taken from anybody anywhere, whatever else the request says.
-    Raises RequestError in one line for all that is not right.
+    where they are known; ``on_map`` whether the landscape has a latitude and longitude: nothing can
+    be told of other places. An abort is taken from anybody anywhere, whatever else the request
+    says. Raises RequestError in one line for all that is not right.
     """
     if not isinstance(request, dict):
         raise RequestError('a request is a JSON object, as {"do": "status"}')
@@ -185,7 +188,24 @@ def event_of(
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
     if isinstance(asked, Go | NoGo) and items is not None and asked.item not in items:
         raise RequestError(f"no item {_cut(asked.item)} on the list: {'; '.join(items)}")
+    for place in _places(asked):
+        if not on_map(*place):
+            raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
     return _event(asked, at_us)
+
+
+def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
+    """All that a request names; raises RequestError if a line through them is too long."""
+    if isinstance(asked, Erase | Person):
+        return ((asked.lat_deg, asked.lon_deg),)
+    if not isinstance(asked, Correct | Lit | Unit):
+        return ()
+    # Twice, and half of it: with the way back to the first corner.
+    way = shapely.LineString([(lon, lat) for lat, lon in asked.points * 2])
+    length_m = M_PER_DEG * way.length / 2.0
+    if length_m > LARGEST_M:
+        raise RequestError(f"{length_m / 1e3:.0f} km are too long to be meant")
+    return asked.points
 
 
 def _event(asked: AnyRequest, at_us: int) -> CrewEvent:

@@ -1,6 +1,6 @@
 """What a simulated participant of Beachly's study marks, and how far a simulated front is off."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import contourpy
 import numpy as np
@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north in metres
 
 APART_M = 1.0  # of points on a front, the paper's grid
+FARTHEST_M = 150.0
+NEVER_S = 1e6  # later than anything, so that the edge lies at the cell burned
 
 
 class Watching(NamedTuple):
@@ -31,15 +33,17 @@ class Watching(NamedTuple):
     offset_sd_m: float = 3.0  # of all marks of a participant, as by a fish-eye lens
 
 
-def front_points(arrival_s: Floats, at_s: float, landscape: Landscape) -> Floats:
-    """Points (n, 2) x, y on the fire's edge at a time, a metre apart, from arrivals (y, x)."""
-    known = np.where(np.isfinite(arrival_s), arrival_s, at_s + 1e6)
-    lines = contourpy.contour_generator(z=known).lines(at_s)
+def front_points(
+    arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
+) -> Floats:
+    """Points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
+    known = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
+    lines: Any = contourpy.contour_generator(z=known).lines(at_s)
     found = [np.empty((0, 2))]
     for line in lines:
         x_m, y_m = landscape.xy_of(line[:, 1], line[:, 0])
         along_m = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_m), np.diff(y_m)))])
-        at_m = np.arange(0.0, along_m[-1], APART_M)
+        at_m = np.arange(0.0, along_m[-1], apart_m)
         found.append(np.column_stack([np.interp(at_m, along_m, z) for z in (x_m, y_m)]))
     return np.concatenate(found)
 
@@ -48,13 +52,13 @@ def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
     """Which points (n, 2) are in a box."""
     west, south, east, north = box
     x_m, y_m = points.T
-    return (x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north)
+    return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
 
 
-def front_error_m(true_front: Floats, found_front: Floats, most_m: float) -> float:
+def front_error_m(true_front: Floats, found_front: Floats, most_m: float = FARTHEST_M) -> float:
     """Mean distance from the true front to the closest point on the other (Beachly, VII.B).
 
-    ``most_m`` where there is no other front; NaN where there is no true one.
+    At most ``most_m`` each, also where there is no other front; NaN where there is no true one.
     """
     if not true_front.size:
         return float("nan")

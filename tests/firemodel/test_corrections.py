@@ -76,7 +76,7 @@ def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
     rain = (Spread(0.0, 0.5, 0.1, 0.1, 0.0), Spread(100.0, 0.0, 0.0, 0.0, 0.0))
     fire = EllipseFire(rain, np.zeros((1, 3)))
     given = marks(
-        (100.0, 0.0, 900.0, BURNED), (115.0, 0.0, 800.0, BURNING), (200.0, 0.0, 700.0, UNBURNED)
+        (115.0, 0.0, 800.0, BURNING), (100.0, 0.0, 900.0, BURNED), (200.0, 0.0, 700.0, UNBURNED)
     )
     corrected = PaperCorrected(fire, given, LENGTH_M)
     points = np.array([[25.0, 0.0], [100.0, 0.0], [90.0, 0.0], [130.0, 0.0], [200.0, 0.0]])
@@ -88,7 +88,7 @@ def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
     ).tolist() == [10.0]
 
 
-@pytest.mark.parametrize("length_m", [3.0, 30.0, 100.0, 1000.0])
+@pytest.mark.parametrize("length_m", [3.0, 40.0, 150.0, 1000.0])
 @pytest.mark.parametrize(
     ("count", "wide_m", "high_m"),
     [(50, 500.0, 500.0), (8000, 500.0, 500.0), (8000, 40.0, 0.0), (2000, 0.0, 0.0)],

@@ -303,9 +303,11 @@ def test_what_cannot_be_is_refused(
 
 
 def test_wrong_points_lines_and_fuels_are_refused() -> None:
-    fire = EllipseFire(STEADY, np.zeros((1, 3)))
-    with pytest.raises(FireModelError, match="point 1: "):
-        fire.ignition_time_s(np.array([[0.0, 0.0], [math.nan, 0.0]]))
+    for spreads in (STEADY, CHANGING):
+        fire = EllipseFire(spreads, np.zeros((1, 3)))
+        for wrong in (math.nan, math.inf):
+            with pytest.raises(FireModelError, match=rf"point 1: x, y = \[7.0, {wrong}\]"):
+                fire.ignition_time_s(np.array([[0.0, 0.0], [7.0, wrong]]))
     with pytest.raises(FireModelError, match="line of 1 points, spacing 0"):
         line_sources(np.zeros((1, 2)), 0.0, 0.0)
     with pytest.raises(FireModelError, match="fuel model 98: unknown"):

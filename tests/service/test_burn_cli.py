@@ -54,7 +54,8 @@ class Run:
         return [f"{type(event).__name__} heard"]
 
     def status(self) -> dict[str, Any]:
-        told = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
+        told: dict[str, Any] = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
+        told["leader"] = {"phase": "flying"}
         return {**told, "items": SECTION.go_items, **self.lock.status()}
 
     def call(self, *arguments: str, text: str | None = None) -> Result:
@@ -74,7 +75,14 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
             made.lock.sent(thing.commands)
         else:
             made.lock.take(thing)
-    desk = Desk(made.tell, lambda: made.status(), lambda: AT_US, stations, SECTION.go_items)
+    desk = Desk(
+        made.tell,
+        lambda: made.status(),
+        lambda: AT_US,
+        stations,
+        SECTION.go_items,
+        lambda *place: True,
+    )
     loop = asyncio.new_event_loop()
     with claimed(tmp_path / NAME) as listening:
         task = loop.create_task(serve_control(listening, desk))
@@ -106,8 +114,8 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
             Corrected(*EVENT, "burned", "point", ((-36.5, -84.0),), 40_000_000),
         ),
         (
-            ("correct", "burning", "36.5,-84", "36.5,-83"),
-            Corrected(*EVENT, "burning", "line", ((36.5, -84.0), (36.5, -83.0)), AT_US),
+            ("correct", "burning", "36.5,-84", "36.5,-83.99"),
+            Corrected(*EVENT, "burning", "line", ((36.5, -84.0), (36.5, -83.99)), AT_US),
         ),
         (("light", "36.5,-84", "--ago", "30"), Lit(*EVENT, ((36.5, -84.0),), 70_000_000)),
         (("erase", "36.5,-84", "--radius", "9"), Erased(*EVENT, 36.5, -84.0, 9.0)),
@@ -117,8 +125,8 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
         (("person", "cy", "36.5,-84", "--radius", "30"), PersonTold(*EVENT, "cy", 36.5, -84.0, 30)),
         (("person", "cy", "36.5,-84", "--gone"), PersonTold(*EVENT, "cy", 36.5, -84.0, 0.0)),
         (
-            ("unit", "0,0", "0,1", "1,0"),
-            UnitTold(*EVENT, ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0))),
+            ("unit", "0,0", "0,0.01", "0.01,0"),
+            UnitTold(*EVENT, ((0.0, 0.0), (0.0, 0.01), (0.01, 0.0))),
         ),
     ],
 )
@@ -169,7 +177,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
         (("go", "nothing"), "which item of the list? 1 weather; 2 payload"),
         (("wind", "nan", "0"), "wind: "),
         (("erase", "91,0", "--radius", "5"), "erase: Expected `float` <= 90"),
-        (("unit", "0,0", "1,1", "0,2", "2,0"), "its sides cross"),
+        (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "its sides cross"),
     ],
 )
 def test_what_is_wrong_gets_one_line_and_exit_code_1(
@@ -208,7 +216,7 @@ def test_the_only_place_there_is_need_not_be_said(run: Run) -> None:
 def test_the_state_in_words_and_as_json(run: Run) -> None:
     told = run.call("status").output
     for words in (
-        "square  mission time 0:01:40",
+        "square  mission time 0:01:40, flying",
         "GO list   all 2 GO",
         "ignis     link, armed in mode mission, 15 m (49 ft) above home, fix, battery 90 %, 450 s",
         f"plan      {HASH[:12]}  line 1, 3 drops; approved by ann at alpha",

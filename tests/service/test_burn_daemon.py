@@ -57,7 +57,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         record.news.clear()
 
     def speak() -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 100  # kernels may have to be compiled first
         while True:
             try:
                 with Control(out) as there:
@@ -101,6 +101,8 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         ]
         with pytest.raises(RequestError, match="unknown station"):
             there.ask(do="present", by="ann", station="moon")
+        with pytest.raises(RequestError, match="0, 0 is outside the landscape"):
+            there.ask(do="lit", points=[[0, 0]], **WHO)
         status = there.ask(do="status")["status"]
         assert len(status["open_items"]) == 7
         assert status["stations"] == ["firing-boss"]
@@ -135,7 +137,10 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     assert reader.ended
     whole = path.read_bytes()
 
-    news = run(burned, tmp_path, lambda there: None, killed=True)
+    def third(there: Control) -> None:
+        assert there.ask(do="status")["status"]["at_s"] < 60.0
+
+    news = run(burned, tmp_path, third, killed=True)
     assert "the journal of an earlier burn is kept as journal-1.jsonl; this is a new one" in news
     assert (tmp_path / "journal-1.jsonl").read_bytes() == whole
     assert events(path) == []

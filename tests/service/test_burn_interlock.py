@@ -200,6 +200,7 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         Aborted(AT_US, "bob", "bravo"),
         Sent((Return(NAME),)),
         Resumed(AT_US, "service", "", 5.0),
+        VehicleRebooted(AT_US, NAME),
     )
     told_again = (
         VehicleConnected(AT_US, NAME, "ardupilot copter", False),
@@ -428,7 +429,9 @@ def recalls(flat: list[object]) -> bool:
 def is_go(flat: list[object], item: str, stations: list[str]) -> bool:
     for place in reversed(range(len(flat))):
         thing = flat[place]
-        if isinstance(thing, Aborted | Resumed | Return) or recalls(flat[: place + 1]):
+        if isinstance(thing, Aborted | Resumed | Return | VehicleRebooted) or recalls(
+            flat[: place + 1]
+        ):
             return False
         if isinstance(thing, Answered) and thing.item == item:
             if not thing.go:

@@ -29,7 +29,7 @@ from mission_service.events import (
 )
 from mission_service.fire_setup import fire_of, landscape_of
 from mission_service.gateway import Gateway
-from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.journal import Journal, JournalReader, Rest, header_of
 from mission_service.record import Record
 from mission_service.replay import verify
 from mission_service.resume import resumed, unfinished
@@ -156,6 +156,28 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
         assert not any(isinstance(command, Drop) for command in again.executed), where
         result = verify(path)
         assert (result.difference, result.cut_at_line) == (None, None), where
+
+
+def test_a_kill_between_an_event_and_its_commands_is_no_difference(
+    flown: Burn, tmp_path: Path
+) -> None:
+    lines = flown.journal.splitlines(keepends=True)
+    approved = next(place for place, line in enumerate(lines) if b'"type":"Approved"' in line)
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b"".join(lines[: approved + 1]))
+    result = verify(path)
+    assert (result.difference, result.cut_at_line) == (None, approved + 2)
+    journal = Journal(path, {}, durable=True, rest=_rest(path))
+    journal.end()
+    journal.close()
+    assert "the journal lacks" in str(verify(path).difference)
+
+
+def _rest(path: Path) -> Rest:
+    reader = JournalReader(path)
+    for _ in reader:
+        pass
+    return reader.rest
 
 
 def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:

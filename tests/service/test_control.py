@@ -44,8 +44,8 @@ WHO = {"by": "ann", "station": "alpha"}
 AT_US = 100_000_000
 EVENT = (AT_US, "ann", "alpha")
 HASH = "0123456789abcdef" * 4
-CORNERS = [[36.0, -84.0], [36.0, -83.9], [36.1, -83.9]]
-PLACES = ((36.0, -84.0), (36.0, -83.9), (36.1, -83.9))
+CORNERS = [[36.0, -84.0], [36.0, -83.99], [36.01, -83.99]]
+PLACES = ((36.0, -84.0), (36.0, -83.99), (36.01, -83.99))
 
 # One good request of each kind, and its event.
 GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
@@ -65,7 +65,7 @@ GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
         Corrected(*EVENT, "unburned", "polygon", PLACES, AT_US),
     ),
     (
-        {"do": "lit", "points": [[36, -84], [36, -83.9]], "ago_s": 2.5},
+        {"do": "lit", "points": [[36, -84], [36, -83.99]], "ago_s": 2.5},
         Lit(*EVENT, PLACES[:2], 97_500_000),
     ),
     (
@@ -133,8 +133,11 @@ NAN = float("nan")
         ({"do": "lit", "points": [[0, 0]] * 1001}, "lit: "),
         ({"do": "lit", "points": [[0, 0]], "ago_s": -1}, "lit: "),
         ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners; a polygon takes 3"),
-        ({"do": "unit", "points": [[0, 0], [1, 1], [0, 2], [2, 0]]}, "its sides cross"),
-        ({"do": "unit", "points": [[0, 0], [1, 1], [2, 2]]}, "unit: these corners are no polygon"),
+        ({"do": "unit", "points": [[0, 0], [0.01, 0.01], [0, 0.02], [0.02, 0]]}, "its sides cross"),
+        (
+            {"do": "unit", "points": [[0, 0], [0.01, 0.01], [0.02, 0.02]]},
+            "unit: these corners are no polygon",
+        ),
         (
             {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
             "correct: a line of 1 places; it takes 2",
@@ -154,6 +157,26 @@ def test_what_is_not_right_is_refused_in_one_line(request_: dict[str, Any], word
         event_of({**WHO, **request_}, AT_US, STATIONS, ITEMS)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant() -> None:
+    far = [[36, -84], [60, -84]]
+    for request in (
+        {"do": "lit", "points": [[60, -84]]},
+        {"do": "person", "name": "cy", "lat_deg": 60, "lon_deg": -84, "radius_m": 5},
+        {"do": "erase", "lat_deg": 60, "lon_deg": -84, "radius_m": 5},
+        {"do": "correct", "state": "burned", "shape": "point", "points": [[60, -84]]},
+    ):
+        with pytest.raises(RequestError, match="60, -84 is outside the landscape"):
+            event_of({**request, **WHO}, AT_US, STATIONS, ITEMS, on_map)
+        event_of({**request, **WHO}, AT_US, STATIONS, ITEMS)
+    for request in (
+        {"do": "lit", "points": far},
+        {"do": "unit", "points": [*far, [60, -83]]},
+        {"do": "correct", "state": "burned", "shape": "line", "points": far},
+    ):
+        with pytest.raises(RequestError, match="km are too long to be meant"):
+            event_of({**request, **WHO}, AT_US, STATIONS, ITEMS)
 
 
 @pytest.mark.parametrize(
@@ -214,12 +237,18 @@ def test_any_request_is_an_event_that_can_be_journalled_or_is_refused(seed: int)
 # The socket -----------------------------------------------------------------------------------
 
 
+def on_map(lat_deg: float, lon_deg: float) -> bool:
+    return 30.0 < lat_deg < 40.0
+
+
 class Told:
     """What a daemon would do with events."""
 
     def __init__(self) -> None:
         self.events: list[CrewEvent] = []
-        self.desk = Desk(self.tell, lambda: {"phase": "planning"}, lambda: AT_US, STATIONS, ITEMS)
+        self.desk = Desk(
+            self.tell, lambda: {"phase": "planning"}, lambda: AT_US, STATIONS, ITEMS, on_map
+        )
 
     def tell(self, event: CrewEvent) -> list[str]:
         self.events.append(event)
