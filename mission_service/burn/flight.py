@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -22,7 +22,7 @@ HIGH_M = 1e-6  # a height so little below the safe one is safe
 TOWARDS_M2 = 1e-3  # a leg that nears a drop by less (times its length) goes away from it
 CLIMB_EVERY_M, CLIMBS = 5.0, 12  # places along a leg tried for a climb: how far apart, how many
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # from a drop, where it is tried to climb
-DOWN_SPARE_M = 1.0  # more than rasters around two legs differ by
+DOWN_SPARE_M = 1.0  # more than rasters are in doubt by
 ROUNDED_S = 1e-6
 
 
@@ -80,6 +80,7 @@ class Air:
     low: Ways
     high: Ways | None  # inside the fence
     home_m: tuple[float, float]
+    places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
     def moved(self, here: Place, x_m: float, y_m: float, height_m: float) -> Place:
         """There, straight: level at speed, or straight up or down at their rates."""
@@ -117,9 +118,8 @@ class Air:
     def margin_s(self, leg: tuple[Place, Place]) -> float:
         """How far ahead of fire.
 
-        Where the raster is in doubt, a finer one around the leg is asked; straight up and down
-        also where there is no raster. Who comes down keeps a little farther away: the next leg
-        must be safe as well.
+        Where the raster is in doubt, a finer one is asked. Who comes down keeps a little farther
+        away: the next leg must be safe as well.
         """
         if self.is_high(leg):
             return math.inf
@@ -128,14 +128,19 @@ class Air:
         margin_s = self.hazard.leg_margin_s(*ends)
         if margin_s >= self.settings.time_margin_s:
             return margin_s
-        if margin_s == -math.inf and begin[:2] != end[:2]:
-            return margin_s
+        if margin_s == -math.inf:
+            return margin_s if begin[:2] != end[:2] else self._elsewhere(begin).leg_margin_s(*ends)
         if self.hazard.surely_in_danger(*ends):
             return margin_s
-        box, margins = _box(leg), self.hazard.margins
-        if end.height_m < begin.height_m:
-            margins = replace(margins, distance_m=margins.distance_m + DOWN_SPARE_M)
-        return max(margin_s, self.hazard.finer(box, margins).leg_margin_s(*ends))
+        more_m = DOWN_SPARE_M if end.height_m < begin.height_m else 0.0
+        return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
+
+    def _elsewhere(self, here: Place) -> Hazard:
+        """Around a place where there is no raster, as the one it starts from may be."""
+        key = here[:2]
+        if key not in self.places:
+            self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)
+        return self.places[key]
 
     def is_high(self, leg: tuple[Place, Place]) -> bool:
         """Whether all of a leg is at the safe height or above."""

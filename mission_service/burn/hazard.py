@@ -9,6 +9,7 @@ of a leg stands for all of the leg about it, in place and in time.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from mission_service.errors import MissionServiceError
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.5, 12_000  # of a raster around one leg, where the other is in doubt
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, for where the other is in doubt
 # A raster of a unit of 20 acres has cells of about 1.9 m.
 LEAST_CELL_M, MOST_CELL_M, NODES = 1.5, 3.0, 30_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
@@ -73,7 +74,7 @@ class Hazard:
         cell_m: float,
         begins_s: float = LONG_AGO_S,
     ) -> None:
-        self.margins, self.cell_m = margins, cell_m
+        self.box, self.margins, self.cell_m = box, margins, cell_m
         around_m = margins.reach_m + SPARE_CELLS * cell_m
         self.west_m, self.north_m = box[0] - around_m, box[3] + around_m
         cols = math.ceil((box[2] + around_m - self.west_m) / cell_m)
@@ -83,9 +84,9 @@ class Hazard:
         self._known = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
         self._fire, self._sources, self._begins_s = fire, sources, begins_s
 
-    def _look(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> None:
+    def _look(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float, more_m: float) -> None:
         """Ask the simulation for all that a leg needs and is not known yet."""
-        around_m = self.margins.reach_m + self.cell_m
+        around_m = self.margins.reach_m + self.cell_m + more_m
         size_m = BLOCK * self.cell_m
         low_x, high_x = min(x0_m, x1_m) - around_m, max(x0_m, x1_m) + around_m
         low_y, high_y = min(y0_m, y1_m) - around_m, max(y0_m, y1_m) + around_m
@@ -126,38 +127,48 @@ class Hazard:
         west_m, north_m = self.west_m + left * self.cell_m, self.north_m - top * self.cell_m
         _mark_lit(self._sources, west_m, north_m, self.cell_m, first)
 
-    def finer(self, box: Box, margins: Margins) -> "Hazard":
-        """The same fire on a raster around one leg."""
-        wide_m = box[2] - box[0] + 2.0 * margins.reach_m
-        high_m = box[3] - box[1] + 2.0 * margins.reach_m
-        cell_m = max(FINE_CELL_M, math.sqrt(wide_m * high_m / FINE_NODES))
-        return Hazard(self._fire, self._sources, box, margins, cell_m, self._begins_s)
+    @cached_property
+    def fine(self) -> "Hazard":
+        """The same on a finer raster."""
+        cell_m = max(FINE_CELL_M, math.sqrt(_reached_m2(self.box, self.margins) / FINE_NODES))
+        return self.over(self.box, min(cell_m, self.cell_m))
 
-    @property
-    def _raster(self) -> tuple[Any, ...]:
+    def over(self, box: Box, cell_m: float) -> "Hazard":
+        """The same elsewhere."""
+        return Hazard(self._fire, self._sources, box, self.margins, cell_m, self._begins_s)
+
+    def _raster(self, more_m: float = 0.0) -> tuple[Any, ...]:
         far = self.margins
         return (
             *(self.first_s, self.last_s, self.west_m, self.north_m, self.cell_m),
-            *(far.distance_m, far.wind_m * math.cos(far.toward_rad)),
+            *(far.distance_m + more_m, far.wind_m * math.cos(far.toward_rad)),
             *(far.wind_m * math.sin(far.toward_rad), far.residence_s),
         )
 
     def leg_margin_s(
-        self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
+        self,
+        x0_m: float,
+        y0_m: float,
+        t0_s: float,
+        x1_m: float,
+        y1_m: float,
+        t1_s: float,
+        more_m: float = 0.0,
     ) -> float:
         """The least time by which a vehicle on a straight leg is ahead of fire within reach.
 
         Infinity if none comes; negative where it burns. Danger is less than ``margins.time_s``.
+        ``more_m`` is added to the distance margin.
         """
-        self._look(x0_m, y0_m, x1_m, y1_m)
-        return float(_leg_margin(*self._raster, x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
+        self._look(x0_m, y0_m, x1_m, y1_m, more_m)
+        return float(_leg_margin(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
 
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
     ) -> bool:
         """Whether fire at a corner of a cell is too near a leg: no finer raster can deny that."""
-        _, _, west_m, north_m, cell_m, *margins = self._raster
-        self._look(x0_m, y0_m, x1_m, y1_m)
+        _, _, west_m, north_m, cell_m, *margins = self._raster()
+        self._look(x0_m, y0_m, x1_m, y1_m, 0.0)
         leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
         raster = (self.at_s, west_m, north_m, cell_m, *margins, self.margins.time_s)
         return bool(_surely(*raster, *leg))
@@ -166,8 +177,9 @@ class Hazard:
         """That of each sample (n,); they stand for what is around them, ``spacing_m`` apart."""
         found = np.empty(len(x_m))
         if len(x_m):
-            self._look(float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max()))
-        _sample_margins(*self._raster, x_m, y_m, at_s, spacing_m / 2.0, found)
+            box = (float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max()))
+            self._look(*box, spacing_m / 2.0)
+        _sample_margins(*self._raster(), x_m, y_m, at_s, spacing_m / 2.0, found)
         return found
 
     def in_danger(
@@ -183,10 +195,13 @@ def cell_for(box: Box, margins: Margins) -> float:
     Never more than a third of the distance margin or 3 m, so that large units do not get wide
     margins.
     """
-    wide_m = box[2] - box[0] + 2.0 * margins.reach_m
-    high_m = box[3] - box[1] + 2.0 * margins.reach_m
-    by_budget_m = math.sqrt(wide_m * high_m / NODES)
+    by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(LEAST_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MOST_CELL_M)))
+
+
+def _reached_m2(box: Box, margins: Margins) -> float:
+    wide_m, high_m = box[2] - box[0], box[3] - box[1]
+    return (wide_m + 2.0 * margins.reach_m) * (high_m + 2.0 * margins.reach_m)
 
 
 def hazard_of(
