@@ -28,9 +28,9 @@ def front_at(speed_m_s: float) -> Callable[[Floats, Floats], Floats]:
 
 
 def brute(fire: Formula | EllipseFire, margins: Margins, x: float, y: float, at_s: float) -> float:
-    """The least margin by the definition, on a grid of 0.3 m."""
+    """The least margin by the definition, on a grid of 0.4 m."""
     far = margins.reach_m
-    away = np.arange(-far, far + 0.3, 0.3)
+    away = np.arange(-far, far + 0.4, 0.4)
     places = np.stack([np.tile(x + away, away.size), np.repeat(y + away, away.size)], axis=1)
     if isinstance(fire, EllipseFire):
         places = np.concatenate([places, fire.sources[:, :2]])
@@ -71,7 +71,7 @@ def test_the_margin_reaches_farther_downwind() -> None:
     assert hazard.in_danger(np.array([22.5]), y, at_s)[0]
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
     """Small slow fires between nodes, ridges where they meet, any wind."""
     random = np.random.default_rng(seed)
@@ -88,7 +88,7 @@ def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
         *(float(random.uniform(0, 8)), toward, float(random.uniform(0, 100))),
     )
     hazard = hazard_of(fire, BOX, margins, begins_s=float(sources[:, 2].min()))
-    x, y, at_s = *random.uniform(0, 60, (2, 50)), random.uniform(-200, 400, 50)
+    x, y, at_s = *random.uniform(0, 60, (2, 40)), random.uniform(-200, 400, 40)
     samples = np.stack([x, y, at_s], axis=1).tolist()
     found = hazard.margins_s(x, y, at_s)
     dense = np.array([brute(fire, margins, x, y, at_s) for x, y, at_s in samples])
