@@ -24,8 +24,8 @@ Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
 FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, for where the other is in doubt
-# A raster of a unit of 20 acres has cells of about 1.9 m.
-LEAST_CELL_M, MOST_CELL_M, NODES = 1.5, 3.0, 30_000
+# A raster of a unit of 20 acres has cells of about 2.3 m.
+LEAST_CELL_M, MOST_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
 BLOCK = 32  # cells whose times are asked for at once
 SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times look at neighbours
