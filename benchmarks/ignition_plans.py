@@ -27,11 +27,18 @@ LIMIT_MS = 100.0
 IGNITIONS = 500
 
 
-def twenty_acres() -> Situation:
+STEADY = (Spread(0.0, 0.3, 0.015, 0.015, -math.pi / 2),)
+CHANGING = (
+    *STEADY,
+    Spread(100.0, 0.4, 0.015, 0.015, -1.4),
+    Spread(400.0, 0.2, 0.015, 0.015, -1.7),
+)
+
+
+def twenty_acres(spreads: tuple[Spread, ...] = STEADY) -> Situation:
     """A square with a backing fire along its downwind side; the wind is 2 m/s towards the south."""
     side_m = math.sqrt(20.0 * ACRE_M2)
     area = shapely.box(0.0, 0.0, side_m, side_m)
-    spreads = (Spread(0.0, 0.3, 0.015, 0.015, -math.pi / 2),)
     south = np.array([[0.0, 0.0], [side_m, 0.0]])
     fire = EllipseFire(spreads, line_sources(south, 0.0, side_m / (IGNITIONS - 1)))
     return Situation(
@@ -52,9 +59,9 @@ def twenty_acres() -> Situation:
     )
 
 
-def time_of_plan(repeats: int = 20) -> dict[str, Any]:
+def time_of_plan(spreads: tuple[Spread, ...], repeats: int = 20) -> dict[str, Any]:
     """Milliseconds, warm."""
-    situation, taken_ms, worked_ms = twenty_acres(), [], []
+    situation, taken_ms, worked_ms = twenty_acres(spreads), [], []
     for _ in range(repeats + 1):
         begun, worked = time.perf_counter(), time.process_time()
         plan = next_line(situation, BASE)
@@ -103,8 +110,12 @@ def trial(seed: int) -> tuple[list[str], Counter[str], list[float]]:
 def main() -> None:
     """Measure and print."""
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    trials, first = (*numbers, 1000, 0)[:2] if len(numbers) != 1 else (numbers[0], 0)
-    result: dict[str, Any] = {"plan": time_of_plan()}
+    trials, first = (*numbers, 0) if len(numbers) == 1 else (*numbers, 1000, 0)[:2]
+    trials = max(trials, 1)
+    result: dict[str, Any] = {
+        "plan": time_of_plan(STEADY),
+        "plan, two changes of wind": time_of_plan(CHANGING),
+    }
     begun, worked = time.perf_counter(), time.process_time()
     wrong: list[str] = []
     counts: Counter[str] = Counter()
