@@ -169,7 +169,8 @@ async def serve(
                     await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
             for flight in flights:
                 flight.cancel()
-        journal.end()
+        if not isinstance(core.leader, BurnFlight) or core.leader.complete:
+            journal.end()  # what a burn has lit and dropped is to be known when it goes on
     world.advance(clock.now_us)
     return record, world
 
