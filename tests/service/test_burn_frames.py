@@ -1,4 +1,4 @@
-"""No sphere without approval: burns with a wild crew and bad links, read by an oracle of its own."""
+"""No sphere without approval: burns with wild crews and bad links, read by an oracle."""
 
 from pathlib import Path
 
