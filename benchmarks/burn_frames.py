@@ -47,7 +47,7 @@ from mission_service.sim import Simulation
 LAT, LON = 36.35, -84.16
 NORTH_DEG, EAST_DEG = 1.0 / 111_195.0, 1.0 / 89_560.0
 SIDE_M = 120.0
-ENDS_S = 240.0
+ENDS_S = 300.0
 RELEASES = (1900.0, 0.0)  # servo's PWM; a gripper that opens
 
 
@@ -165,14 +165,19 @@ def fly(seed: int, folder: Path) -> dict[str, int]:
             _make(trouble, rig)
             trouble = ""
     journal.close()
-    releases = [at_us for at_us, _, _, value in rig.mock.outputs if value in RELEASES]
+    # A datagram that came twice sets the output twice to the same: one sphere.
+    values = [value for _, _, _, value in rig.mock.outputs]
+    releases = sum(
+        value in RELEASES and before not in RELEASES
+        for before, value in zip([None, *values], values, strict=False)
+    )
     wrong = [items for items in missions if has_drop(items)]
     assert not wrong, f"seed {seed}: a mission with a drop in it: {wrong[0]}"
     ordered = check(path, scenario, seed)
-    assert len(releases) <= ordered, (
-        f"seed {seed}: {len(releases)} releases at the dropper, {ordered} drops ordered"
+    assert releases <= ordered, (
+        f"seed {seed}: {releases} releases at the dropper, {ordered} drops ordered"
     )
-    return {"releases": len(releases), "ordered": ordered}
+    return {"releases": releases, "ordered": ordered}
 
 
 def _make(trouble: str, rig: Any) -> None:

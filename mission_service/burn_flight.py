@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
+from mission_service.burn.aim import aimed
 from mission_service.burn.approval import Approvals
 from mission_service.burn.checklist import Checklist
 from mission_service.burn.drops import Account, Sphere
@@ -263,7 +264,7 @@ class BurnFlight:
         here, at_us, plan = vehicle.presence.here, round(at_s * 1e6), self.approvals.plan
         if here is None:
             return []
-        if not vehicle.presence.airborne and not self._armed:
+        if not (vehicle.presence.airborne or self._armed or vehicle.deployed):  # it stands
             ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m))
             self._above_map_m = round(here.altitude_m - ground_m, 1)
         why = self.approvals.lapsed(at_us)
@@ -295,7 +296,7 @@ class BurnFlight:
         return on_board and self._armed and self._mode == "mission"
 
     def _may_plan(self, vehicle: Vehicle, here: Here) -> bool:
-        if not self._fix_good or vehicle.going_home or self.complete:
+        if not self._fix_good or self._battery_low or vehicle.going_home or self.complete:
             return False
         return not vehicle.presence.airborne or self._is_high(here)
 
@@ -353,6 +354,7 @@ class BurnFlight:
             self.phase, self.complete = "waiting", found.why == "complete"
             vehicle.going_home = airborne
             return self._say(f"no further line: {found.words}")
+        found = aimed(found, situation, self.burn)
         plan = self._as_data(found, here, begin_s)
         name = self.approvals.propose(plan)
         self._found, self.phase, self._looked_at_s = found, "proposed", here.at_s
@@ -649,10 +651,15 @@ class BurnFlight:
 
     def _battery_told(self, vehicle: Vehicle, event: BatteryTold) -> list[AnyCommand]:
         self._battery_pct = event.percent
-        if event.percent >= self.burn.least_battery_pct or not vehicle.presence.airborne:
+        if not self._battery_low:
             return []
-        vehicle.going_home = True
+        vehicle.going_home = vehicle.presence.airborne
         return self._stop(f"its battery is at {event.percent:.0f} %")
+
+    @property
+    def _battery_low(self) -> bool:
+        told = self._battery_pct
+        return told is not None and told < self.burn.least_battery_pct
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []

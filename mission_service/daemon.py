@@ -169,7 +169,9 @@ async def serve(
                     await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
             for flight in flights:
                 flight.cancel()
-        journal.end()
+        is_over = clock.now_us >= latest_us
+        if is_over or not isinstance(core.leader, BurnFlight) or core.leader.complete:
+            journal.end()  # else what was lit and dropped is to be known when it goes on
     world.advance(clock.now_us)
     return record, world
 

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from mission_service.burn.interlock import Interlock
-from mission_service.commands import AnyCommand, Drop, Say
+from mission_service.burn.mission import has_drop
+from mission_service.commands import AnyCommand, Drop, Say, UploadMission
 from mission_service.config import Scenario
 from mission_service.core import Core
 from mission_service.events import (
@@ -21,6 +22,7 @@ from mission_service.events import (
     Lit,
     Resumed,
     Telemetry,
+    UploadFinished,
     VehicleEvent,
 )
 from mission_service.formation.messages import AnyMessage
@@ -61,7 +63,7 @@ class Service:
         }
         self._camera_due_us = dict.fromkeys(self._cameras, 0)
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
-        self._held_back: deque[DropFinished] = deque()
+        self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = Interlock(scenario.burn) if scenario.burn else None
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
@@ -131,9 +133,12 @@ class Service:
         for command in commands:
             if isinstance(command, Say):
                 self._say(command.message)
-            elif isinstance(command, Drop):
-                self._drop(command, now_us)
+            elif (refused := self._refused(command)) is not None:
+                self._held_back.append(refused)
             else:
+                if isinstance(command, Drop):
+                    place = (command.lat_deg, command.lon_deg)
+                    self._falling[command.plan_hash, command.number] = place
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
                 self._interlock.sent([command])
@@ -149,21 +154,16 @@ class Service:
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
 
-    def _drop(self, command: Drop, now_us: int) -> None:
-        """The last lock: nothing leaves that the interlock does not know to be right."""
-        why = self._interlock.refuses(command, self.record.at_us) if self._interlock else NO_BURN
-        if why is not None:
-            self._held_back.append(
-                DropFinished(
-                    self.record.at_us,
-                    command.vehicle,
-                    command.plan_hash,
-                    command.number,
-                    done=False,
-                    refused=True,
-                    reason=f"interlock: {why}",
-                )
-            )
-            return
-        self._falling[command.plan_hash, command.number] = (command.lat_deg, command.lon_deg)
-        self._gateways[command.vehicle].execute(command, now_us)
+    def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
+        """The last lock: no drop leaves that the interlock does not allow, no mission with one."""
+        at_us, lock = self.record.at_us, self._interlock
+        if isinstance(command, Drop):
+            why = NO_BURN if lock is None else lock.refuses(command, at_us)
+            if why is None:
+                return None
+            named = (command.plan_hash, command.number)
+            return DropFinished(at_us, command.vehicle, *named, False, True, f"interlock: {why}")
+        if isinstance(command, UploadMission) and lock is not None and has_drop(command.items):
+            reason = "interlock: something in it may drop"
+            return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
+        return None

@@ -33,7 +33,9 @@ LINE_SPACING_M = 2.0  # of the points that stand for a line
 MARKS_APART_M = 5.0  # of a line or polygon drawn
 PAPER_LENGTH_M = 25.0
 OWN_WITHIN_M = 20.0
-LOOKED_EVERY_S = 15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
+LOOKED_EVERY_S = (
+    15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
+)
 STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 

@@ -372,7 +372,7 @@ def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
     # As delivered ArduCopter 4.6 comes home from a drop line at the height of the line (seen).
     heights = []
     for height_m in (None, 75.0):
-        pair, mock = flying(stack, loss=0.1)
+        pair, _ = flying(stack, loss=0.1)
         if height_m is not None:
             pair.client.set_return_height(height_m, pair.now_us)
             pair.run_for(10.0)

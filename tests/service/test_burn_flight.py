@@ -252,6 +252,7 @@ def test_a_cut_link_drops_nothing_and_the_flight_ends_high(burn: Burn) -> None:
     run_links(burn, 90.0)
     assert burn.at_s < before_s + 1.0  # nothing was heard
     assert burn.dropped == dropped
+    assert burn.leader.approvals.approval is None
     assert burn.rig.mock.flight.motion.altitude_m > 350.0 + 54.0
     for link in links:
         link._loss = 0.0
@@ -267,7 +268,9 @@ def test_a_lost_position_drops_nothing(burn: Burn) -> None:
     burn.rig.mock.positions = False
     dropped = burn.dropped
     burn.crew_is_there = False
-    run_links(burn, 30.0)
+    run_links(burn, 3.0)  # well before its autopilot lands it blind
+    assert burn.leader.approvals.approval is None
+    run_links(burn, 27.0)
     assert burn.dropped == dropped
     burn.rig.mock.positions = True
     run_links(burn, 40.0)
