@@ -51,8 +51,8 @@ def test_hours_of_windows_give_few_marks_and_the_newest() -> None:
     assert 20 < len(marks) <= 150
     assert (np.diff(marks[:, 2]) >= 0.0).all()
     one = SeenFront(LAND, every_s=120.0)
-    for at_s in (10.0, 60.0, 110.0):
-        one.fold(10, 20, ("bu",), at_s, NEVER)
+    for time_s in (10.0, 60.0, 110.0):
+        one.fold(10, 20, ("bu",), time_s, NEVER)
     assert one.marks()[:, 2].tolist() == [110.0, 110.0]
 
 
