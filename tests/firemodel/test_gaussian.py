@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.ellipse import EllipseFire, Spread, line_sources
-from firemodel.gaussian import GaussianCorrected
+from firemodel.gaussian import GaussianCorrected, _curvature, _log_likelihood
 from firemodel.marks import BURNED, BURNING, UNBURNED
 
 Floats = NDArray[np.float64]
@@ -121,8 +121,22 @@ def test_what_is_stated_of_its_certainty_is_about_true() -> None:
     asked = (true_s > 60.0) & (true_s < 2000.0)
     off = np.abs(found.ignition_time_s(GRID) - true_s)[asked] / found.sd_s(GRID)[asked]
     assert (off < 2.0).mean() > 0.85
-    before = GaussianCorrected(MODEL, np.empty((0, 4))).sd_s(GRID)
-    assert np.median(found.sd_s(GRID)[asked] / before[asked]) < 0.6  # marks make surer
+    few = GaussianCorrected(MODEL, marks[:3]).sd_s(GRID)
+    assert np.median(found.sd_s(GRID)[asked] / few[asked]) < 0.6  # marks make surer
+    near = GaussianCorrected(TRUTH, marks)
+    assert np.median(near.sd_s(marks[:, :2]) / near.ignition_time_s(marks[:, :2])) < 0.25
+
+
+def test_the_slope_of_a_marks_likelihood_is_that_of_its_likelihood() -> None:
+    state = np.array([BURNED, BURNING, UNBURNED, BURNED, UNBURNED])
+    y, sd, f = np.array([6.0, 6.1, 5.9, 6.5, 5.0]), np.full(5, 0.2), np.full(5, 6.05)
+    w, b = _curvature(state, y, sd, f)
+    for place in range(5):
+        step = np.where(np.arange(5) == place, 1e-5, 0.0)
+        up, down = (_log_likelihood(state, y, sd, f + way * step) for way in (1.0, -1.0))
+        assert (up - down) / 2e-5 == pytest.approx(
+            b[place] - w[place] * f[place], rel=1e-4, abs=1e-6
+        )
 
 
 def test_it_is_quick_and_always_the_same() -> None:
