@@ -276,8 +276,7 @@ def _factor(count: int, apart: float) -> Floats:
     """Cholesky factor of a squared exponential between places in a row, ``apart`` lengths."""
     at = np.arange(count) * apart
     squares = np.square(at[:, None] - at)
-    factor: Floats = np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count))
-    return factor
+    return np.asarray(np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count)), np.float64)
 
 
 def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:

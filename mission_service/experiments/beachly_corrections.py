@@ -4,6 +4,11 @@ Front errors are as in VII.B: the mean distance from the true front, inside the 
 simulated one, every minute. At each minute only what was marked by then is known. Reported is the
 mean from the first segment's begin to the second one's end, as in the paper, and that of all
 minutes from the first segment's begin on.
+
+The share that corrections take away depends on how wrong the model is, since what they leave hardly
+does. On fires 0 to 19 with a less wrong model (17.8 m uncorrected, segments from minute 12 on) it
+was 34 % by the paper's method and 54 % by ours; the model was then mis-set more, for about the
+paper's 24.8 m. Fires 100 to 119 were not looked at before.
 """
 
 from collections.abc import Callable
@@ -38,10 +43,10 @@ from mission_service.experiments.beachly_truth import (
 Floats = NDArray[np.float64]
 Method = Callable[[Any, Floats], Simulation]
 
-FIRES = tuple(range(20))  # seeds; constants were chosen on those from 1000 on
+FIRES = tuple(range(100, 120))  # seeds; constants were chosen on 0 to 19 and from 1000 on
 PARTICIPANTS = 3  # of each fire
 FEWEST, MOST = 77, 175  # corrections of a participant in the paper
-WATCHING = Watching(tuple(minute * MINUTE_S for minute in (12, 26, 40, 54, 68)), 3 * MINUTE_S)
+WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
 PAPER_LENGTH_M = 20.0  # chosen before, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # around the unit, where simulated fronts still count
 METHODS: dict[str, Method] = {
