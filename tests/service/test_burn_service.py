@@ -7,14 +7,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import AnyCommand, Drop, UploadMission
-from mission_service.events import AnyEvent, BatteryTold, DropFinished, UploadFinished
+from mission_service.events import BatteryTold, DropFinished, UploadFinished
 from mission_service.journal import JournalReader
 from tests.service.test_burn_flight import Burn, scenario
 
 SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)
 
 
-def told(path: Path, kind: type) -> list[AnyEvent]:
+def told(path: Path, kind: type) -> list[object]:
     return [entry.content for entry in JournalReader(path) if isinstance(entry.content, kind)]
 
 
