@@ -25,7 +25,7 @@ PENS = {
     BURNING: ("#e8a200", "burning"),
     UNBURNED: ("#2e7d32", "unburned"),
 }
-SHOWN_MIN = 29.0  # the second segment's end
+SHOWN_MIN = (WATCHING.begins_s[1] + WATCHING.segment_s) / MINUTE_S
 
 
 def draw(out: Path, studies: list[Study]) -> None:
