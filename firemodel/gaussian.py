@@ -15,13 +15,14 @@ likelihood of the linearised regression). See Rasmussen & Williams 2006, chapter
 """
 
 import math
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
+from threadpoolctl import ThreadpoolController
 
 from firemodel.ellipse import EllipseFire
 from firemodel.gaussian_kernels import Field, slopes, stretch, variances
@@ -70,6 +71,12 @@ class _Prior(NamedTuple):
         return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    """Of several threads sums would depend on the machine; and with small matrices they wait."""
+    return ThreadpoolController()
+
+
 class _Look(NamedTuple):
     """The marks as seen from some rates and field."""
 
@@ -105,7 +112,8 @@ class GaussianCorrected:
             self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
             self._w = np.empty(0)
         if len(self._held):
-            self._fit(self._rated)
+            with _blas().limit(limits=1, user_api="blas"):
+                self._fit(self._rated)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
