@@ -117,13 +117,14 @@ class EllipseFire:
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point (n, 2) x, y: (n,) s, infinity for never."""
-        return self._burned(points_m, with_sources=False)[0]
+        return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:
         """From which source fire first comes to each point (n, 2): (n,), -1 for never."""
-        return self._burned(points_m, with_sources=True)[1]
+        return self.arrivals(points_m, with_sources=True)[1]
 
-    def _burned(self, points_m: Floats, with_sources: bool) -> tuple[Floats, Places]:
+    def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
+        """Both: ``ignition_time_s`` and, unless they are not asked for (empty), ``sources_of``."""
         points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
         sources = self.sources

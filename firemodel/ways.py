@@ -87,7 +87,7 @@ class RatableEllipses:
 
     def ways(self, points_m: Floats) -> Ways:
         """From the source that fire comes from first."""
-        time_s, number = self.fire._burned(points_m, with_sources=True)
+        time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
         return Ways(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 LINE_SPACING_M = 2.0  # of the points that stand for a line
 MARKS_APART_M = 5.0  # of a line or polygon drawn
-PAPER_LENGTH_M = 25.0
+PAPER_LENGTH_M = 40.0  # the best of benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
 LOOKED_EVERY_S = (
     15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
