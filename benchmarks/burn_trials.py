@@ -173,7 +173,8 @@ def _unit(random: Random, edge_m: float) -> Unit:
             no_drop = _star(random, _about(random, 80), 5.0, 40.0)
         fence: BaseGeometry | None = None
         if random.random() < 0.5:
-            fence = area.buffer(float(random.uniform(-5, 30)), join_style="mitre")
+            wider_m = float(random.uniform(-5, 30))
+            fence = shapely.make_valid(area.buffer(wider_m, join_style="mitre"))
             fence = fence.difference(_star(random, _about(random, 150), 10.0, 60.0))
             parts = shapely.get_parts(only_areas(fence))
             fence = max(parts, key=lambda part: part.area) if len(parts) else None

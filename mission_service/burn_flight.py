@@ -7,7 +7,6 @@ No drop is in a mission on board: each is ordered here while everything that mus
 """
 
 import math
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,20 +16,15 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
-from mission_service.burn.aim import aimed
 from mission_service.burn.approval import Approvals
 from mission_service.burn.checklist import Checklist
-from mission_service.burn.drops import Account, Sphere
-from mission_service.burn.fire_state import BelievedFire, toward
-from mission_service.burn.flight import Air
+from mission_service.burn.dropping import drops_due
 from mission_service.burn.flown import HIGH_SHARE, Flown, first_danger_s, flown_of
-from mission_service.burn.hazard import hazard_of
-from mission_service.burn.mission import mission_items, plan_points
-from mission_service.burn.plan import IgnitionPlan, PlannedDrop
-from mission_service.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
+from mission_service.burn.mission import mission_items
+from mission_service.burn.plan import IgnitionPlan
+from mission_service.burn.planner import LinePlan, NoPlan
 from mission_service.burn.recheck import trouble
-from mission_service.burn.release import Landing, Moving, is_due, landing
-from mission_service.burn.unit import Person, unit_of
+from mission_service.burn.state import BurnState
 from mission_service.burn.watch import Wind, mean_wind, wind_differs
 from mission_service.commands import (
     Announce,
@@ -41,7 +35,6 @@ from mission_service.commands import (
     Withdraw,
 )
 from mission_service.config import Scenario
-from mission_service.config_sections import BurnSection
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import (
     Aborted,
@@ -72,18 +65,12 @@ from mission_service.vehicle import Vehicle, say
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
-# Plans keep more than the margins that are watched in flight: a flight is never quite its plan.
-SLACK_S, SLACK_M = 20.0, 3.0
 CLIMB_AGAIN_S, CLIMBS_SHARE = 5.0, 1.05
 LOOK_EVERY_S, LOOK_AT_PROPOSED_EVERY_S = 1.0, 5.0
 BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # after the proposal, as planned
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
-TELEMETRY_S = 0.1
-RELEASES_BEFORE_S = 6.0  # the time of a drop by the plan, it is looked whether it is due
 WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
-LOW_SHARE, HIGH_BAND_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
-NO_FIRE_S = 86400.0  # a margin where no fire comes near
 
 
 class BurnFlight:
@@ -91,39 +78,31 @@ class BurnFlight:
 
     def __init__(self, scenario: Scenario, landscape: Landscape, missions: MissionsSent) -> None:
         assert scenario.burn is not None  # by the scenario's own check
-        self.burn: BurnSection = scenario.burn
-        self.landscape = landscape
-        self.phase: Phase = "planning"
-        section = scenario.vehicles[0]
-        home = (section.home_lat_deg, section.home_lon_deg)
-        self.unit = unit_of(self.burn, landscape, home)
+        burn, section = scenario.burn, scenario.vehicles[0]
+        self.state = BurnState(burn, landscape, weather_of(scenario), section)
         self._refuse_stations_inside()
-        self.fire = BelievedFire(self.burn, landscape, weather_of(scenario))
-        self.approvals = Approvals(self.burn)
-        self.checklist = Checklist(self.burn.go_items)
-        self.account = Account(self.burn.spheres)
-        self.area_left: Any = self.unit.area
-        self.line = 1
+        self.approvals = Approvals(burn)
+        self.checklist = Checklist(burn.go_items)
+        self.phase: Phase = "planning"
         self.complete = False
         self._missions = missions
         self._vehicle: Vehicle | None = None
         self._name = section.name
         self._found: LinePlan | None = None
         self._flown: Flown | None = None
-        self._air: tuple[int, Air] | None = None
         self._after_climb: Phase = "planning"
         self._mode, self._armed, self._fix_good, self._by_hand = "", False, True, False
         self._battery_pct: float | None = None
         self._climbed_at_s = self._looked_at_s = -math.inf
-        self._above_map_m = 0.0
         self._reloads = False
         self._winds: list[Wind] = []
 
     def _refuse_stations_inside(self) -> None:
         """Nobody approves fire from where it is to burn."""
-        for station in self.burn.stations:
-            x_m, y_m = self.landscape.xy_of_lat_lon(station.lat_deg, station.lon_deg)
-            if self.unit.area.covers(shapely.Point(x_m, y_m)):
+        for station in self.state.burn.stations:
+            place = (station.lat_deg, station.lon_deg)
+            x_m, y_m = self.state.landscape.xy_of_lat_lon(*place)
+            if self.state.unit.area.covers(shapely.Point(x_m, y_m)):
                 raise ScenarioError(
                     f"burn.stations: {station.name} is inside the burn unit; move it outside"
                 )
@@ -134,7 +113,7 @@ class BurnFlight:
         """What a person did or said."""
         self.approvals.heard(event)
         try:
-            changed = self.fire.take(event)
+            changed = self.state.fire.take(event)
         except FireModelError as error:
             return self._say(f"not taken: {error}", warning=True)
         match event:
@@ -178,7 +157,7 @@ class BurnFlight:
                 return self._drop_finished(event)
             case WindMeasured() if vehicle.presence.airborne:
                 return self._wind_measured(event)
-            case Observed() if self.fire.take(event):
+            case Observed() if self.state.fire.take(event):
                 return []  # looked at once a second
             case _:
                 return []
@@ -187,18 +166,9 @@ class BurnFlight:
 
     def _unit_told(self, event: PersonTold | UnitTold) -> list[AnyCommand]:
         try:
-            if isinstance(event, UnitTold):
-                unit = unit_of(self.burn, self.landscape, corners=event.points)
-                self.unit = unit.with_people(self.unit.people)
-                self.area_left = shapely.intersection(self.area_left, unit.area)
-            else:
-                place = self.landscape.xy_of_lat_lon(event.lat_deg, event.lon_deg)
-                others = [each for each in self.unit.people if each.name != event.name]
-                there = [Person(event.name, *place, event.radius_m)] if event.radius_m > 0 else []
-                self.unit = self.unit.with_people((*others, *there))
+            self.state.unit_told(event)
         except MissionServiceError as error:
             return self._say(f"not taken: {error}", warning=True)
-        self._air = None
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
@@ -206,12 +176,12 @@ class BurnFlight:
         plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
         if plan is None:
             return []
-        differs = wind_differs(plan, wind, self.burn) is not None
+        differs = wind_differs(plan, wind, self.state.burn) is not None
         self._winds = [*self._winds, wind] if differs else []
         if len(self._winds) < WIND_FOR:
             return []
         wind, self._winds = mean_wind(self._winds), []
-        self.fire.blow(*wind, event.at_us / 1e6)
+        self.state.fire.blow(*wind, event.at_us / 1e6)
         return self._changed(event.at_us / 1e6)
 
     def _changed(self, at_s: float) -> list[AnyCommand]:
@@ -224,11 +194,10 @@ class BurnFlight:
         plan = self.approvals.plan
         if plan is None:
             return None
-        if plan.digest != self.unit.digest(self.burn):
+        if plan.digest != self.state.unit.digest(self.state.burn):
             return "the burn unit, its people or its settings are no longer those of the plan"
-        weather = self.fire.weather_at(at_s)
-        wind = (weather.wind_speed_m_s, weather.wind_from_deg)
-        return wind_differs(plan, wind, self.burn) or self._danger_ahead(plan, at_s)
+        differs = wind_differs(plan, self.state.wind(at_s), self.state.burn)
+        return differs or self._danger_ahead(plan, at_s)
 
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
         """Where the path that is proposed or still ahead would come too near to fire."""
@@ -237,25 +206,15 @@ class BurnFlight:
             return None
         here = vehicle.presence.here
         if flown is None or self.phase != "flying":
-            begins = self._situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
-            return trouble(self._found, begins, self.burn) or None
+            begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
+            return trouble(self._found, begins, self.state.burn) or None
         path = flown.table.ahead(at_s)
-        path[0, :3] = here.x_m, here.y_m, self._height_m(here)
-        found_s = first_danger_s(path, self._air_at(vehicle, here, at_s), self.fire.held)
+        path[0, :3] = here.x_m, here.y_m, self.state.height_m(here)
+        air = self.state.air(vehicle, here, at_s)
+        found_s = first_danger_s(path, air, self.state.fire.held)
         if found_s is None:
             return None
         return f"fire would be too near to the path in {max(found_s - at_s, 0.0):.0f} s"
-
-    def _air_at(self, vehicle: Vehicle, here: Here, at_s: float) -> Air:
-        """What flights are checked against, as the fire is believed now."""
-        if self._air is None or self._air[0] != self.fire.version:
-            air = air_of(self._situation(vehicle, here, at_s), self.burn)
-            # Planned is over the unit only; what is flown is watched from home on.
-            places = shapely.MultiPoint([vehicle.home_m, (here.x_m, here.y_m)])
-            box = shapely.union(self.unit.area, places.buffer(OFF_PATH_M)).bounds
-            hazard = hazard_of(self.fire.simulation, box, air.hazard.margins)
-            self._air = (self.fire.version, replace(air, hazard=hazard))
-        return self._air[1]
 
     # Plans and their approval -----------------------------------------------------------------
 
@@ -265,8 +224,7 @@ class BurnFlight:
         if here is None:
             return []
         if not (vehicle.presence.airborne or self._armed or vehicle.deployed):  # it stands
-            ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m))
-            self._above_map_m = round(here.altitude_m - ground_m, 1)
+            self.state.stands(here)
         why = self.approvals.lapsed(at_us)
         if why is None and plan is not None and at_us > plan.valid_until_us:
             why = "its time is over"
@@ -303,14 +261,9 @@ class BurnFlight:
     def _plan_wanted(self, event: PlanWanted) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
             return self._say("a line is being flown: the next plan comes after it")
-        spacings = {
-            "line_spacing_m": event.line_spacing_m or self.burn.line_spacing_m,
-            "drop_spacing_m": event.drop_spacing_m or self.burn.drop_spacing_m,
-        }
-        least_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
-        if spacings["drop_spacing_m"] < least_m or spacings["line_spacing_m"] <= 0.0:
-            return self._say(f"spacings not taken: drops must be at least {least_m:g} m apart")
-        self.burn = self.burn.model_copy(update=spacings)
+        refused = self.state.spaced(event)
+        if refused is not None:
+            return self._say(refused, warning=True)
         commands = self._void("a new plan is wanted")
         self.phase, self.complete, self._by_hand = "planning", False, False
         return commands
@@ -326,7 +279,7 @@ class BurnFlight:
         why = self._why_void(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
-        self._flown = flown_of(plan, self.landscape)
+        self._flown = flown_of(plan, self.state.landscape)
         self.phase, self._by_hand = "approved", False
         return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
@@ -336,105 +289,44 @@ class BurnFlight:
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
         if self.checklist.complete and self._reloads:
             self._reloads = False
-            self.account.load(self.burn.spheres)
+            self.state.account.load(self.state.burn.spheres)
         return commands
 
     def _plan(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Propose the next line; without one the vehicle goes home."""
         airborne = vehicle.presence.airborne
         begin_s = here.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
-        self.fire.let_go()
-        wider = {
-            "time_margin_s": self.burn.time_margin_s + SLACK_S,
-            "distance_margin_m": self.burn.distance_margin_m + SLACK_M,
-        }
-        situation = self._situation(vehicle, here, begin_s)
-        found = next_line(situation, self.burn.model_copy(update=wider))
+        found = self.state.next_plan(vehicle, here, begin_s)
         if isinstance(found, NoPlan):
             self.phase, self.complete = "waiting", found.why == "complete"
             vehicle.going_home = airborne
             return self._say(f"no further line: {found.words}")
-        found = aimed(found, situation, self.burn)
-        plan = self._as_data(found, here, begin_s)
+        line, plan = found
         name = self.approvals.propose(plan)
-        self._found, self.phase, self._looked_at_s = found, "proposed", here.at_s
+        self._found, self.phase, self._looked_at_s = line, "proposed", here.at_s
         words = (
             f"line {plan.line} proposed, {name[:12]}: {len(plan.drops)} drops in "
             f"{plan.duration_s:.0f} s, {len(plan.skipped)} skipped as unsafe"
         )
         return [Propose(self._name, plan, name), *self._say(words)]
 
-    def _situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
-        weather = self.fire.weather_at(at_s)
-        east, north = toward(self.landscape, weather.wind_speed_m_s, weather.wind_from_deg)
-        airborne = vehicle.presence.airborne
-        flown_s = here.at_s - vehicle.presence.took_off_at_s if airborne else 0.0
-        return Situation(
-            unit=self.unit,
-            area=self.area_left,
-            dropped_m=np.array(self.account.fallen_m()).reshape(-1, 2),
-            fire=self.fire.simulation,
-            lights=self.fire.lights,
-            at_s=at_s,
-            x_m=here.x_m,
-            y_m=here.y_m,
-            height_m=self._height_m(here) if airborne else 0.0,
-            wind_m_s=weather.wind_speed_m_s,
-            toward_rad=math.atan2(north, east),
-            spheres=self.account.left,
-            battery_s=self.burn.battery_s - flown_s,
-            home_m=vehicle.home_m,
-        )
-
-    def _as_data(self, found: LinePlan, here: Here, begin_s: float) -> IgnitionPlan:
-        """The plan as people approve it."""
-        weather = self.fire.weather_at(begin_s)
-        return IgnitionPlan(
-            vehicle=self._name,
-            line=self.line,
-            made_at_us=round(here.at_s * 1e6),
-            begin_us=round(begin_s * 1e6),
-            valid_until_us=round((begin_s + self.burn.approval_s) * 1e6),
-            path=plan_points(found.path, self.landscape, self._above_map_m),
-            drops=tuple(
-                PlannedDrop(number, *self._lat_lon(x_m, y_m), round(after_s, 3))
-                for number, (x_m, y_m, after_s) in enumerate(found.drops.tolist())
-            ),
-            skipped=tuple(self._lat_lon(x_m, y_m) for x_m, y_m in found.skipped.tolist()),
-            duration_s=round(found.duration_s, 3),
-            speed_m_s=self.burn.speed_m_s,
-            drop_height_m=self.burn.drop_height_m,
-            safe_height_m=self.burn.safe_height_m,
-            wind_speed_m_s=weather.wind_speed_m_s,
-            wind_from_deg=weather.wind_from_deg,
-            time_margin_s=self.burn.time_margin_s,
-            distance_margin_m=self.burn.distance_margin_m,
-            least_time_margin_s=min(round(found.least_time_margin_s, 1), NO_FIRE_S),
-            spheres_left=found.spheres_left,
-            digest=self.unit.digest(self.burn),
-        )
-
-    def _lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
-        lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
-        return round(float(lat_deg), 7), round(float(lon_deg), 7)
-
     def status(self) -> dict[str, Any]:
         """Where it stands, for people and programs."""
         plan, approval = self.approvals.plan, self.approvals.approval
         return {
             "phase": self.phase,
-            "line": self.line,
+            "line": self.state.line,
             "complete": self.complete,
             "plan_hash": self.approvals.plan_hash,
             "approved_by": None if approval is None else f"{approval.by} at {approval.station}",
             "drops_planned": 0 if plan is None else len(plan.drops),
-            "drops_done": len(self.account.of(self.approvals.plan_hash)),
-            "spheres_left": self.account.left,
+            "drops_done": len(self.state.account.of(self.approvals.plan_hash)),
+            "spheres_left": self.state.account.left,
             "battery_pct": self._battery_pct,
             "position_good": self._fix_good,
             "mode": self._mode,
             "checklist": self.checklist.status(),
-            "corrections": self.fire.log.status(),
+            "corrections": self.state.fire.log.status(),
         }
 
     # In the air -------------------------------------------------------------------------------
@@ -452,7 +344,7 @@ class BurnFlight:
         self._flown.sent = True
         plan, on_ground = self._flown.plan, not vehicle.presence.airborne
         path = plan.path[1:] if on_ground else plan.path
-        return mission_items(path, plan.speed_m_s, vehicle.section, self.burn, on_ground)
+        return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
 
     def in_mission(self, name: str) -> bool:
         """Whether it flies the mission it has on board, by its mode."""
@@ -477,7 +369,7 @@ class BurnFlight:
         return None if self._is_high(here) else self._climb(vehicle, here)
 
     def _fly(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
-        off_m = flown.table.moved(np.array([here.x_m, here.y_m, self._height_m(here)]))
+        off_m = flown.table.moved(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
         why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
         if why is not None:
             return self._stop(why)
@@ -489,86 +381,46 @@ class BurnFlight:
     def _release(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
         """Let go of the next sphere if it would fall on its place now."""
         commands: list[AnyCommand] = []
-        plan, comes_s = flown.plan, flown.table.after_s + RELEASES_BEFORE_S
-        if flown.next_drop == len(plan.drops) or comes_s < plan.drops[flown.next_drop].after_s:
-            return commands
-        moving = Moving(here.x_m, here.y_m, self._height_m(here), here.east_m_s, here.north_m_s)
-        weather = self.fire.weather_at(here.at_s)
-        wind = toward(self.landscape, weather.wind_speed_m_s, weather.wind_from_deg)
-        dropper = self.burn.dropper
-        falls = landing(moving, wind, dropper.terminal_speed_m_s, dropper.delay_s)
-        while flown.next_drop < len(plan.drops):
-            if comes_s < plan.drops[flown.next_drop].after_s:
-                break
-            x_m, y_m = flown.targets_m[flown.next_drop].tolist()
-            due = is_due(moving, falls, (x_m, y_m), TELEMETRY_S, self.burn.miss_m)
-            comes_down = flown.table.after_s < plan.drops[flown.next_drop].after_s
-            if due == "wait" or (comes_down and moving.height_m > self._highest_m(plan)):
-                break
-            number, flown.next_drop = flown.next_drop, flown.next_drop + 1
-            why = "it is behind" if due == "missed" else self._why_not(flown, moving, falls, here)
-            if why is None:
-                return [*commands, self._order(number, (x_m, y_m), falls, here)]
-            words = f"drop {number + 1} of line {flown.plan.line} left out: {why}"
+        for due in drops_due(self.state, flown, here):
+            why_not = due.why_not or self._why_none()
+            if why_not is None:
+                name = self.approvals.plan_hash
+                self.state.account.order(due.sphere(name, round(here.at_s * 1e6)))
+                place = self.state.lat_lon(*due.falls_m)
+                return [*commands, Drop(self._name, name, due.number, *place)]
+            words = f"drop {due.number + 1} of line {flown.plan.line} left out: {why_not}"
             commands.append(say(vehicle, words, warning=True))
         return commands
 
-    def _why_not(self, flown: Flown, moving: Moving, falls: Landing, here: Here) -> str | None:
-        """Why no sphere may be let go here and now, whatever was planned."""
-        plan, burn, at_us = flown.plan, self.burn, round(here.at_s * 1e6)
-        approved = self.approvals.approval
-        if approved is None or not self.checklist.complete:
+    def _why_none(self) -> str | None:
+        """Why nothing may be dropped at all."""
+        if self.approvals.approval is None or not self.checklist.complete:
             return "it is not approved"
         if self._mode != "mission" or not self._armed:
             return f"it is in mode {self._mode}"
-        if not LOW_SHARE * plan.drop_height_m <= moving.height_m <= self._highest_m(plan):
-            return f"it is {moving.height_m:.0f} m above the ground"
-        if math.hypot(here.east_m_s, here.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
-            return "it is too fast"
-        last_us, apart_us = self.account.last_at_us, 60e6 / burn.most_drops_per_min
-        if last_us is not None and at_us - last_us < apart_us - TELEMETRY_S * 1e6:
-            return f"the last drop was {(at_us - last_us) / 1e6:.1f} s ago"
-        if self.account.left <= 0:
-            return "no spheres are left"
-        if not self.unit.may_drop(np.array([(falls.x_m, falls.y_m)]))[0]:
-            return "it would fall outside the unit, or near people"
-        if self.fire.burns_s(falls.x_m, falls.y_m) <= here.at_s + burn.ignition_delay_s:
-            return "it would fall where it burns"
         return None
 
-    def _highest_m(self, plan: IgnitionPlan) -> float:
-        """Above the ground, to drop at."""
-        return HIGH_BAND_SHARE * plan.drop_height_m
-
-    def _order(
-        self, number: int, target_m: tuple[float, float], falls: Landing, here: Here
-    ) -> Drop:
-        place_m, at_us = (falls.x_m, falls.y_m), round(here.at_s * 1e6)
-        name = self.approvals.plan_hash
-        self.account.order(Sphere(name, number, at_us, target_m, place_m))
-        return Drop(self._name, name, number, *self._lat_lon(*place_m))
-
     def _drop_finished(self, event: DropFinished) -> list[AnyCommand]:
-        sphere = self.account.finish(event)
+        sphere = self.state.account.finish(event)
         if sphere is None:
             return []
         if not sphere.counts:
             return self._say(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
-        ignites_s = sphere.at_us / 1e6 + self.burn.ignition_delay_s
-        self.fire.hold((*sphere.falls_m, ignites_s))
+        ignites_s = sphere.at_us / 1e6 + self.state.burn.ignition_delay_s
+        self.state.fire.hold((*sphere.falls_m, ignites_s))
         return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
 
     def _line_done(self, vehicle: Vehicle, flown: Flown) -> list[AnyCommand]:
-        spheres = self.account.of(self.approvals.plan_hash)
+        spheres = self.state.account.of(self.approvals.plan_hash)
         farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
         if self._found is not None:
-            self.area_left = self._found.area_left
-        self.line += 1
+            self.state.area_left = self._found.area_left
+        self.state.line += 1
         self._end_plan()
         self.phase = "planning"
         return self._say(
             f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, the "
-            f"farthest {farthest_m:.1f} m off its place; {self.account.left} spheres left"
+            f"farthest {farthest_m:.1f} m off its place; {self.state.account.left} spheres left"
         )
 
     # What ends a plan -------------------------------------------------------------------------
@@ -586,7 +438,7 @@ class BurnFlight:
         self.approvals.void()
         self._flown = self._found = None
         self._winds = []
-        self.fire.let_go()
+        self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
         """Withdraw the plan; who flies it climbs to the safe height and holds.
@@ -621,16 +473,12 @@ class BurnFlight:
         if self._by_hand or here.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
             return []
         self._climbed_at_s = here.at_s
-        ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m)) + self._above_map_m
-        altitude_m = max(ground_m + CLIMBS_SHARE * self.burn.safe_height_m, here.altitude_m)
-        return [ClimbAndHold(self._name, *self._lat_lon(here.x_m, here.y_m), round(altitude_m, 1))]
+        safe_m = self.state.altitude_m(here, CLIMBS_SHARE * self.state.burn.safe_height_m)
+        altitude_m = round(max(safe_m, here.altitude_m), 1)
+        return [ClimbAndHold(self._name, *self.state.lat_lon(here.x_m, here.y_m), altitude_m)]
 
     def _is_high(self, here: Here) -> bool:
-        return self._height_m(here) >= HIGH_SHARE * self.burn.safe_height_m
-
-    def _height_m(self, here: Here) -> float:
-        ground_m = float(self.landscape.elevation_at(here.x_m, here.y_m))
-        return here.altitude_m - ground_m - self._above_map_m
+        return self.state.height_m(here) >= HIGH_SHARE * self.state.burn.safe_height_m
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         was_armed = self._armed
@@ -659,7 +507,7 @@ class BurnFlight:
     @property
     def _battery_low(self) -> bool:
         told = self._battery_pct
-        return told is not None and told < self.burn.least_battery_pct
+        return told is not None and told < self.state.burn.least_battery_pct
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []

@@ -128,7 +128,7 @@ class Onlooker:
             self._next_us = now_us + 1_000_000
             self._note(now_us, core, leader)
         events = self._crew.due(now_us, core)
-        spheres = leader.account.spheres
+        spheres = leader.state.account.spheres
         if not self._told and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
             self._told = True
             assert self._burn.unit is not None
@@ -138,7 +138,7 @@ class Onlooker:
 
     def _note(self, now_us: int, core: Core, leader: BurnFlight) -> None:
         flown = self._flown
-        flown.spheres = [sphere for sphere in leader.account.spheres if sphere.counts]
+        flown.spheres = [sphere for sphere in leader.state.account.spheres if sphere.counts]
         if leader.approvals.plan is not None:
             flown.plans.setdefault(leader.approvals.plan_hash, leader.approvals.plan)
         (vehicle,) = core.vehicles.values()
@@ -146,7 +146,7 @@ class Onlooker:
         if here is not None and vehicle.presence.airborne:
             height_m = here.altitude_m - float(core.landscape.elevation_at(here.x_m, here.y_m))
             place = (here.at_s, here.x_m, here.y_m, height_m)
-            flown.samples.append(Sample(*place, leader.fire.simulation))
+            flown.samples.append(Sample(*place, leader.state.fire.simulation))
 
 
 def fly(number: int, out: Path | None = None) -> Flown:

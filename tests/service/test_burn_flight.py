@@ -95,7 +95,7 @@ class Burn:
     def height_m(self) -> float:
         here = self.simulation.core.vehicles["kestrel"].presence.here
         assert here is not None
-        return self.leader._height_m(here)
+        return self.leader.state.height_m(here)
 
     def run(self, for_s: float) -> None:
         self.simulation.run(self.at_s + for_s)
@@ -136,15 +136,15 @@ def assert_stopped(burn: Burn) -> None:
 @pytest.mark.parametrize("stack", ["ardupilot", "px4"])
 def test_a_line_is_dropped_where_it_was_planned(stack: str, tmp_path: Path) -> None:
     burn = Burn(tmp_path / "journal.jsonl", scenario(stack))
-    while burn.leader.line == 1:
+    while burn.leader.state.line == 1:
         assert burn.at_s < 300.0
         burn.run(5.0)
     (plan,) = [text for text in burn.texts() if text.startswith("line 1 proposed")]
     planned = int(plan.split(": ")[1].split()[0])
     assert planned >= 6
     assert burn.dropped == planned
-    assert all(sphere.outcome == "done" for sphere in burn.leader.account.spheres)
-    assert max(sphere.miss_m for sphere in burn.leader.account.spheres) < 3.0
+    assert all(sphere.outcome == "done" for sphere in burn.leader.state.account.spheres)
+    assert max(sphere.miss_m for sphere in burn.leader.state.account.spheres) < 3.0
     burn.close()
     assert verify(burn.path).difference is None
 
@@ -160,7 +160,7 @@ def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
 def test_approval_before_the_list_is_complete_does_not_count(burn: Burn) -> None:
     burn.run(START_S + 2.0)
     burn.crew_is_there = False
-    burn.tell(Answered(burn.at_us, "ada", "boss", burn.leader.burn.go_items[0], go=False))
+    burn.tell(Answered(burn.at_us, "ada", "boss", burn.leader.state.burn.go_items[0], go=False))
     burn.tell(Approved(burn.at_us, "ada", "boss", burn.leader.approvals.plan_hash))
     burn.run(20.0)
     assert any("items are open" in text for text in burn.texts())
@@ -176,7 +176,7 @@ def amiss(burn: Burn, what: str) -> None:
         case "rejected":
             burn.tell(Rejected(now, "ada", "boss", burn.leader.approvals.plan_hash))
         case "no-go":
-            burn.tell(Answered(now, "ada", "boss", burn.leader.burn.go_items[3], go=False))
+            burn.tell(Answered(now, "ada", "boss", burn.leader.state.burn.go_items[3], go=False))
         case "wind shift":
             burn.tell(WindTold(now, "ada", "boss", 2.0, 90.0))
         case "wind measured":

@@ -143,10 +143,11 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
         told = [entry.content for entry in JournalReader(path)]
         dropped = {(each.plan_hash, each.number) for each in told if isinstance(each, Drop)}
         leader = again.leader
-        assert {(each.plan_hash, each.number) for each in leader.account.spheres} == dropped, where
+        spheres = leader.state.account.spheres
+        assert {(each.plan_hash, each.number) for each in spheres} == dropped, where
         assert flown.scenario.burn is not None
-        assert leader.account.left == flown.scenario.burn.spheres - len(dropped)
-        assert len(leader.fire.log.held()) == counts["Corrected"], where
+        assert leader.state.account.left == flown.scenario.burn.spheres - len(dropped)
+        assert len(leader.state.fire.log.held()) == counts["Corrected"], where
         assert len(again.service.record.vehicles[NAME].drops) == len(dropped)
         assert (leader.approvals.plan, leader.approvals.approval) == (None, None), where
         assert not leader.checklist.complete
