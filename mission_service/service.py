@@ -8,10 +8,17 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+from firemodel.readers.shapes import read_shapes
 from mission_service.burn.interlock import Interlock
 from mission_service.burn.mission import has_drop
 from mission_service.commands import AnyCommand, Drop, Say, UploadMission
 from mission_service.config import Scenario
+from mission_service.config_sections import BurnSection
 from mission_service.core import Core
 from mission_service.events import (
     AnyEvent,
@@ -36,6 +43,21 @@ NO_BURN = "the scenario has no burn"
 
 def unheard(message: AnyMessage) -> None:
     """Said where nobody else is."""
+
+
+def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | None:
+    """The last lock of a burn, which knows of its unit from the scenario or from the unit's file."""
+    if burn is None:
+        return None
+    if burn.unit_file is None:
+        return Interlock(burn)
+
+    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
+        return np.column_stack([lon, lat])
+
+    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
+    return Interlock(burn, shapely.transform(unit, lon_lat))
 
 
 class Service:
@@ -64,7 +86,7 @@ class Service:
         self._camera_due_us = dict.fromkeys(self._cameras, 0)
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._held_back: deque[DropFinished | UploadFinished] = deque()
-        self._interlock = Interlock(scenario.burn) if scenario.burn else None
+        self._interlock = interlock_of(scenario.burn, world.landscape)
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:

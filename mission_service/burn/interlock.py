@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mission_service.burn.plan import IgnitionPlan, plan_hash
 from mission_service.commands import (
@@ -92,17 +93,20 @@ class Interlock:
     A drop that was ordered once is never let out again, whatever became of it.
     """
 
-    def __init__(self, burn: BurnSection) -> None:
+    def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
+        """``unit`` (lon, lat) is the burn unit where a file has it, not the scenario."""
         self._burn = burn
         self._stations = {station.name for station in burn.stations}
         self._people: dict[str, Circle] = {
             circle.name: (circle.lat_deg, circle.lon_deg, circle.radius_m) for circle in burn.people
         }
-        self._areas = {
+        self._areas: dict[str, BaseGeometry] = {
             name: _polygon(corners)
             for name, corners in (("burn unit", burn.unit), ("fence", burn.fence))
             if corners is not None
         }
+        if unit is not None:
+            self._areas["burn unit"] = unit
         self._go: set[str] = set()
         self._plans: dict[str, _Plan] = {}
         self._heard_us: dict[str, int] = {}
