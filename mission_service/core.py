@@ -7,7 +7,6 @@ import math
 
 from firemodel.landscape import Landscape
 from mission_service.approach import landing_of_vehicle
-from mission_service.burn_flight import BurnFlight, Undecided
 from mission_service.commands import AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
 from mission_service.events import (
@@ -52,6 +51,8 @@ class Core:
         self._missions = MissionsSent()
         self.leader: Leader
         if scenario.planner.rule == BURN:
+            from mission_service.burn_flight import BurnFlight, Undecided  # not for all who start
+
             self.steering = Steering(scenario, landscape, {scenario.vehicles[0].name: Undecided()})
             self.leader = BurnFlight(scenario, landscape, self._missions)
             self.spacing = Spacing(scenario, landscape, self.steering.presence)

@@ -17,8 +17,6 @@ from autopilot_bridge.rates import RatesHz
 from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
 from mission_service.burn.mission import return_height_m
-from mission_service.burn_flight import BurnFlight
-from mission_service.burn_preview import warm_up as warm_up_burn
 from mission_service.commands import Announce
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
@@ -80,6 +78,8 @@ async def serve(
         warm_up(scenario.formation.avoidance)
     burns = scenario.planner.rule == BURN
     if burns:
+        from mission_service.burn_preview import warm_up as warm_up_burn
+
         warm_up_burn(scenario, landscape)
     world = FireWorld(fire_of(scenario, landscape), landscape)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
@@ -170,7 +170,7 @@ async def serve(
             for flight in flights:
                 flight.cancel()
         is_over = clock.now_us >= latest_us
-        if is_over or not isinstance(core.leader, BurnFlight) or core.leader.complete:
+        if is_over or core.leader.status()["complete"]:
             journal.end()  # else what was lit and dropped is to be known when it goes on
     world.advance(clock.now_us)
     return record, world
@@ -207,9 +207,8 @@ def desk_of(
     connections: Sequence[Connection | MavsdkVehicle],
 ) -> Desk:
     """Where people's requests are taken; what they lead to leaves at once."""
-    burn, leader = scenario.burn, service.core.leader
+    burn = scenario.burn
     assert burn is not None
-    assert isinstance(leader, BurnFlight)  # by the rule
     stations = tuple(station.name for station in burn.stations)
 
     def told(event: CrewEvent) -> list[str]:
@@ -227,7 +226,7 @@ def desk_of(
             "stations": stations,
             "items": burn.go_items,
             **service.status(),
-            "leader": leader.status(),
+            "leader": service.core.leader.status(),
         }
 
     def on_map(lat_deg: float, lon_deg: float) -> bool:

@@ -13,7 +13,6 @@ import shapely
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
-from firemodel.readers.shapes import read_shapes
 from mission_service.burn.interlock import Interlock
 from mission_service.burn.mission import has_drop
 from mission_service.commands import AnyCommand, Drop, Say, UploadMission
@@ -46,11 +45,12 @@ def unheard(message: AnyMessage) -> None:
 
 
 def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | None:
-    """The last lock of a burn, which knows of its unit from the scenario or from the unit's file."""
+    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
     if burn is None:
         return None
     if burn.unit_file is None:
         return Interlock(burn)
+    from firemodel.readers.shapes import read_shapes
 
     def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
         lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])

@@ -21,7 +21,6 @@ from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
-from mission_service.simulated_crew import SimulatedCrew
 from mission_service.world import FireWorld
 
 PROGRESS_EVERY_US = 60_000_000
@@ -128,6 +127,8 @@ class Simulation:
     ) -> None:
         """A burn has a simulated crew if none is given."""
         if crew is None and scenario.burn is not None:
+            from mission_service.simulated_crew import SimulatedCrew
+
             crew = SimulatedCrew(scenario.burn).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
         self.world = FireWorld(fire_of(scenario, landscape), landscape)

@@ -1,7 +1,7 @@
 """What the core knows of one vehicle, whatever it flies, and what flies it."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import shapely
@@ -76,6 +76,9 @@ class Leader(Protocol):
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
+
+    def status(self) -> dict[str, Any]:
+        """Where it stands, for people; ``complete``: nothing would be lost if it ended now."""
 
     def in_mission(self, name: str) -> bool:
         """Whether the vehicle, in the air, flies the mission it has on board."""
