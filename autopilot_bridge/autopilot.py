@@ -5,6 +5,7 @@ from typing import Protocol
 from autopilot_bridge.client_events import ClientEvent
 from autopilot_bridge.items import Items
 from autopilot_bridge.jobs import Begin
+from autopilot_bridge.orders import Dropper
 from autopilot_bridge.stacks import Stack
 
 
@@ -47,6 +48,17 @@ class Autopilot(Protocol):
 
     def change_speed(self, speed_m_s: float, now_us: int) -> object:
         """Airspeed of planes, ground speed of multirotors."""
+
+    def set_return_height(self, height_m: float, now_us: int) -> object:
+        """How high above home returns of a multirotor lead at least."""
+
+    def climb_and_hold(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
+    ) -> object:
+        """Leave what is flown, climb at a place and hold there."""
+
+    def drop(self, dropper: Dropper, now_us: int) -> int:
+        """Let go of one thing now; DropFinished with the id tells how it went."""
 
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""

@@ -19,6 +19,7 @@ from autopilot_bridge.client_events import (
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec, Message
+from autopilot_bridge.drops import Drops
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
@@ -31,6 +32,7 @@ from autopilot_bridge.watch import AUTOPILOT, Watch
 
 HEARTBEAT_EVERY_US = 1_000_000
 NEVER_US = 1 << 62
+AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # what must not wait for a slow retry
 
 
 class VehicleClient:
@@ -63,6 +65,7 @@ class VehicleClient:
         self._rates = Rates(self._own, rates_hz)
         self._jobs = Jobs(self._own, self._timing, self._report)
         self._commands = Commands(self._own, self._timing, self._events.append)
+        self._drops = Drops(system_id, self._timing, self._events.append)
         self._parameters = ParameterRequests(self._timing, self._events.append)
 
     @property
@@ -128,7 +131,7 @@ class VehicleClient:
         self._go_on(now_us)
 
     # Orders; outcome as CommandFinished with the id. They are carried out one after another, but
-    # hold, return, land and disarm take the place of all that is not ended.
+    # hold, climb and hold, return, land and disarm take the place of all that is not ended.
 
     def arm(self, now_us: int) -> int:
         """Arm, with the autopilot's checks."""
@@ -162,6 +165,11 @@ class VehicleClient:
         """Return to the launch place."""
         return self._order("return", orders.return_home(self._known_stack()), now_us, urgent=True)
 
+    def set_return_height(self, height_m: float, now_us: int) -> int:
+        """How high above home returns of a multirotor lead at least; sets its parameters."""
+        steps = orders.return_height(self._known_stack(), height_m)
+        return self._order("return height", steps, now_us)
+
     def land(self, now_us: int) -> int:
         """Land here; ArduPlane by the landing of its mission."""
         return self._order("land", orders.land(self._known_stack()), now_us, urgent=True)
@@ -172,6 +180,26 @@ class VehicleClient:
         """Fly to a place and hold there."""
         steps = orders.reposition(self._known_stack(), lat_deg, lon_deg, altitude_amsl_m)
         return self._order("reposition", steps, now_us)
+
+    def climb_and_hold(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
+    ) -> int:
+        """Leave what is flown, climb at a place and hold there; repeated often until answered."""
+        steps = orders.climb_and_hold(self._known_stack(), lat_deg, lon_deg, altitude_amsl_m)
+        return self._order("climb and hold", steps, now_us, urgent=True, timing=AT_ONCE)
+
+    def drop(self, dropper: orders.Dropper, now_us: int) -> int:
+        """Let go of one thing now; DropFinished with the id tells how it went.
+
+        Sent once, past all orders that wait; never repeated. Where it cannot be sent at once it is
+        refused. Raises BridgeError if the stack has no such dropper.
+        """
+        lost = self._watch.next_timer() is None
+        drop_id, messages = self._drops.drop(
+            self._known_stack(), dropper, self._target(), lost, now_us
+        )
+        self._send(*messages)
+        return drop_id
 
     def orbit(
         self,
@@ -198,9 +226,19 @@ class VehicleClient:
         """Change to a mode of ``Stack.modes``."""
         return self._order(f"mode {name}", orders.set_mode(self._known_stack(), name), now_us)
 
-    def _order(self, name: str, steps: orders.Steps, now_us: int, urgent: bool = False) -> int:
+    def _order(
+        self,
+        name: str,
+        steps: orders.Steps,
+        now_us: int,
+        urgent: bool = False,
+        timing: TransferTiming | None = None,
+    ) -> int:
+        if urgent:
+            self._drops.withdraw(self._outgoing, f"{name} took its place", now_us)
+            self._jobs.leave_mode()
         command_id = self._commands.add(
-            name, steps, self._target(), self._known_stack(), urgent, now_us
+            name, steps, self._target(), self._known_stack(), urgent, now_us, timing
         )
         self._send(*self._commands.begin_next(now_us))
         return command_id
@@ -257,6 +295,7 @@ class VehicleClient:
             self._heartbeat_due_us if self._heartbeats else None,
             self._jobs.next_timer(),
             self._commands.next_timer(),
+            self._drops.next_timer(),
             self._parameters.next_timer(),
         ]
         if (silent_us := self._watch.next_timer()) is not None:  # else there is nobody to ask
@@ -274,6 +313,7 @@ class VehicleClient:
         self._send(*self._jobs.handle_timer(now_us))
         self._go_on(now_us)
         self._send(*self._commands.handle_timer(now_us))
+        self._send(*self._drops.handle_timer(now_us))
         self._send(*self._parameters.handle_timer(now_us))
 
     # Messages -----------------------------------------------------------------------------------
@@ -293,6 +333,7 @@ class VehicleClient:
                 self._commands.end_all("the autopilot was restarted", now_us)
             if isinstance(event, Connected | LinkRestored | Rebooted) and self.stack is not None:
                 self._send(*self._rates.begin(self.stack, self._target(), now_us))
+        self._drops.receive(message, now_us)
         for protocol in (self._rates, self._commands, self._parameters):
             if messages := protocol.receive(message, now_us):
                 self._send(*messages)

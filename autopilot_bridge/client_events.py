@@ -1,10 +1,13 @@
 """What a vehicle's client reports. ``at_us`` is the link's clock when it was noticed."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from autopilot_bridge.parameters import ParametersResult
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import Kind, TransferResult
+
+DropOutcome = Literal["done", "refused", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +169,19 @@ class CommandFinished:
 
 
 @dataclass(frozen=True, slots=True)
+class DropFinished:
+    """What became of one drop. ``refused``: it did not fall. ``unknown``: it may have fallen.
+
+    ``done``: the autopilot has taken the order; it does not see what falls.
+    """
+
+    at_us: int
+    drop_id: int
+    outcome: DropOutcome
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class ParametersFinished:
     """Reading or setting of parameters has ended."""
 
@@ -203,6 +219,7 @@ ClientEvent = (
     | ItemReached
     | TransferFinished
     | CommandFinished
+    | DropFinished
     | ParametersFinished
     | ModeChanged
     | Text

@@ -38,9 +38,14 @@ class Codec:
 
     def __init__(self, system_id: int, component_id: int) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._component_id = component_id
 
     def encode(self, message: Message) -> bytes:
-        """The frame of a message, with the next sequence number."""
+        """The frame of a message, with the next sequence number.
+
+        It comes from this end's component, unless the message has another as ``from_component``.
+        """
+        self._mav.srcComponent = getattr(message, "from_component", self._component_id)
         frame: bytes = message.pack(self._mav, force_mavlink1=False)
         self._mav.seq = (self._mav.seq + 1) % 256
         return bytes(frame)

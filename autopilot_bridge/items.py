@@ -7,6 +7,11 @@ from dataclasses import dataclass, replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 NO_POSITION = 2**31 - 1  # x or y that is left open: the NaN of MAVLink's integer fields
+WITH_YAW = (
+    mavlink.MAV_CMD_NAV_WAYPOINT,
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM,
+    mavlink.MAV_CMD_NAV_TAKEOFF,
+)
 LOCAL_FRAMES = (1, 4, 7, 8, 9, 12, 20, 21)
 
 
@@ -53,6 +58,13 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
     return tuple(
         replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
         for item in items
+    )
+
+
+def yaw_left_open(items: Sequence[MissionItem]) -> Items:
+    """The items with no yaw asked for at places: NaN, which JSON and so journals have not."""
+    return tuple(
+        replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )
 
 

@@ -131,6 +131,19 @@ class Jobs:
         job.cancelled = True
         return job.under_way.cancel(stack.cancels_after_us, now_us)
 
+    def leave_mode(self) -> None:
+        """The mode is somebody else's from now on: no upload holds or flies on.
+
+        One that changes the mode right now is given up.
+        """
+        job = self._job
+        for asked in (*self._queue, *(() if job is None else (job,))):
+            asked.holds_first = asked.paused = False
+        if job is None:
+            return
+        if isinstance(job.under_way, SetMode) and job.under_way.result is None:
+            job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
+
     def begin_next(self, seen: Seen, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
         if self._job is not None or not self._queue:

@@ -23,6 +23,7 @@ from autopilot_bridge.client_events import (
     ClientEvent,
     CommandFinished,
     Connected,
+    DropFinished,
     LinkRestored,
     Rebooted,
     TransferFinished,
@@ -42,6 +43,7 @@ from autopilot_bridge.mavsdk_library import (
     raw_items,
     raw_message,
 )
+from autopilot_bridge.orders import Dropper
 from autopilot_bridge.rates import rate_requests
 from autopilot_bridge.signing import Counts, Signing
 from autopilot_bridge.stacks import Stack, Step
@@ -170,6 +172,21 @@ class MavsdkVehicle:
     def change_speed(self, speed_m_s: float, now_us: int) -> None:
         """Not done through MAVSDK; outcome as CommandFinished."""
         self._tell(CommandFinished(now_us, "change speed", False, NO_ORDER))
+
+    def set_return_height(self, height_m: float, now_us: int) -> None:
+        """Not done through MAVSDK; outcome as CommandFinished."""
+        self._tell(CommandFinished(now_us, "return height", False, NO_ORDER))
+
+    def climb_and_hold(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
+    ) -> None:
+        """Not done through MAVSDK; outcome as CommandFinished."""
+        self._tell(CommandFinished(now_us, "climb and hold", False, NO_ORDER))
+
+    def drop(self, dropper: Dropper, now_us: int) -> int:
+        """Not done through MAVSDK; outcome as DropFinished."""
+        self._tell(DropFinished(now_us, 0, "refused", NO_ORDER))
+        return 0
 
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""

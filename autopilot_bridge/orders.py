@@ -5,6 +5,7 @@ Altitudes are above mean sea level unless they say otherwise.
 """
 
 import math
+from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -19,7 +20,25 @@ SAME_PLACE = Place(mavlink.MAV_FRAME_GLOBAL, 2**31 - 1, 2**31 - 1, NAN)
 PX4_MOST_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
 PLANE_MOST_RADIUS_M = 32767.0
 
+PX4_MOST_ACTUATORS = 6
+SERVO_US = (500.0, 2500.0)  # pulses that servos take
+GRIPPER_RELEASE = float(mavlink.GRIPPER_ACTION_RELEASE)
+GRIPPER_GRAB = float(mavlink.GRIPPER_ACTION_GRAB)
+
 Steps = tuple[AnyStep, ...]
+
+
+class Dropper(NamedTuple):
+    """An output that lets go of one thing each time it is set, and has to be set back between.
+
+    ``release`` and ``rest`` are a servo's PWM in us or an actuator's -1 to 1; a gripper has none.
+    """
+
+    by: Literal["servo", "gripper", "actuator"]
+    number: int
+    release: float = 0.0
+    rest: float = 0.0
+    hold_s: float = 0.2  # set for so long
 
 
 def arm(stack: Stack) -> Steps:
@@ -80,6 +99,21 @@ def return_home(stack: Stack) -> Steps:
     return (stack.set_mode(stack.rtl_mode),)
 
 
+def return_height(stack: Stack, height_m: float) -> Steps:
+    """How high above home a return leads at least, for good; multirotors only.
+
+    As delivered ArduCopter returns at 15 m or as low as it flies, and PX4 lower the nearer it is to
+    home.
+    """
+    if stack.vehicle != "copter":
+        raise BridgeError("the height of returns is set for multirotors only")
+    if not 1.0 <= height_m <= 3000.0:
+        raise BridgeError(f"return at {height_m:g} m: take 1 to 3000 m above home")
+    if stack.name == "px4":
+        return SetParameter("RTL_RETURN_ALT", height_m), SetParameter("RTL_CONE_ANG", 0.0)
+    return (SetParameter("RTL_ALT", round(height_m * 100.0)),)
+
+
 def land(stack: Stack) -> Steps:
     """Land: here, but ArduPlane only by the landing of its mission (after its DO_LAND_START)."""
     if stack.name == "ardupilot" and stack.vehicle == "plane":
@@ -125,6 +159,77 @@ def orbit(
         _checked_speed(speed_m_s)
     velocity = speed_m_s if px4_copter and speed_m_s is not None else NAN
     return Step(mavlink.MAV_CMD_DO_ORBIT, (radius_m, velocity, NAN, NAN), place), *change
+
+
+def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
+    """Leave what is flown, go up at a place and hold there; multirotors only."""
+    if stack.vehicle != "copter":
+        raise BridgeError("climb and hold is for multirotors; a plane cannot climb in place")
+    return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
+
+
+def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
+    """To let go, and to set the dropper back.
+
+    The first is for sending once: a second one may let go of another. PX4 takes no servos, and says
+    "accepted" to an actuator that no output is set up for.
+    """
+    match dropper.by:
+        case "servo" if stack.name == "px4":
+            raise BridgeError(
+                "PX4 has no DO_SET_SERVO; set the dropper up as a gripper or as an actuator"
+            )
+        case "actuator" if stack.name == "ardupilot":
+            raise BridgeError(
+                "ArduPilot has no DO_SET_ACTUATOR; set the dropper up as a servo or as a gripper"
+            )
+        case "gripper":
+            _check_output(dropper, 1, 6, None)
+            number = float(dropper.number)
+            return (
+                Step(mavlink.MAV_CMD_DO_GRIPPER, (number, GRIPPER_RELEASE)),
+                Step(mavlink.MAV_CMD_DO_GRIPPER, (number, GRIPPER_GRAB)),
+            )
+        case "servo":
+            first = 5 if stack.vehicle == "copter" else 1  # the others turn the motors
+            _check_output(dropper, first, 16, SERVO_US)
+            number = float(dropper.number)
+            return (
+                Step(mavlink.MAV_CMD_DO_SET_SERVO, (number, dropper.release)),
+                Step(mavlink.MAV_CMD_DO_SET_SERVO, (number, dropper.rest)),
+            )
+        case "actuator":
+            _check_output(dropper, 1, PX4_MOST_ACTUATORS, (-1.0, 1.0))
+            return (
+                Step(mavlink.MAV_CMD_DO_SET_ACTUATOR, _actuators(dropper.number, dropper.release)),
+                Step(mavlink.MAV_CMD_DO_SET_ACTUATOR, _actuators(dropper.number, dropper.rest)),
+            )
+
+
+def _check_output(
+    dropper: Dropper, first: int, last: int, values: tuple[float, float] | None
+) -> None:
+    """Raise BridgeError unless there is such an output and its two values differ."""
+    what = f"dropper by {dropper.by}"
+    if not first <= dropper.number <= last:
+        raise BridgeError(f"{what}: number {dropper.number}, take {first} to {last}")
+    if not 0.0 < dropper.hold_s <= 5.0:
+        raise BridgeError(f"{what}: hold of {dropper.hold_s} s, take more than 0 and at most 5")
+    if values is None:
+        return
+    least, most = values
+    for name, value in (("release", dropper.release), ("rest", dropper.rest)):
+        if not least <= value <= most:
+            raise BridgeError(f"{what}: {name} {value:g}, take {least:g} to {most:g}")
+    if dropper.release == dropper.rest:
+        raise BridgeError(f"{what}: release and rest are both {dropper.rest:g}: nothing would fall")
+
+
+def _actuators(number: int, value: float) -> tuple[float, ...]:
+    """Params 1 to 7 that set one of the first six and leave the others as they are."""
+    values = [NAN] * PX4_MOST_ACTUATORS
+    values[number - 1] = value
+    return (*values, 0.0)
 
 
 def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Steps:

@@ -36,13 +36,14 @@ class Commands:
         stack: Stack,
         urgent: bool,
         now_us: int,
+        timing: TransferTiming | None = None,
     ) -> int:
         """Queue an order; an urgent one takes the place of all others."""
         if urgent:
             self.end_all(f"{name} took its place", now_us)
         self._last_id += 1
         bytewise = stack.name == "px4"
-        sequence = CommandSequence(name, self._own, target, steps, self._timing, bytewise)
+        sequence = CommandSequence(name, self._own, target, steps, timing or self._timing, bytewise)
         self._queue.append((self._last_id, sequence))
         return self._last_id
 

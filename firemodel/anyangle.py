@@ -80,8 +80,8 @@ class AnyAngleFire(Fire):
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
         self._since_s = self.time_s  # when the ways set out
-        self._ignitions = sorted((time_s, row * cols + col) for row, col, time_s in ignitions)
-        self._ignitions.reverse()  # the next one last
+        # The next one last.
+        self._ignitions = sorted(((t, row * cols + col) for row, col, t in ignitions), reverse=True)
         if burning:
             burned = np.isfinite(burning.arrival_s.ravel())
             self._labels.arrival_s[burned] = burning.arrival_s.ravel()[burned]
@@ -91,6 +91,11 @@ class AnyAngleFire(Fire):
             targets = np.unique(ways.target)
             self._set_out(ways, Ways(targets, np.full((targets.size, 2), np.nan)))
         self.advance(self.time_s)
+
+    def _light(self, ignition: Ignition) -> None:
+        row, col, at_s = ignition
+        self._ignitions.append((at_s, row * self.landscape.shape[1] + col))
+        self._ignitions.sort(reverse=True)
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:

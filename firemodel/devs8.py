@@ -112,10 +112,9 @@ class Devs8Fire(Fire):
         self._entry = weather.index_at(self.time_s)
         self._changes_s = [*weather.change_times(), math.inf]
         edge = self._take_over(burning) if burning else np.empty(0, dtype=np.int64)
-        lit = [(row * landscape.shape[1] + col) * SIDES + LIT for row, col, _ in ignitions]
-        self._heap = Heap(np.empty(1024 + len(lit)), np.empty(1024 + len(lit), dtype=np.int64), 0)
-        for key, (_, _, time_s) in zip(lit, ignitions, strict=True):
-            self._heap = self._heap._replace(size=push(*self._heap, float(time_s), key))
+        self._heap = Heap(np.empty(1024), np.empty(1024, dtype=np.int64), 0)
+        for ignition in ignitions:
+            self._light(ignition)
         self._make_room(8 * edge.size)
         sizes = _set_out(edge, self.time_s, self._arrival_s, *self._state())
         self._keep(*sizes)
@@ -127,6 +126,12 @@ class Devs8Fire(Fire):
         self.arrival_time_s[burned] = burning.arrival_s[burned]
         can_burn = self._ground.terrain.fuel.reshape(burned.shape) >= 0
         return np.flatnonzero(burned & can_burn & neighbours_of(can_burn & ~burned))
+
+    def _light(self, ignition: Ignition) -> None:
+        row, col, at_s = ignition
+        self._make_room(1)
+        key = (row * self.landscape.shape[1] + col) * SIDES + LIT
+        self._heap = self._heap._replace(size=push(*self._heap, float(at_s), key))
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:

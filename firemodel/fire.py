@@ -55,6 +55,18 @@ class Fire(ABC):
         self._burn_until(float(to_time_s))
         self.time_s = float(to_time_s)
 
+    @abstractmethod
+    def _light(self, ignition: Ignition) -> None: ...
+
+    def light(self, row: int, col: int, at_s: float) -> None:
+        """Light a cell of the fire under way, now or later; one burned by then burns no more.
+
+        Raises FireModelError for a time past, or where nothing can burn.
+        """
+        check_ignitions(self.landscape, [(row, col, at_s)], self.time_s)
+        self._light((int(row), int(col), float(at_s)))
+        self.advance(self.time_s)
+
     def burned(self) -> NDArray[np.bool_]:
         """Which cells burn or have burned by now (y, x)."""
         return self.arrival_time_s <= self.time_s

@@ -112,6 +112,11 @@ class ProbabilisticFire(Fire):
         self._cells = np.flatnonzero(goes_on)
         self._lasted = lasted.ravel()[self._cells]
 
+    def _light(self, ignition: Ignition) -> None:
+        row, col, at_s = ignition
+        self._ignitions.append((at_s, row, col))
+        self._ignitions.sort(reverse=True)
+
     def _burn_until(self, to_time_s: float) -> None:
         while True:
             update_s = self._start_s + (self._updates + 1) * self._step_s

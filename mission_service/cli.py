@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from mission_service import __version__
+from mission_service.burn_cli import burn
 from mission_service.cli_parts import JSON, OVERRIDE, SIGNING_KEY, TLOG, echo, folder
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
@@ -48,7 +49,7 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment, tune):
+for group in (fire, bench, mission, signing, experiment, tune, burn):
     main.add_command(group)
 
 

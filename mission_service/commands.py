@@ -99,10 +99,15 @@ class Withdraw(Command, frozen=True, tag=True):
 
 
 class Drop(Command, frozen=True, tag=True):
-    """Let go of one sphere now: of the plan of this hash, the drop of this number."""
+    """Let go of one sphere now: of the plan of this hash, the drop of this number.
+
+    It is to fall at ``lat_deg``, ``lon_deg`` by what is known of height, speed and wind.
+    """
 
     plan_hash: str
     number: int
+    lat_deg: float
+    lon_deg: float
 
 
 AnyCommand = (

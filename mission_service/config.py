@@ -9,6 +9,8 @@ from pydantic import AwareDatetime, BaseModel, Field, ValidationError, model_val
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.link import parse_link
+from autopilot_bridge.orders import Dropper, drop
+from autopilot_bridge.stacks import stack_named
 from mission_service.config_sections import (
     KEY_SOURCE,
     BurnSection,
@@ -114,6 +116,10 @@ def _refuse_other_than_a_copter(
     for vehicle in vehicles:
         if vehicle.kind != "copter" or vehicle.backend != "native":
             raise ValueError(f'{vehicle.name}: rule = "burn" is for a copter with backend "native"')
+        try:
+            drop(stack_named(vehicle.stack, vehicle.kind), Dropper(*burn.dropper.output))
+        except BridgeError as error:
+            raise ValueError(f"{vehicle.name}: burn.dropper: {error}") from None
     if len(vehicles) > 1:
         raise ValueError('rule = "burn" is for one vehicle: others would fly in each other\'s fire')
 

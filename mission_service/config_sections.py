@@ -267,14 +267,21 @@ class LitLine(Section):
 
 
 class Dropper(Section):
-    """What lets go of a sphere: an output that is set, and set back."""
+    """What lets go of a sphere: an output that is set, and ``hold_s`` later set back."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
     release: Finite = 1900.0  # servo: PWM in us; actuator: -1 to 1; a gripper has none
     rest: Finite = 1100.0
-    fall_drag_m: Positive = 60.0  # terminal speed squared by g: 24 m/s
+    hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
+    # Of a sphere as big as a table tennis ball (32 mm) and of 5 g, at a drag coefficient of 0.47.
+    terminal_speed_m_s: Positive = 15.0
     delay_s: NotNegative = 0.2  # from the order to the sphere's fall, link and dropper
+
+    @property
+    def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
+        """What ``autopilot_bridge.orders.Dropper`` is made of."""
+        return self.by, self.number, self.release, self.rest, self.hold_s
 
 
 class BurnSection(Section):

@@ -7,15 +7,17 @@ import math
 
 from firemodel.landscape import Landscape
 from mission_service.approach import landing_of_vehicle
-from mission_service.commands import AnyCommand, Hold, Return, StartMission, UploadMission
+from mission_service.commands import AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
     Crew,
+    CrewEvent,
     LinkLost,
     LinkRestored,
     ModeChanged,
+    Resumed,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -27,7 +29,7 @@ from mission_service.formation_seats import Formation
 from mission_service.front_flight import FrontFlight
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.protocol import Decision
-from mission_service.planning import FORMATION, planners_of
+from mission_service.planning import BURN, FORMATION, planners_of
 from mission_service.spacing import Spacing
 from mission_service.steering import Here, Steering
 from mission_service.vehicle import Leader, Pending, Vehicle, say
@@ -48,7 +50,13 @@ class Core:
         self.landscape = landscape
         self._missions = MissionsSent()
         self.leader: Leader
-        if scenario.planner.rule == FORMATION:
+        if scenario.planner.rule == BURN:
+            from mission_service.burn_flight import BurnFlight, Undecided  # not for all who start
+
+            self.steering = Steering(scenario, landscape, {scenario.vehicles[0].name: Undecided()})
+            self.leader = BurnFlight(scenario, landscape, self._missions)
+            self.spacing = Spacing(scenario, landscape, self.steering.presence)
+        elif scenario.planner.rule == FORMATION:
             formation = Formation(scenario, landscape)
             self.steering = Steering(scenario, landscape, formation.seats)
             self.leader = FormationFlight(scenario, landscape, formation, self._missions)
@@ -74,12 +82,19 @@ class Core:
         Raises KeyError for a vehicle the scenario does not name.
         """
         if isinstance(event, Crew):
-            return self.leader.told(event)
+            return self._told(event)
         vehicle = self.vehicles[event.vehicle]
         was_airborne, was_recalled = vehicle.presence.airborne, vehicle.presence.recalled
         decision = self.steering.take(event)
         commands = self._answer(vehicle, event, decision, was_airborne, was_recalled)
         return [*commands, *self.leader.heard(vehicle, event)]
+
+    def _told(self, event: CrewEvent) -> list[AnyCommand]:
+        if isinstance(event, Resumed):  # nothing is known of the links, and of what was under way
+            for vehicle in self.vehicles.values():
+                vehicle.presence.online = False
+                vehicle.pending = vehicle.flown_line = None
+        return self.leader.told(event)
 
     def _answer(
         self,
@@ -124,9 +139,9 @@ class Core:
             return self._return_again(vehicle, at_s)
         commands = self.leader.news(vehicle, at_s, decision)
         if not vehicle.deployed:
-            return [*commands, self._deploy(vehicle, here)]
+            return [*commands, *self._deploy(vehicle, here)]
         if not presence.airborne:
-            return self._on_the_ground(vehicle, here)
+            return [*commands, *self._on_the_ground(vehicle, here)]
         if vehicle.pending is None and self._must_return(vehicle, here):
             led_home = self.leader.way_home(vehicle, here)
             return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
@@ -142,7 +157,7 @@ class Core:
             return self._start(vehicle, here.at_s)
         idle = vehicle.pending is None and vehicle.flown_line is None
         if idle and here.at_s >= vehicle.not_before_s:
-            return [self._deploy(vehicle, here)]
+            return self._deploy(vehicle, here)
         return []
 
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
@@ -160,20 +175,22 @@ class Core:
                 return False
         return self.spacing.may_take_off(vehicle.name, at_s)
 
-    def _deploy(self, vehicle: Vehicle, here: Here) -> UploadMission:
-        """Send the vehicle to the fire."""
-        vehicle.deployed = True
+    def _deploy(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Send the vehicle to the fire, if there is anything to fly yet."""
         path = self.leader.first_path(vehicle, here)
+        if path is None:
+            return []
+        vehicle.deployed = True
         items = self.leader.items(vehicle, path, here)
-        return self._missions.upload(vehicle, path, items, here, "fly to the fire")
+        return [self._missions.upload(vehicle, path, items, here, "fly to the fire")]
 
     def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
         """Whether the way home takes what is left of its time in the air."""
         section = vehicle.section
-        if section.endurance_s is None or vehicle.sent_home:
+        if vehicle.sent_home or vehicle.going_home:
+            return not vehicle.sent_home
+        if section.endurance_s is None:
             return False
-        if vehicle.going_home:
-            return True
         against_m_s = max(
             section.airspeed_m_s - vehicle.presence.wind_m_s, section.airspeed_m_s / 3
         )

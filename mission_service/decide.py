@@ -11,12 +11,12 @@ from typing import Any
 from firemodel.landscape import Landscape
 from mission_service.commands import Decided, Return
 from mission_service.config import Scenario, parse_scenario
+from mission_service.differences import compare
 from mission_service.errors import JournalError, MissionServiceError
 from mission_service.events import Crew
 from mission_service.fire_setup import landscape_of
 from mission_service.journal import JournalReader
 from mission_service.planning import FORMATION, RULES, planners_of
-from mission_service.replay import compare
 from mission_service.steering import Steering, decided
 
 Timed = tuple[int, Decided]  # at_us, decision

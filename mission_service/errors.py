@@ -11,3 +11,11 @@ class ScenarioError(MissionServiceError):
 
 class JournalError(MissionServiceError):
     """A journal cannot be written or read; the message names the file and line."""
+
+
+class RequestError(MissionServiceError):
+    """Somebody asked for what cannot be done; the message says what is wrong with it."""
+
+
+class ControlError(MissionServiceError):
+    """The control socket of a run cannot be made or reached; the message says what to do."""

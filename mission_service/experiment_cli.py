@@ -65,3 +65,14 @@ def virtual_agents(out: Path | None, as_json: bool) -> None:
 
     found = run(folder(out) if out else None, progress=_progress)
     click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command()
+@OUT
+@JSON
+def beachly(out: Path | None, as_json: bool) -> None:
+    """Ignition lines in four scenarios, and corrections of a fire model: sections VI and VII."""
+    from mission_service.experiments.beachly import in_text, run
+
+    found = run(folder(out) if out else None, _progress)
+    click.echo(json.dumps(found) if as_json else in_text(found))

@@ -1,5 +1,6 @@
 """From a scenario to the landscape, the weather and the fire it describes."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,18 @@ def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[in
     return [(round(float(row)), round(float(col)))]
 
 
+def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
+    """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
+    from firemodel.rasterise import cells_of
+
+    lat, lon = np.array(points, dtype=float).T
+    places = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
+    found = cells_of([shape], landscape)
+    burns = ~np.isin(landscape.fuel_model[tuple(found.T)], list(NON_BURNABLE))
+    return [(int(row), int(col)) for row, col in found[burns]]
+
+
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     """What burns already when the model takes over."""
     from firemodel.burning import burning_from_arrival, burning_from_perimeter
@@ -189,6 +202,12 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
         for row, col in cells_of_ignition(ignition, landscape)
         if section.initial_cells is None  # else they have burned already
     ]
+    if scenario.burn is not None:
+        ignitions += [
+            (row, col, line.at_s)
+            for line in scenario.burn.lit
+            for row, col in cells_lit(line.points, landscape)
+        ]
     burning = burning_of(scenario, landscape)
     if section.scheme == "probabilistic":
         return ProbabilisticFire(

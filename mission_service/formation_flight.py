@@ -10,6 +10,7 @@ often.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +205,10 @@ class FormationFlight:
             return []
         words = f"mode {event.mode} is not ours: not led until it is back in its mission"
         return [say(vehicle, words, warning=True)]
+
+    def status(self) -> dict[str, Any]:
+        """Nothing to tell."""
+        return {"complete": True}
 
     def in_mission(self, name: str) -> bool:
         """Whether it flies the mission it has on board, by its mode."""

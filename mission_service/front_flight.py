@@ -1,5 +1,7 @@
 """Flight along a front: a rolling mission, renewed when it is no longer what should be flown."""
 
+from typing import Any
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -56,6 +58,10 @@ class FrontFlight:
     def told(self, event: CrewEvent) -> list[AnyCommand]:
         """Nothing."""
         return []
+
+    def status(self) -> dict[str, Any]:
+        """Nothing to tell."""
+        return {"complete": True}
 
     def in_mission(self, name: str) -> bool:
         """Always."""

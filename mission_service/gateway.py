@@ -1,22 +1,34 @@
 """Between the core's vocabulary and one vehicle's MAVLink client. No input or output of its own."""
 
+from collections import deque
 from collections.abc import Iterator
 
+import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import yaw_left_open
+from autopilot_bridge.orders import Dropper
+from autopilot_bridge.rates import RatesHz
 from mission_service.commands import (
     AnyCommand,
     ChangeSpeed,
+    ClimbAndHold,
+    Drop,
     Hold,
     Orbit,
     Return,
     StartMission,
     UploadMission,
 )
+from mission_service.config import Scenario
 from mission_service.events import (
+    BatteryTold,
     CommandFinished,
+    DropFinished,
+    FixTold,
     LinkLost,
     LinkRestored,
     MissionProgress,
@@ -36,10 +48,31 @@ RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
 }
+BURN_RATES_HZ = {
+    **RATES_HZ,
+    # At 5 m/s half a metre: what is dropped is dropped when a position comes.
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+}
+GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 # A vehicle that stays so far behind mission time, for so long on our own clock, is set to it.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
+
+
+def rates_hz(scenario: Scenario) -> RatesHz:
+    """Which messages the vehicles of a scenario are asked for, and how often."""
+    return BURN_RATES_HZ if scenario.planner.rule == "burn" else RATES_HZ
+
+
+def dropper_of(scenario: Scenario) -> Dropper | None:
+    """The dropper of a scenario's burn."""
+    if scenario.burn is None:
+        return None
+    return Dropper(*scenario.burn.dropper.output)
 
 
 class MissionClock:
@@ -58,6 +91,11 @@ class MissionClock:
         self.wall = wall
         self._start_us = start_us
         self._began_us: int | None = None
+
+    def go_on(self, mission_us: int, wall_us: int) -> None:
+        """Have this mission time at that time of the machine, before any vehicle is heard."""
+        self.now_us = self.latest_us = self._start_us = mission_us
+        self._began_us = wall_us if self.wall else None
 
     def wall_passed(self, wall_us: int) -> None:
         """Tell the time of the machine; counts only for a wall clock."""
@@ -86,10 +124,27 @@ class MissionClock:
 class Gateway:
     """Translates one client's events and carries out the core's commands for its vehicle."""
 
-    def __init__(self, name: str, client: Autopilot, clock: MissionClock) -> None:
+    def __init__(
+        self,
+        name: str,
+        client: Autopilot,
+        clock: MissionClock,
+        dropper: Dropper | None = None,
+        return_height_m: float | None = None,
+    ) -> None:
+        """Without a ``dropper`` every drop is refused.
+
+        ``return_height_m`` above home is set on the vehicle when it is heard.
+        """
         self.name = name
         self.client = client
         self._clock = clock
+        self._dropper = dropper
+        self._return_height_m = return_height_m
+        self._drops: dict[int, Drop] = {}  # under way, by the client's number
+        self._told: deque[VehicleEvent] = deque()  # without the client
+        self._battery_pct: dict[int, float] = {}
+        self._last: dict[type, VehicleEvent] = {}  # of what is told when it changes
         self._offset_us: int | None = None
         self._least_behind_us = 0
         self._watched_from_us = 0
@@ -98,7 +153,12 @@ class Gateway:
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
         """What happened since the last call, in the core's words, on mission time."""
         self._clock.wall_passed(now_us)
-        while (event := self.client.next_event()) is not None:
+        while True:
+            while self._told:
+                yield self._told.popleft()
+            event = self.client.next_event()
+            if event is None:
+                return
             translated = self._translate(event, now_us)
             if translated is not None:
                 yield translated
@@ -107,7 +167,10 @@ class Gateway:
         """Carry out one command; what it leads to comes back as events."""
         match command:
             case UploadMission():
-                transfer_id = self.client.upload(command.items, now_us, holds_first=True)
+                stack, items = self.client.stack, command.items
+                if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
+                    items = yaw_left_open(items)  # 0 would turn it north
+                transfer_id = self.client.upload(items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
             case StartMission():
                 self.client.start_mission(now_us)
@@ -120,8 +183,28 @@ class Gateway:
                 self.client.orbit(*place, command.radius_m, now_us)
             case ChangeSpeed():
                 self.client.change_speed(command.airspeed_m_s, now_us)
+            case ClimbAndHold():
+                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
+                self.client.climb_and_hold(*place, now_us)
+            case Drop():
+                self._drop(command, now_us)
             case _:  # Decided and Announce are for people
                 pass
+
+    def _drop(self, command: Drop, now_us: int) -> None:
+        try:
+            if self._dropper is None:
+                raise BridgeError("no dropper is set up")
+            self._drops[self.client.drop(self._dropper, now_us)] = command
+        except BridgeError as error:
+            self._told.append(self._drop_finished(command, "refused", str(error)))
+
+    def _drop_finished(self, command: Drop, outcome: str, reason: str) -> DropFinished:
+        done, refused = outcome == "done", outcome == "refused"
+        told_us = self._clock.now_us
+        return DropFinished(
+            told_us, self.name, command.plan_hash, command.number, done, refused, reason
+        )
 
     def _mission_us(self, boot_us: int, now_us: int) -> int:
         if self._clock.wall:
@@ -161,6 +244,8 @@ class Gateway:
                 )
             case bridge.Connected():
                 stack = event.stack
+                if self._return_height_m is not None:
+                    self.client.set_return_height(self._return_height_m, link_us)
                 return VehicleConnected(
                     now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload
                 )
@@ -170,6 +255,7 @@ class Gateway:
                 return LinkRestored(now_us, name)
             case bridge.Rebooted():
                 self._offset_us = None
+                self._last.clear()  # all is to be told anew
                 return VehicleRebooted(now_us, name)
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)
@@ -184,10 +270,28 @@ class Gateway:
                     return None
                 result = event.result
                 return UploadFinished(now_us, name, mission_id, result.outcome, result.reason)
+            case bridge.DropFinished():
+                command = self._drops.pop(event.drop_id, None)
+                if command is None:
+                    return None
+                return self._drop_finished(command, event.outcome, event.reason)
+            case bridge.Battery() if event.percent is not None:
+                self._battery_pct[event.battery_id] = float(event.percent)
+                return self._news(BatteryTold(now_us, name, min(self._battery_pct.values())))
+            case bridge.GpsFix():
+                return self._news(FixTold(now_us, name, event.fix in GOOD_FIXES, event.fix))
             case bridge.CommandFinished():
                 return _command_finished(now_us, name, event)
             case _:
                 return None
+
+    def _news(self, told: BatteryTold | FixTold) -> VehicleEvent | None:
+        """What is told, unless it was told before."""
+        before = self._last.get(type(told))
+        self._last[type(told)] = told
+        if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
+            return None
+        return told
 
 
 def _command_finished(now_us: int, name: str, event: bridge.CommandFinished) -> CommandFinished:

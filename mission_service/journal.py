@@ -1,8 +1,9 @@
 """The journal: every input before it is handled, every command after. JSON Lines.
 
 The first line is the header (versions, seed, scenario, landscape). Each further line holds one
-event or one command. Every line ends in a checksum that runs on from the line before (the header's
-stands alone), so that a line that was changed, lost, added or moved is found and named.
+event or one command; the last one says that the run ended in order. Every line ends in a checksum
+that runs on from the line before (the header's stands alone), so that a line that was changed,
+lost, added or moved is found and named.
 """
 
 import zlib
@@ -22,6 +23,7 @@ from mission_service.events import AnyEvent
 
 FORMAT = 1
 _EVENT, _COMMAND, _HEADER = b'{"event":', b'{"command":', b'{"header":'
+_END = b'{"end":'
 _CHECK = b',"crc":"'
 
 _encode = msgspec.json.Encoder().encode
@@ -43,18 +45,37 @@ def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[s
     }
 
 
-class Journal:
-    """Appends to one journal file. ``durable`` flushes after each input (live flight)."""
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Where a journal goes on: after its last whole line, with that line's checksum."""
 
-    def __init__(self, path: Path, header: dict[str, Any], durable: bool) -> None:
+    at_byte: int
+    crc: int
+
+
+class Journal:
+    """Appends to one journal file. ``durable`` flushes after each input (live flight).
+
+    With ``rest`` it goes on with the journal of a run that was cut off; the header is that one's.
+    """
+
+    def __init__(
+        self, path: Path, header: dict[str, Any], durable: bool, rest: Rest | None = None
+    ) -> None:
         self.path = path
         self._durable = durable
-        self._crc = 0
+        self._crc = 0 if rest is None else rest.crc
         try:
-            self._file: IO[bytes] = path.open("wb")
+            self._file: IO[bytes] = path.open("wb" if rest is None else "r+b")
+            if rest is not None:
+                self._file.truncate(rest.at_byte)
+                self._file.seek(rest.at_byte)
         except OSError as error:
             raise JournalError(f"{path}: cannot be written: {error.strerror}") from None
-        self._file.write(_line(_HEADER + _encode(header), 0)[0])
+        if rest is None:
+            self._file.write(_line(_HEADER + _encode({**header, "live": durable}), 0)[0])
+            if durable:
+                self._file.flush()
 
     def event(self, event: AnyEvent) -> None:
         """Write down an input; call it before the input is handled."""
@@ -68,6 +89,10 @@ class Journal:
             self._write(_COMMAND + _encode(command))
         if self._durable and commands:
             self._file.flush()
+
+    def end(self) -> None:
+        """Write down that the run ended in order; nothing may follow."""
+        self._write(_END + b"true")
 
     def close(self) -> None:
         """Write out what is buffered and close the file."""
@@ -94,11 +119,15 @@ class Entry:
 
 
 class JournalReader:
-    """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``."""
+    """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``.
+
+    Once all is read, ``rest`` says where it goes on, and ``ended`` whether its run ended in order.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.cut_at_line: int | None = None
+        self.ended = False
         try:
             with path.open("rb") as file:
                 first = file.readline()
@@ -114,17 +143,23 @@ class JournalReader:
             raise JournalError(
                 f"{path}: journal format {self.header['format']}; this version reads {FORMAT}"
             )
+        self.rest = Rest(len(first), 0)
 
     def __iter__(self) -> Iterator[Entry]:
-        crc = 0
         with self.path.open("rb") as file:
-            file.readline()
+            self.rest = Rest(len(file.readline()), 0)
             for number, raw in enumerate(file, start=2):
                 if not raw.endswith(b"\n"):
                     self.cut_at_line = number
                     return
-                body, intact, crc = _checked(raw[:-1], crc)
-                yield self._entry(number, body, intact)
+                if self.ended:
+                    raise JournalError(f"{self.path}: line {number} stands after the end")
+                body, intact, crc = _checked(raw[:-1], self.rest.crc)
+                self.rest = Rest(self.rest.at_byte + len(raw), crc)
+                if body.startswith(_END) and intact:
+                    self.ended = True
+                else:
+                    yield self._entry(number, body, intact)
 
     def _entry(self, number: int, body: bytes, intact: bool) -> Entry:
         try:

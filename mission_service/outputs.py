@@ -1,6 +1,8 @@
-"""What a run leaves in its folder: GeoJSON of fronts and tracks, a PNG map, a summary."""
+"""What a run leaves: GeoJSON of fronts and tracks, a PNG map, a summary, a log of drops."""
 
+import csv
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,10 @@ from mission_service.config import Scenario
 from mission_service.record import Record, VehicleRecord
 
 FRONT_EVERY_S = 1800.0
+DROP_COLUMNS = (
+    *("at_s", "vehicle", "line", "drop", "outcome", "lat_deg", "lon_deg"),
+    *("planned_lat_deg", "planned_lon_deg", "plan_hash"),
+)
 VEHICLE_COLOURS = (
     "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
 )  # fmt: skip
@@ -47,10 +53,41 @@ def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]
                 "uploads": dict(sorted(vehicle.uploads.items())),
                 "upload_reasons": dict(sorted(vehicle.upload_reasons.items())),
                 "orders": dict(sorted(vehicle.orders.items())),
+                **_burn_of(vehicle),
             }
             for name, vehicle in record.vehicles.items()
         ],
     }
+
+
+def _burn_of(vehicle: VehicleRecord) -> dict[str, Any]:
+    """What a vehicle that drops spheres has done; nothing for others."""
+    if not vehicle.plans:
+        return {}
+    flown = {drop.plan_hash for drop in vehicle.drops}
+    return {
+        "plans": len(vehicle.plans),
+        "lines": len(flown),
+        "drops": dict(sorted(Counter(drop.outcome for drop in vehicle.drops).items())),
+    }
+
+
+def write_drops(path: Path, record: Record) -> None:
+    """The log of drops as CSV: what was ordered and what became of it, against the plan."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(DROP_COLUMNS)
+        for name, vehicle in record.vehicles.items():
+            for drop in vehicle.drops:
+                plan = vehicle.plans[drop.plan_hash]
+                planned = plan.drops[drop.number]
+                rows.writerow(
+                    [
+                        *(drop.at_us / 1e6, name, plan.line, drop.number + 1, drop.outcome),
+                        *(f"{drop.lat_deg:.7f}", f"{drop.lon_deg:.7f}"),
+                        *(f"{planned.lat_deg:.7f}", f"{planned.lon_deg:.7f}", drop.plan_hash),
+                    ]
+                )
 
 
 def tracks_geojson(record: Record) -> dict[str, Any]:
@@ -83,6 +120,22 @@ def tracks_geojson(record: Record) -> dict[str, Any]:
             }
             for at_us, lat, lon in vehicle.reversals
         ]
+        features += [
+            {
+                "type": "Feature",
+                "properties": {
+                    "vehicle": name,
+                    "kind": "drop",
+                    "at_s": drop.at_us / 1e6,
+                    "outcome": drop.outcome,
+                },
+                "geometry": {
+                    "type": "Point",
+                    "coordinates": [round(drop.lon_deg, 7), round(drop.lat_deg, 7)],
+                },
+            }
+            for drop in vehicle.drops
+        ]
     return {"type": "FeatureCollection", "features": features}
 
 
@@ -99,6 +152,8 @@ def write_outputs(out: Path, scenario: Scenario, record: Record, fire: Fire) -> 
         scenario.name,
         scenario.time_zero,
     )
+    if scenario.planner.rule == "burn":
+        write_drops(out / "drops.csv", record)
     draw_map(out / "map.png", scenario, record, fire)
     return summary
 
@@ -117,10 +172,14 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None
         VEHICLE_COLOURS * len(record.vehicles), record.vehicles.items(), strict=False
     ):
         _draw_vehicle(axes, vehicle, land, colour)
-        label = name if vehicle.orders else f"{name}: track, {len(vehicle.reversals)} reversals"
+        label = f"{name}: track, {len(vehicle.reversals)} reversals"
+        if vehicle.plans:
+            label = f"{name}: {len(vehicle.drops)} drops"
+        elif vehicle.orders:
+            label = name
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
     rule, alpha = scenario.planner.rule, f", α = {scenario.planner.alpha:g}"
-    if rule == "formation":
+    if rule in ("formation", "burn"):
         alpha = ""
     axes.set_title(f"{scenario.name}: {rule} rule{alpha}, {record.at_us / 3.6e9:.1f} h")
     if len(handles) > LEGEND_INSIDE:
@@ -135,6 +194,10 @@ def _draw_vehicle(axes: Any, vehicle: VehicleRecord, land: Landscape, colour: st
     for points, style in (
         ([point[1:3] for point in vehicle.track], {"linewidth": 0.7, "alpha": 0.8}),
         ([point[1:3] for point in vehicle.reversals], {"linestyle": "", "marker": "o"}),
+        (
+            [(each.lat_deg, each.lon_deg) for each in vehicle.drops],
+            {"linestyle": "", "marker": "o"},
+        ),
     ):
         if points:
             lat, lon = np.array(points).T

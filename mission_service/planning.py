@@ -154,8 +154,14 @@ def _path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Where the crew says the fire is (x, y): the ignition, or a point reported inside the fire."""
+    """Where the crew says the fire is (x, y): the ignition, or a point reported inside the fire.
+
+    Of a burn it is where its firing boss stands.
+    """
     planner = scenario.planner
+    if planner.rule == BURN and scenario.burn is not None:
+        boss = scenario.burn.stations[0]
+        return landscape.xy_of_lat_lon(boss.lat_deg, boss.lon_deg)
     if planner.ignition_known:
         first = scenario.ignition[0]
         return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)

@@ -4,17 +4,21 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
+from mission_service.burn.plan import IgnitionPlan
 from mission_service.commands import (
     Announce,
     AnyCommand,
     ChangeSpeed,
     Decided,
+    Drop,
     Orbit,
+    Propose,
     UploadMission,
 )
 from mission_service.events import (
     AnyEvent,
     Crew,
+    DropFinished,
     Observed,
     Telemetry,
     UploadFinished,
@@ -25,6 +29,18 @@ from mission_service.steering import AIRBORNE_M
 TRACK_EVERY_US = 1_000_000
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
 M_PER_DEG = 111_195.0
+
+
+@dataclass(slots=True)
+class DropRecord:
+    """One sphere: ordered when, as which of which plan, to fall where, and what became of it."""
+
+    at_us: int
+    plan_hash: str
+    number: int
+    lat_deg: float
+    lon_deg: float
+    outcome: str = "ordered"
 
 
 @dataclass
@@ -39,6 +55,8 @@ class VehicleRecord:
     upload_reasons: Counter[str] = field(default_factory=Counter)
     orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
     here: tuple[int, float, float, float] | None = None
+    plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed, by their hashes
+    drops: list[DropRecord] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +101,12 @@ class Record:
                 self.observations += 1
             case UploadFinished():
                 vehicle.uploads[event.outcome] += 1
+            case DropFinished():
+                outcome = "done" if event.done else "refused" if event.refused else "unknown"
+                for drop in reversed(vehicle.drops):
+                    if (drop.plan_hash, drop.number) == (event.plan_hash, event.number):
+                        drop.outcome = outcome
+                        break
             case _:
                 pass
 
@@ -112,6 +136,13 @@ class Record:
                 vehicle.upload_reasons[command.why] += 1
             case Orbit() | ChangeSpeed():
                 vehicle.orders[type(command).__name__] += 1
+            case Propose():
+                vehicle.plans[command.plan_hash] = command.plan
+            case Drop():
+                place = (command.lat_deg, command.lon_deg)
+                vehicle.drops.append(
+                    DropRecord(self.at_us, command.plan_hash, command.number, *place)
+                )
             case Announce():
                 self.news.append((self.at_us, command))
             case _:

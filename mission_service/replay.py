@@ -4,14 +4,13 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from mission_service.commands import AnyCommand
 from mission_service.config import parse_scenario
 from mission_service.core import Core
+from mission_service.differences import cut, difference_of
 from mission_service.errors import JournalError
 from mission_service.fire_setup import landscape_of
-from mission_service.journal import Entry, JournalReader
+from mission_service.journal import JournalReader
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,10 @@ def verify(path: Path) -> Verification:
     expected: deque[AnyCommand] = deque()
     events = commands = decisions = 0
     difference = None
+    last_line = 1
     for entry in reader:
-        difference = _difference(entry, expected)
+        last_line = entry.line
+        difference = difference_of(entry, expected)
         if difference is not None:
             break
         if entry.is_event:
@@ -54,40 +55,10 @@ def verify(path: Path) -> Verification:
             expected.popleft()
             commands += 1
             decisions += type(entry.content).__name__ == "Decided"
-    if difference is None and expected and reader.cut_at_line is None:
-        difference = f"after the last line: the journal lacks {_cut(expected[0])}"
-    return Verification(events, commands, decisions, difference, reader.cut_at_line)
-
-
-def _difference(entry: Entry, expected: deque[AnyCommand]) -> str | None:
-    """What is wrong with a line, or None."""
-    altered = "" if entry.intact else " (its checksum does not match: the line was altered)"
-    where = f"line {entry.line}{altered}"
-    if entry.is_event:
-        if expected:
-            return f"{where}: the replay first gives {_cut(expected[0])}"
-        return None if entry.intact else f"{where}: event {_cut(entry.content)}"
-    if not expected:
-        return f"{where}: the replay does not give {_cut(entry.content)}"
-    if entry.content != expected[0]:
-        return f"{where}: {compare(entry.content, expected[0])}"
-    return None if entry.intact else f"{where}: command {_cut(entry.content)}"
-
-
-def compare(journal: object, replay: object) -> str:
-    """The first field in which two commands differ, in words."""
-    ours, theirs = msgspec.to_builtins(replay), msgspec.to_builtins(journal)
-    if ours["type"] != theirs["type"]:
-        return f"journal has {_cut(journal)}, replay gives {_cut(replay)}"
-    for key in ours:
-        if ours[key] != theirs[key]:
-            return (
-                f"{ours['type']}.{key}: journal has {_cut(theirs[key])}, "
-                f"replay gives {_cut(ours[key])}"
-            )
-    return "no field differs"
-
-
-def _cut(value: object, length: int = 160) -> str:
-    text = repr(value)
-    return text if len(text) <= length else text[: length - 1] + "…"
+    cut_at_line = reader.cut_at_line
+    if difference is None and expected and cut_at_line is None:
+        if reader.header.get("live") and not reader.ended:  # killed between two lines
+            cut_at_line = last_line + 1
+        else:
+            difference = f"after the last line: the journal lacks {cut(expected[0])}"
+    return Verification(events, commands, decisions, difference, cut_at_line)

@@ -4,17 +4,31 @@ Journal the event, let the core handle it, journal the commands, carry them out;
 camera look at the fire whenever a position arrives.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable
+from typing import Any
 
-from mission_service.commands import Say
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+from mission_service.burn.interlock import Interlock
+from mission_service.burn.mission import has_drop
+from mission_service.commands import AnyCommand, Drop, Say, UploadMission
 from mission_service.config import Scenario
+from mission_service.config_sections import BurnSection
 from mission_service.core import Core
 from mission_service.events import (
     AnyEvent,
     Contact,
     CrewEvent,
+    DropFinished,
     Heard,
+    Lit,
+    Resumed,
     Telemetry,
+    UploadFinished,
     VehicleEvent,
 )
 from mission_service.formation.messages import AnyMessage
@@ -23,9 +37,27 @@ from mission_service.journal import Journal
 from mission_service.record import Record
 from mission_service.world import FireWorld, camera_of
 
+NO_BURN = "the scenario has no burn"
+
 
 def unheard(message: AnyMessage) -> None:
     """Said where nobody else is."""
+
+
+def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | None:
+    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
+    if burn is None:
+        return None
+    if burn.unit_file is None:
+        return Interlock(burn)
+    from firemodel.readers.shapes import read_shapes
+
+    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
+        return np.column_stack([lon, lat])
+
+    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
+    return Interlock(burn, shapely.transform(unit, lon_lat))
 
 
 class Service:
@@ -52,6 +84,10 @@ class Service:
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
         }
         self._camera_due_us = dict.fromkeys(self._cameras, 0)
+        self._falling: dict[tuple[str, int], tuple[float, float]] = {}
+        self._held_back: deque[DropFinished | UploadFinished] = deque()
+        self._interlock = interlock_of(scenario.burn, world.landscape)
+        self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle what a gateway reports; ``now_us`` is the link's clock."""
@@ -74,6 +110,31 @@ class Service:
         for name in self._gateways:
             self._handle(Contact(at_us, name, there), now_us)
 
+    def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        """What a journal tells of before: all that follows from it but the orders."""
+        self.record.add(event, commands)
+        self.world.advance(event.at_us)
+        self._burn(event)
+        if self._interlock is not None:
+            self._interlock.take(event)
+            self._interlock.sent(commands)
+        for command in commands:
+            if isinstance(command, Drop):
+                self._falling[command.plan_hash, command.number] = (
+                    command.lat_deg,
+                    command.lon_deg,
+                )
+
+    def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
+        """After the past: write down the last commands that the journal lacks, and handle this."""
+        self._journal.commands(list(missing))
+        self.record.news.clear()  # told before
+        self._handle(event, now_us)
+
+    def status(self) -> dict[str, Any]:
+        """What the interlock has of plans, vehicles and the crew."""
+        return {} if self._interlock is None else self._interlock.status()
+
     def _look(self, here: Telemetry, now_us: int) -> None:
         name = here.vehicle
         if here.at_us < self._camera_due_us[name]:
@@ -88,8 +149,43 @@ class Service:
         commands = self.core.handle(event)
         self._journal.commands(commands)
         self.record.add(event, commands)
+        self._burn(event)
+        if self._interlock is not None:
+            self._interlock.take(event)
         for command in commands:
             if isinstance(command, Say):
                 self._say(command.message)
+            elif (refused := self._refused(command)) is not None:
+                self._held_back.append(refused)
             else:
+                if isinstance(command, Drop):
+                    place = (command.lat_deg, command.lon_deg)
+                    self._falling[command.plan_hash, command.number] = place
                 self._gateways[command.vehicle].execute(command, now_us)
+            if self._interlock is not None:
+                self._interlock.sent([command])
+        while self._held_back:
+            self._handle(self._held_back.popleft(), now_us)
+
+    def _burn(self, event: AnyEvent) -> None:
+        """What people light and spheres that fell burn in the simulated fire too."""
+        if isinstance(event, Lit):
+            self.world.light(event.points, event.lit_at_us / 1e6)
+        elif isinstance(event, DropFinished):
+            place = self._falling.pop((event.plan_hash, event.number), None)
+            if place is not None and not event.refused:
+                self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
+
+    def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
+        """The last lock: no drop leaves that the interlock does not allow, no mission with one."""
+        at_us, lock = self.record.at_us, self._interlock
+        if isinstance(command, Drop):
+            why = NO_BURN if lock is None else lock.refuses(command, at_us)
+            if why is None:
+                return None
+            named = (command.plan_hash, command.number)
+            return DropFinished(at_us, command.vehicle, *named, False, True, f"interlock: {why}")
+        if isinstance(command, UploadMission) and lock is not None and has_drop(command.items):
+            reason = "interlock: something in it may drop"
+            return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
+        return None

@@ -11,17 +11,26 @@ from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
 from firemodel.weather import Weather
+from mission_service.burn.mission import return_height_m
 from mission_service.config import Scenario
 from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
+from mission_service.events import CrewEvent
 from mission_service.fire_setup import fire_of, landscape_of, weather_of
-from mission_service.gateway import RATES_HZ, Gateway, MissionClock
+from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.service import Service
 from mission_service.world import FireWorld
 
 PROGRESS_EVERY_US = 60_000_000
+
+Crew = Callable[[int, Core], list[CrewEvent]]
+Progress = Callable[[Record, FireWorld], None]
+
+
+def unshown(record: Record, world: FireWorld) -> None:
+    """Progress that nobody looks at."""
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
@@ -56,12 +65,19 @@ class Rig:
     ) -> None:
         seed = scenario.seed * 1000 + section.system_id * 2
         self.mock = mock_of(section, landscape)
-        self.client = VehicleClient(target_system=section.system_id, rates_hz=RATES_HZ)
-        self.mock.intervals.only(*RATES_HZ)
+        rates = rates_hz(scenario)
+        self.client = VehicleClient(target_system=section.system_id, rates_hz=rates)
+        self.mock.intervals.only(*rates)
         self._clock = clock
         self._weather = weather_of(scenario) if scenario.fly_in_wind else None
         self._entry: Weather | None = None
-        self.gateway = Gateway(section.name, self.client, clock)
+        self.gateway = Gateway(
+            section.name,
+            self.client,
+            clock,
+            dropper_of(scenario),
+            return_height_m(scenario, landscape),
+        )
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)
 
@@ -98,56 +114,79 @@ class Rig:
             self.mock.flight.wind = Wind(entry.wind_from_deg, entry.wind_speed_m_s)
 
 
+class Simulation:
+    """Vehicles, service and fire of a scenario, joined; run it piece by piece."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        journal: Journal,
+        landscape: Landscape,
+        crew: Crew | None = None,
+        progress: Progress = unshown,
+    ) -> None:
+        """A burn has a simulated crew if none is given."""
+        if crew is None and scenario.burn is not None:
+            from mission_service.simulated_crew import SimulatedCrew
+
+            crew = SimulatedCrew(scenario.burn).due
+        self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
+        self.world = FireWorld(fire_of(scenario, landscape), landscape)
+        self.rigs = [Rig(section, scenario, landscape, self.clock) for section in scenario.flown]
+        names = tuple(section.name for section in scenario.flown)
+        self.record = Record(names, self.clock.now_us)
+        self.core = Core(scenario, landscape)
+        gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
+        self.service = Service(scenario, self.core, self.world, journal, self.record, gateways)
+        self._crew = crew
+        self._progress = progress
+        self._report_us = self.clock.now_us
+        self._heap = [(0, index) for index in range(len(self.rigs))]
+
+    def run(self, until_s: float) -> None:
+        """Until mission time has come so far."""
+        end_us = round(until_s * 1e6)
+        while self._heap and self.clock.now_us < end_us:
+            self.step()
+
+    @property
+    def link_us(self) -> int:
+        """When something happens next, by the links' clock: it goes on while nothing is heard."""
+        return self._heap[0][0]
+
+    def step(self) -> None:
+        """Let the next thing happen."""
+        now_us, index = heapq.heappop(self._heap)
+        self.rigs[index].advance(now_us, self.service)
+        if self._crew is not None:
+            for event in self._crew(self.clock.now_us, self.core):
+                self.service.tell(event, now_us)
+        timer = self.rigs[index].next_timer()
+        if timer is not None:
+            heapq.heappush(self._heap, (max(timer, now_us), index))
+        if self.clock.now_us >= self._report_us:
+            self._report_us += PROGRESS_EVERY_US
+            self._progress(self.record, self.world)
+
+
 def simulate(
     scenario: Scenario,
     journal_path: Path,
     created: str,
-    progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
+    progress: Progress = unshown,
+    crew: Crew | None = None,
 ) -> tuple[Record, FireWorld]:
     """Fly a scenario to its end in virtual time, leaving a journal.
 
     ``created`` (wall-clock time in words) only goes into the journal's header. ``progress`` is
-    called about once a minute of mission time.
+    called about once a minute of mission time. ``crew`` says what people do by a mission time.
     """
     landscape = landscape_of(scenario)
-    world = FireWorld(fire_of(scenario, landscape), landscape)
-    clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
-    rigs = [Rig(section, scenario, landscape, clock) for section in scenario.flown]
-    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)
     try:
-        service = Service(
-            scenario,
-            Core(scenario, landscape),
-            world,
-            journal,
-            record,
-            {rig.gateway.name: rig.gateway for rig in rigs},
-        )
-        _run(rigs, service, scenario, clock, progress)
+        simulation = Simulation(scenario, journal, landscape, crew, progress)
+        simulation.run(scenario.duration_s)
     finally:
         journal.close()
-    world.advance(clock.now_us)
-    return record, world
-
-
-def _run(
-    rigs: list[Rig],
-    service: Service,
-    scenario: Scenario,
-    clock: MissionClock,
-    progress: Callable[[Record, FireWorld], None],
-) -> None:
-    end_us = round(scenario.duration_s * 1e6)
-    report_us = clock.now_us
-    heap = [(0, index) for index in range(len(rigs))]
-    heapq.heapify(heap)
-    while heap and clock.now_us < end_us:
-        now_us, index = heapq.heappop(heap)
-        rigs[index].advance(now_us, service)
-        timer = rigs[index].next_timer()
-        if timer is not None:
-            heapq.heappush(heap, (max(timer, now_us), index))
-        if clock.now_us >= report_us:
-            report_us += PROGRESS_EVERY_US
-            progress(service.record, service.world)
+    simulation.world.advance(simulation.clock.now_us)
+    return simulation.record, simulation.world

@@ -70,6 +70,8 @@ class Steering:
         self.presence = {section.name: Presence() for section in scenario.vehicles}
         self._landscape = landscape
         self._deploy_at_s = scenario.deploy_at_s
+        burn = scenario.burn
+        self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
     def take(self, event: VehicleEvent) -> Decision | None:
         """Take in one event; the decision it leads to, if any."""
@@ -121,7 +123,7 @@ class Steering:
         velocity = (told.velocity_east_m_s, told.velocity_north_m_s)
         presence.here = Here(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
         # Home may lie on a hill: once up, a vehicle flies until it disarms.
-        if not presence.airborne and told.altitude_relative_m >= AIRBORNE_M:
+        if not presence.airborne and told.altitude_relative_m >= self._airborne_m:
             presence.airborne, presence.took_off_at_s = True, at_s
         if not presence.flies or at_s < self._deploy_at_s:
             return None

@@ -1,7 +1,7 @@
 """What the core knows of one vehicle, whatever it flies, and what flies it."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import shapely
@@ -71,11 +71,14 @@ class Leader(Protocol):
     def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
         """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
 
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
-        """Where its first mission leads: (n, 2) x, y in metres."""
+    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
+        """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
+
+    def status(self) -> dict[str, Any]:
+        """Where it stands, for people; ``complete``: nothing would be lost if it ended now."""
 
     def in_mission(self, name: str) -> bool:
         """Whether the vehicle, in the air, flies the mission it has on board."""

@@ -4,6 +4,7 @@ Nothing but observations leaves this module towards the planners.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
-from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.fire_setup import cells_lit, fire_of, landscape_of
 
 Marks = NDArray[np.bool_]
 
@@ -63,6 +64,11 @@ class FireWorld:
         at_s = at_us / 1e6
         if at_s > self.fire.time_s:
             self.fire.advance(at_s)
+
+    def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
+        """Set fire to what can burn of a point or a line (lat, lon), at the earliest now."""
+        for row, col in cells_lit(points, self.landscape):
+            self.fire.light(row, col, max(at_s, self.fire.time_s))
 
     def observe(self, telemetry: Telemetry, camera: Camera) -> Observed | None:
         """What the camera of a vehicle sees from where it is, or nothing outside the landscape."""

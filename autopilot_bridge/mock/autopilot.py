@@ -3,6 +3,8 @@
 The time it is given is its simulation clock; ``time_boot_ms`` counts from the first time it sees.
 """
 
+from dataclasses import replace
+
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message
@@ -11,6 +13,7 @@ from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.commands import CommandServer, asked_of
 from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.ftp_server import FtpServer
+from autopilot_bridge.mock.gripper import Answer, Px4Gripper
 from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
@@ -23,6 +26,11 @@ from autopilot_bridge.mock.telemetry import Telemetry
 from autopilot_bridge.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
+# As delivered: WPNAV_SPEED_UP and _DN; MPC_Z_V_AUTO_UP and _DN.
+LIMITS = {
+    ("ardupilot", "copter"): Limits(climb_m_s=2.5, sink_m_s=1.5),
+    ("px4", "copter"): Limits(climb_m_s=3.0, sink_m_s=1.5),
+}
 # A process that was held up does not try to make up for more than this at once.
 MOST_STEPS_AT_ONCE = 4000
 
@@ -45,7 +53,10 @@ class MockAutopilot:
     ) -> None:
         self.stack = stack
         frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
-        self.flight = Flight(stack, frame, Limits(airspeed_m_s=airspeed_m_s), wind, terrain)
+        limits = replace(
+            LIMITS.get((stack.name, stack.vehicle), Limits()), airspeed_m_s=airspeed_m_s
+        )
+        self.flight = Flight(stack, frame, limits, wind, terrain)
         if battery_minutes is not None:
             self.flight.battery = Battery(100.0, battery_minutes * 60.0)
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
@@ -62,10 +73,12 @@ class MockAutopilot:
         self._steps = 0
         self.intervals = Intervals(stack)
         self.parameters = ParameterServer(stack)
+        self.flight.return_m = self.parameters.return_m
         self.telemetry = Telemetry(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
         )
+        self._gripper = Px4Gripper(self._move_gripper) if stack.name == "px4" else None
         if isinstance(self.missions, Px4Server):
             self.missions.required = lambda: int(self.parameters.value("MIS_TKO_LAND_REQ"))
 
@@ -128,6 +141,8 @@ class MockAutopilot:
         for _ in range(min(due, MOST_STEPS_AT_ONCE)):
             self._steps += 1
             self.flight.step(self._now_s())
+            if self._gripper is not None:
+                self._answer(mavlink.MAV_CMD_DO_GRIPPER, self._gripper.ended(self._now_us()))
             self.telemetry.report(self.flight, self._steps)
 
     def say(self, message: Message) -> None:
@@ -137,6 +152,7 @@ class MockAutopilot:
     def reboot(self, now_us: int) -> None:
         """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
         self.flight = self.flight.rebooted()
+        self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
         self.telemetry.forget()
         self.intervals.reset()
@@ -145,8 +161,11 @@ class MockAutopilot:
     def _flying_mission(self) -> bool:
         return self.flight.armed and self.flight.mode == "mission"
 
+    def _now_us(self) -> int:
+        return self._steps * STEP_US
+
     def _now_s(self) -> float:
-        return self._steps * STEP_US / 1e6
+        return self._now_us() / 1e6
 
     # Messages -----------------------------------------------------------------------------------
 
@@ -160,6 +179,7 @@ class MockAutopilot:
             self.ftp.receive(message, now_us)
         elif kind.startswith("PARAM_"):
             self._send(*self.parameters.receive(message))
+            self.flight.return_m = self.parameters.return_m
         elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
             self._take_over()
@@ -216,11 +236,22 @@ class MockAutopilot:
 
     def _command(self, message: Message) -> None:
         asked = asked_of(message)
+        asker = (message.get_srcSystem(), message.get_srcComponent())
+        if self._gripper is not None and asked.command == mavlink.MAV_CMD_DO_GRIPPER:
+            action = round(asked.params[1])
+            self._answer(asked.command, self._gripper.obey(action, asker, self._now_us()))
+            return
         result = self._commands.obey(asked, self.flight, self._now_s())
         if asked.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
             self._make_current(int(asked.params[0]))
-        asker = (message.get_srcSystem(), message.get_srcComponent())
-        self._send(mavlink.MAVLink_command_ack_message(asked.command, result, 0, 0, *asker))
+        self._answer(asked.command, [(asker, result)])
+
+    def _answer(self, command: int, answers: list[Answer]) -> None:
+        for asker, result in answers:
+            self._send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker))
+
+    def _move_gripper(self, action: int, at_us: int) -> None:
+        self.flight.payload.obey(mavlink.MAV_CMD_DO_GRIPPER, (1.0, float(action)), at_us)
 
     def _send(self, *messages: Message) -> None:
         self._outgoing.extend(self._codec.encode(message) for message in messages)

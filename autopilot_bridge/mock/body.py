@@ -23,6 +23,8 @@ Place = tuple[float, float]  # metres north and east of home
 APPROACH_M = 60.0
 LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
 GLIDE = math.tan(math.radians(6.0))
+IN_PLACE_M = 2.0  # from above what lies so near, a copter goes straight down to it
+HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # 11 at 12.6 m/s, 13 at 22 m/s, at radii of 100 and 150 m
 FALL_M_S = 8.0  # of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
@@ -104,6 +106,33 @@ class Body:
     def approach(self, place: Place, altitude_m: float, stop: bool) -> None:
         """A copter's step towards a place."""
         step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
+
+    def straight(
+        self,
+        start: Place,
+        place: Place,
+        altitude_m: float,
+        rise_m: float,
+        stop: bool,
+        near_m: float,
+    ) -> bool:
+        """A copter's step along a line that rises by ``rise_m`` to a place; whether it is there.
+
+        It is as slow as climbing or sinking along the line needs, and goes straight up or down to
+        what lies above or below it.
+        """
+        length_m, left_m, limits = math.dist(start, place), self.distance(place), self.limits
+        wanted_m = altitude_m
+        in_place = length_m <= IN_PLACE_M
+        if not in_place:
+            rate = limits.climb_m_s if rise_m > 0.0 else limits.sink_m_s
+            fastest = rate * length_m / max(abs(rise_m), 1e-6)
+            self.limits = replace(limits, airspeed_m_s=min(limits.airspeed_m_s, fastest))
+            wanted_m -= rise_m * min(left_m / length_m, 1.0)
+        self.approach(place, wanted_m, stop or in_place)
+        self.limits = limits
+        high = abs(self.motion.altitude_m - wanted_m) <= HIGH_ENOUGH_M
+        return high and self.distance(place) <= near_m
 
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
         """A step of circling; copters stand at the centre. Negative radius: anticlockwise."""

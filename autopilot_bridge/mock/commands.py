@@ -121,7 +121,8 @@ class CommandServer:
             case command if command in rules_of(self._stack).bare:
                 place = (asked.lat_deg, asked.lon_deg, asked.z)
                 done = flight.payload.obey(command, (*asked.params, *place), round(now_s * 1e6))
-                return ACCEPTED if done else UNSUPPORTED
+                servo = command == mavlink.MAV_CMD_DO_SET_SERVO
+                return ACCEPTED if done else FAILED if servo else UNSUPPORTED
             case _:
                 return UNSUPPORTED
 
@@ -148,7 +149,17 @@ class CommandServer:
             flight.fly_around(_here(flight), ground_m + height_m, DEFAULT_RADIUS_M)
         return result
 
+    def _without_position(self, mode: Mode) -> int:
+        """A change of mode that a blind vehicle refuses."""
+        if self._px4:
+            self._tell(text(2, f"Switching to {mode.title()} is currently not available\t"))
+            return REJECTED
+        self._tell(text(4, f"Mode change to {mode.upper()} failed: requires position"))
+        return FAILED
+
     def _change(self, flight: Flight, mode: Mode, now_s: float) -> int:
+        if flight.blind and mode != "land":
+            return self._without_position(mode)
         if mode == "mission":
             if len(self._missions.items) <= (1 if self._stack.item_0_is_home else 0):
                 return DENIED
@@ -184,6 +195,8 @@ class CommandServer:
     def _reposition(self, asked: Asked, flight: Flight, now_s: float) -> int:
         _, flags, radius_m, direction = asked.params
         place = flight.frame.local_of(asked.lat_deg, asked.lon_deg)
+        if flight.blind:
+            return self._without_position("hold" if self._px4 else "guided")
         if self._px4:
             if int(flags) != mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
                 return UNSUPPORTED

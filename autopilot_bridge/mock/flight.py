@@ -23,12 +23,15 @@ from autopilot_bridge.mock.course_of_items import (
 from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.power import Battery
+from autopilot_bridge.stack_rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
-RETURN_M = {("ardupilot", "copter"): 15.0, ("px4", "copter"): 60.0}  # least height on the way home
+# How long a copter flies on without satellites before it lands where it believes to be, as the
+# stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
+BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
 # From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
@@ -58,6 +61,7 @@ class Flight(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
+    blind: bool = False  # it has given up its position, and takes no mode that needs one
     items: tuple[MissionItem, ...] = ()
     current: int = 0
     reached: list[int] = field(default_factory=list)
@@ -65,11 +69,13 @@ class Flight(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+    return_m: float = 60.0  # a copter's least height on its way home
     orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
     _return_amsl_m: float = field(init=False)
     _disarm_at_s: float = math.inf
+    _fix_s: float = 0.0  # when there last was one
     _jumps: dict[int, int] = field(default_factory=dict)
     _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items still to run
     _wait_until_s: float = 0.0
@@ -143,8 +149,13 @@ class Flight(Body):
     def change_speed(self, kind: int, speed_m_s: float) -> bool:
         """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
 
-        Planes take an airspeed within their limits and fly no ground speed.
+        Planes take an airspeed within their limits and fly no ground speed. ArduCopter takes 2 and
+        3 too, its speeds up and down.
         """
+        if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
+            change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}
+            self.limits = replace(self.limits, **change)
+            return True
         if speed_m_s == -2.0:
             speed_m_s = self._cruise_m_s
         plane = self.stack.vehicle == "plane"
@@ -191,6 +202,7 @@ class Flight(Body):
             return
         if self.battery.percent is not None and self.airborne and self._out_of_power(now_s):
             return
+        self._land_blind(now_s)
         if self.mode == "mission" and self.target is not None:
             self._fly(self.target, now_s)
             if self._waiting and self.mode == "mission":
@@ -231,12 +243,14 @@ class Flight(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
+        """One after the other, within milliseconds (seen), unless one is to wait."""
         assert self.target is not None
-        if now_s <= self._wait_until_s:
-            return
-        if self.distance(self.frame.local(self.target.item)) <= self._wait_within_m:
+        left_m = self.distance(self.frame.local(self.target.item))
+        may_run = self._wait_until_s < now_s
+        while self._waiting and may_run and left_m <= self._wait_within_m:
             self._wait_within_m = math.inf
             self._run(self._waiting.popleft(), now_s)
+            may_run = self._wait_until_s <= now_s
 
     def _fly(self, target: Target, now_s: float) -> None:
         item = target.item
@@ -356,9 +370,10 @@ class Flight(Body):
             return now_s - target.arrived_at_s >= hold_s
         if self.stack.vehicle == "copter":
             stop = hold_s > 0.0
-            self.approach(place, altitude_m, stop)
-            near_m = STOP_WITHIN_M if stop else NEAR_M
-            there = self.distance(place) <= acceptance_m(item, self.stack, near_m)
+            near_m = acceptance_m(item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
+            rise_m = altitude_m - target.begun_amsl_m
+            rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
+            there = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
         else:
             self.follow(target.leg_start, place, altitude_m)
             there = self._past(target, place)
@@ -400,8 +415,7 @@ class Flight(Body):
     def _way_home_amsl_m(self) -> float:
         if self.stack.vehicle == "plane":
             return self.frame.altitude_m + 100.0
-        least_m = RETURN_M[self.stack.name, self.stack.vehicle]
-        return max(self.motion.altitude_m, self.frame.altitude_m + least_m)
+        return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
         """Fly home; a plane circles there, a copter lands (True when it stands)."""
@@ -435,6 +449,19 @@ class Flight(Body):
         self.fall()
         self._look_down()
         return True
+
+    def _land_blind(self, now_s: float) -> None:
+        """Land where it is when satellites were lost for long."""
+        if self.gps or not self.airborne:
+            self._fix_s, self.blind = now_s, False
+        after_s = BLIND_AFTER_S.get((self.stack.name, self.stack.vehicle), math.inf)
+        if self.blind or now_s - self._fix_s < after_s:
+            return
+        self.blind = True
+        ardupilot = self.stack.name == "ardupilot"
+        words = "EKF Failsafe: changed to LAND Mode" if ardupilot else "Failsafe activated\t"
+        self.texts.append((2, words))
+        self.set_mode("land", now_s)
 
     def _look_down(self) -> None:
         """Below the ground is a crash: the vehicle stays there for good."""

@@ -39,6 +39,8 @@ _PX4 = {
     "MIS_TKO_LAND_REQ": (0.0, INT32),
     "MAV_SYS_ID": (1.0, INT32),
     "NAV_LOITER_RAD": (80.0, REAL32),
+    "RTL_CONE_ANG": (45.0, INT32),
+    "RTL_RETURN_ALT": (60.0, REAL32),
 }
 
 
@@ -63,6 +65,13 @@ class ParameterServer:
     def names(self) -> tuple[str, ...]:
         """What there is."""
         return tuple(self._held)
+
+    @property
+    def return_m(self) -> float:
+        """A copter's least height above home on its way there."""
+        if "RTL_ALT" in self._held:
+            return self.value("RTL_ALT") / 100.0
+        return self.value("RTL_RETURN_ALT") if self._bytewise else 0.0
 
     def value(self, name: str) -> float:
         """A parameter's value."""

@@ -65,9 +65,10 @@ class Pair:
                 self.now_us = until_us
                 return
             self.now_us = due
-            self._exchange()
+            self.exchange()
 
-    def _exchange(self) -> None:
+    def exchange(self) -> None:
+        """Move what is under way, and what was just asked for."""
         now_us = self.now_us
         for datagram in self.up.receive(now_us):
             if self.mock_alive:

@@ -1,0 +1,51 @@
+"""How the paper's corrections depend on their length: ``python -m benchmarks.beachly_lengths``.
+
+On fires other than those that are reported, a participant each, beside our own method.
+"""
+
+import sys
+
+import numpy as np
+
+from firemodel.corrections import PaperCorrected
+from firemodel.gaussian import GaussianCorrected
+from firemodel.marks import Simulation
+from mission_service.experiments.beachly_corrections import (
+    Floats,
+    Method,
+    case_of,
+    errors_m,
+    in_period,
+    marks_of_participant,
+)
+from mission_service.experiments.beachly_truth import random_burn
+
+SEEDS = range(1000, 1010)
+LENGTHS_M = (10.0, 15.0, 20.0, 25.0, 40.0, 60.0, 100.0)
+
+
+def main() -> None:
+    """A line for each length: mean front error in the paper's period, and what it took away."""
+    burns = [random_burn(seed) for seed in SEEDS]
+    cases = [(case_of(burn), marks_of_participant(burn, 0)) for burn in burns]
+
+    def mean_m(method: Method | None) -> float:
+        found = [errors_m(case, marks, method)[in_period(case.at_s)] for case, marks in cases]
+        return float(np.nanmean(found))
+
+    uncorrected_m = mean_m(None)
+    sys.stdout.write(f"no corrections      {uncorrected_m:6.1f} m\n")
+    for length_m in LENGTHS_M:
+
+        def method(fire: Simulation, marks: Floats, length_m: float = length_m) -> Simulation:
+            return PaperCorrected(fire, marks, length_m)
+
+        left_m = mean_m(method)
+        share = 1.0 - left_m / uncorrected_m
+        sys.stdout.write(f"paper, {length_m:5.0f} m      {left_m:6.1f} m  {share:5.0%}\n")
+    left_m = mean_m(GaussianCorrected)
+    sys.stdout.write(f"Gaussian process    {left_m:6.1f} m  {1 - left_m / uncorrected_m:5.0%}\n")
+
+
+if __name__ == "__main__":
+    main()

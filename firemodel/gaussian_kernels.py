@@ -1,0 +1,112 @@
+"""Inner loops of ``gaussian``: what a field over places does to the time along straight ways."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+
+PIECES = 8  # of a way
+
+Floats = NDArray[np.float64]
+
+
+class Field(NamedTuple):
+    """exp w between nodes (rows of y, columns of x; row 0 in the south), held beyond the edge."""
+
+    west_m: float
+    south_m: float
+    apart_m: float
+    slower: Floats
+
+
+@kernel
+def _corner(x, apart, count):  # type: ignore[no-untyped-def]
+    """The node below and how far it is to the one above."""
+    at = min(max(x / apart, 0.0), count - 1.0)
+    node = min(int(at), count - 2)
+    return node, at - node
+
+
+@kernel
+def _at(x, y, field):  # type: ignore[no-untyped-def]
+    nodes = field.slower
+    col, right = _corner(x - field.west_m, field.apart_m, nodes.shape[1])
+    row, up = _corner(y - field.south_m, field.apart_m, nodes.shape[0])
+    south = (1.0 - right) * nodes[row, col] + right * nodes[row, col + 1]
+    north = (1.0 - right) * nodes[row + 1, col] + right * nodes[row + 1, col + 1]
+    return (1.0 - up) * south + up * north
+
+
+@kernel
+def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
+    """The mean of exp w along the way to each point."""
+    for place in range(points.shape[0]):
+        x, y = origin[place, 0], origin[place, 1]
+        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        total = 0.0
+        for piece in range(PIECES):
+            total += _at(x + (piece + 0.5) * dx, y + (piece + 0.5) * dy, field)
+        found[place] = total / PIECES
+
+
+@kernel
+def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
+    """One of the four nodes around a piece of a way, and its share of the whole way."""
+    rows, cols = field.slower.shape
+    piece = number // 4 + 0.5
+    col, right = _corner(x + piece * dx - field.west_m, field.apart_m, cols)
+    row, up = _corner(y + piece * dy - field.south_m, field.apart_m, rows)
+    if number % 2:
+        col += 1
+    else:
+        right = 1.0 - right
+    if number % 4 >= 2:
+        row += 1
+    else:
+        up = 1.0 - up
+    return row * cols + col, right * up / PIECES
+
+
+@kernel
+def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
+    """Of ln of that mean by w of each node, into found (n, rows, cols), zeros before."""
+    cols = field.slower.shape[1]
+    for place in range(points.shape[0]):
+        x, y = origin[place, 0], origin[place, 1]
+        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        total = 0.0
+        for second in range(2):
+            for corner in range(4 * PIECES):
+                node, share = _share(x, y, dx, dy, corner, field)
+                part = share * field.slower[node // cols, node % cols]
+                if second:
+                    found[place, node // cols, node % cols] += part / total
+                else:
+                    total += part
+
+
+@kernel
+def variances(points, origin, of_rates, field, covariance, found):  # type: ignore[no-untyped-def]
+    """Of ln of the time along each way, from of_rates (n, k) and the covariance of all (k + nodes).
+
+    The field counts evenly along the way.
+    """
+    k = of_rates.shape[1]
+    for place in range(points.shape[0]):
+        x, y = origin[place, 0], origin[place, 1]
+        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        total = 0.0
+        for one in range(k):
+            for other in range(k):
+                both = of_rates[place, one] * of_rates[place, other]
+                total += both * covariance[one, other]
+        for corner in range(4 * PIECES):
+            node, share = _share(x, y, dx, dy, corner, field)
+            for rate in range(k):
+                total += 2.0 * share * of_rates[place, rate] * covariance[rate, k + node]
+            for another in range(4 * PIECES):
+                other_node, other_share = _share(x, y, dx, dy, another, field)
+                total += share * other_share * covariance[k + node, k + other_node]
+        found[place] = total

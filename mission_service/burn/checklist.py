@@ -1,0 +1,77 @@
+"""The GO/NO-GO list of a burn (NWCG PMS 515): with an open item nothing flies. Pure."""
+
+from typing import Any
+
+from mission_service.events import Aborted, Answered, AnyEvent, Resumed
+
+
+class Checklist:
+    """Folds answers. An item is open until the last answer to it is GO.
+
+    Answers do not run out with time. An abort, a restart of the service and whatever its owner
+    calls ``clear`` for (a return home, say) make the crew go through the whole list again.
+    """
+
+    def __init__(self, items: tuple[str, ...]) -> None:
+        self.items = items
+        self._answers: dict[str, Answered] = {}
+
+    @property
+    def open_items(self) -> tuple[str, ...]:
+        """Items without a GO, in the order of the list."""
+        return tuple(
+            item for item in self.items if item not in self._answers or not self._answers[item].go
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether every item has its GO; a list without items is complete."""
+        return not self.open_items
+
+    def take(self, event: AnyEvent) -> str | None:
+        """Take in an event; a line for the operator if it was of the list."""
+        match event:
+            case Answered():
+                return self._answered(event)
+            case Aborted():
+                return self.clear(f"abort by {event.by}")
+            case Resumed():
+                return self.clear("the service was restarted")
+            case _:
+                return None
+
+    def clear(self, why: str) -> str | None:
+        """Open all items; a line for the operator if any had an answer."""
+        if not self._answers:
+            return None
+        self._answers.clear()
+        return f"GO list: all {len(self.items)} items are open again ({why})"
+
+    def _answered(self, event: Answered) -> str:
+        if event.item not in self.items:
+            return f'GO list: there is no item "{event.item}"; there are: {"; ".join(self.items)}'
+        self._answers[event.item] = event
+        word = "GO" if event.go else "NO-GO"
+        left = len(self.open_items)
+        state = "complete" if not left else f"{left} of {len(self.items)} open"
+        return f'GO list: {word} for "{event.item}" by {event.by} at {event.station}; {state}'
+
+    def status(self) -> dict[str, Any]:
+        """The list for people and programs: item, "go", "no-go" or "open", and who said so."""
+        return {
+            "complete": self.complete,
+            "open": len(self.open_items),
+            "items": [self._item(item) for item in self.items],
+        }
+
+    def _item(self, item: str) -> dict[str, Any]:
+        answer = self._answers.get(item)
+        if answer is None:
+            return {"item": item, "answer": "open"}
+        return {
+            "item": item,
+            "answer": "go" if answer.go else "no-go",
+            "by": answer.by,
+            "station": answer.station,
+            "at_s": answer.at_us / 1e6,
+        }

@@ -1,0 +1,87 @@
+"""Which corrections of the fire hold: drawing, erasing, undo and redo. Pure."""
+
+import math
+from typing import Any, NamedTuple
+
+from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
+
+M_PER_DEG = 111_195.0
+
+Step = Corrected | Erased
+
+
+class Held(NamedTuple):
+    """A correction that holds, less what lies in the circles of ``erasures`` (all came later)."""
+
+    correction: Corrected
+    erasures: tuple[Erased, ...]
+
+
+class CorrectionLog:
+    """Folds events into steps that hold and steps taken back, whoever took them.
+
+    An erasure takes away only what was drawn before it. Undo takes back the last step, a
+    correction or an erasure; a new step ends what can be redone. Undo and redo of nothing do
+    nothing.
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+        self.taken_back: list[Step] = []  # the next to be redone is the last
+
+    def take(self, event: AnyEvent) -> bool:
+        """Take in an event; whether it changed which corrections hold."""
+        match event:
+            case Corrected() | Erased():
+                self.steps.append(event)
+                self.taken_back.clear()
+                return True
+            case Undone() if self.steps:
+                self.taken_back.append(self.steps.pop())
+                return True
+            case Redone() if self.taken_back:
+                self.steps.append(self.taken_back.pop())
+                return True
+            case _:
+                return False
+
+    def held(self) -> tuple[Held, ...]:
+        """Corrections that hold, in the order they were drawn; points that are erased are not."""
+        found: list[Held] = []
+        erasures: tuple[Erased, ...] = ()
+        for step in reversed(self.steps):
+            if isinstance(step, Erased):
+                erasures = (step, *erasures)
+            elif not _gone(step, erasures):
+                found.append(Held(step, erasures))
+        return tuple(reversed(found))
+
+    def status(self) -> list[dict[str, Any]]:
+        """Each correction that holds: what, who, where from, when said, when marked."""
+        return [
+            {
+                "state": held.correction.state,
+                "shape": held.correction.shape,
+                "points": held.correction.points,
+                "marked_at_s": held.correction.marked_at_us / 1e6,
+                "by": held.correction.by,
+                "station": held.correction.station,
+                "at_s": held.correction.at_us / 1e6,
+                "erasures": len(held.erasures),
+            }
+            for held in self.held()
+        ]
+
+
+def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
+    """Whether a place lies within the circle of an erasure."""
+    north_m = M_PER_DEG * (lat_deg - erasure.lat_deg)
+    east_m = M_PER_DEG * (lon_deg - erasure.lon_deg) * math.cos(math.radians(erasure.lat_deg))
+    return math.hypot(north_m, east_m) <= erasure.radius_m
+
+
+def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
+    """Of a line or a polygon the rest may hold: only its marks can tell."""
+    return correction.shape == "point" and all(
+        any(erases(erasure, *place) for erasure in erasures) for place in correction.points
+    )

@@ -1,0 +1,180 @@
+"""When to let go of a sphere: where it would lie if it were let go now, and how sure that is.
+
+Metres east and north (x, y) of the landscape's CRS, wind and velocity in the same directions.
+"""
+
+import math
+from typing import Literal, NamedTuple
+
+GRAVITY_M_S2 = 9.80665
+STEP_S = 0.05
+SLOW_M_S = 0.5  # below it no course is to be seen
+NEAR_S = 1.0  # of flight: what is farther than that from its place is not near it yet
+
+Due = Literal["release", "wait", "missed"]
+
+
+class Moving(NamedTuple):
+    """A vehicle and its motion; ``height_m`` is above the ground where the sphere will lie."""
+
+    x_m: float
+    y_m: float
+    height_m: float
+    east_m_s: float
+    north_m_s: float
+    climb_m_s: float = 0.0
+
+
+class Landing(NamedTuple):
+    """Where a sphere would lie, and how long after the order."""
+
+    x_m: float
+    y_m: float
+    after_s: float
+
+
+class Errors(NamedTuple):
+    """Standard deviations, along each axis, of what telemetry tells (positions by satellite).
+
+    ``delay_s`` is how much the delay of link and dropper varies.
+    """
+
+    position_m: float = 1.5
+    height_m: float = 2.0
+    speed_m_s: float = 0.3
+    wind_m_s: float = 1.0
+    delay_s: float = 0.1
+
+
+USUAL = Errors()
+
+
+def landing(
+    vehicle: Moving, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
+) -> Landing:
+    """Where the sphere of an order given now would lie.
+
+    ``delay_s`` after the order it leaves with the vehicle's velocity; then gravity g acts, and a
+    drag g (v/vt)^2 against its motion v in the wind (east, north), vt being its terminal speed:
+    a sphere's at Reynolds numbers of 1e4 to 2e5, where its drag coefficient hardly changes.
+    On or below the ground it lies where it is let go.
+    """
+    drag_per_m = GRAVITY_M_S2 / terminal_speed_m_s**2
+    east, north = vehicle.east_m_s - wind_m_s[0], vehicle.north_m_s - wind_m_s[1]
+    velocity = (east, north, vehicle.climb_m_s)  # in the wind
+    x = vehicle.x_m + delay_s * vehicle.east_m_s
+    y = vehicle.y_m + delay_s * vehicle.north_m_s
+    z = vehicle.height_m + delay_s * vehicle.climb_m_s
+    fall_s = 0.0
+    while z > 0.0:
+        step_s = STEP_S
+        way, after = _fallen(velocity, drag_per_m, step_s)
+        if z + way[2] <= 0.0:  # the step that ends on the ground
+            for _ in range(4):
+                step_s *= z / -way[2]
+                way, after = _fallen(velocity, drag_per_m, step_s)
+            z = 0.0
+        else:
+            z += way[2]
+        x += way[0] + wind_m_s[0] * step_s
+        y += way[1] + wind_m_s[1] * step_s
+        fall_s += step_s
+        velocity = after
+    return Landing(x, y, delay_s + fall_s)
+
+
+Vector = tuple[float, float, float]
+
+
+def _fallen(velocity: Vector, drag_per_m: float, step_s: float) -> tuple[Vector, Vector]:
+    """Way in the air and velocity after a step (Runge and Kutta's of fourth order)."""
+    half_s = step_s / 2.0
+    first = _pull(velocity, drag_per_m)
+    second_at = _after(velocity, first, half_s)
+    second = _pull(second_at, drag_per_m)
+    third_at = _after(velocity, second, half_s)
+    third = _pull(third_at, drag_per_m)
+    fourth_at = _after(velocity, third, step_s)
+    fourth = _pull(fourth_at, drag_per_m)
+    way = _mean(velocity, second_at, third_at, fourth_at)
+    pull = _mean(first, second, third, fourth)
+    return _after((0.0, 0.0, 0.0), way, step_s), _after(velocity, pull, step_s)
+
+
+def _mean(first: Vector, second: Vector, third: Vector, fourth: Vector) -> Vector:
+    return (
+        (first[0] + 2.0 * (second[0] + third[0]) + fourth[0]) / 6.0,
+        (first[1] + 2.0 * (second[1] + third[1]) + fourth[1]) / 6.0,
+        (first[2] + 2.0 * (second[2] + third[2]) + fourth[2]) / 6.0,
+    )
+
+
+def _after(velocity: Vector, pull: Vector, step_s: float) -> Vector:
+    return (
+        velocity[0] + step_s * pull[0],
+        velocity[1] + step_s * pull[1],
+        velocity[2] + step_s * pull[2],
+    )
+
+
+def _pull(velocity: Vector, drag_per_m: float) -> Vector:
+    east, north, up = velocity
+    drag = drag_per_m * math.sqrt(east * east + north * north + up * up)
+    return -drag * east, -drag * north, -drag * up - GRAVITY_M_S2
+
+
+def spread_m(
+    vehicle: Moving,
+    wind_m_s: tuple[float, float],
+    terminal_speed_m_s: float,
+    delay_s: float,
+    errors: Errors = USUAL,
+) -> float:
+    """How far off its predicted place the sphere lies: the root of the mean squared distance.
+
+    First order: each error moves the landing on its own.
+    """
+    there = landing(vehicle, wind_m_s, terminal_speed_m_s, delay_s)
+    speed, wind = errors.speed_m_s, errors.wind_m_s
+    along = (vehicle.east_m_s + speed, vehicle.north_m_s)
+    across = (vehicle.east_m_s, vehicle.north_m_s + speed)
+    off = [
+        landing(moved, blown, terminal_speed_m_s, delay_s)
+        for moved, blown in (
+            (vehicle._replace(height_m=vehicle.height_m + errors.height_m), wind_m_s),
+            (vehicle._replace(east_m_s=along[0], north_m_s=along[1]), wind_m_s),
+            (vehicle._replace(east_m_s=across[0], north_m_s=across[1]), wind_m_s),
+            (vehicle, (wind_m_s[0] + wind, wind_m_s[1])),
+            (vehicle, (wind_m_s[0], wind_m_s[1] + wind)),
+        )
+    ]
+    squares = [(end.x_m - there.x_m) ** 2 + (end.y_m - there.y_m) ** 2 for end in off]
+    late_m = errors.delay_s * math.hypot(vehicle.east_m_s, vehicle.north_m_s)
+    return math.sqrt(sum(squares) + late_m**2 + 2.0 * errors.position_m**2)
+
+
+def is_due(
+    vehicle: Moving,
+    there: Landing,
+    target_m: tuple[float, float],
+    step_s: float,
+    miss_m: float,
+) -> Due:
+    """Whether to give the order now; ``there`` is where the sphere would lie.
+
+    ``wait`` until the landing, which moves as the vehicle does, is at its nearest to the target, to
+    half a telemetry step. Then ``release``, or ``missed`` if that is farther than ``miss_m``. It
+    also waits far off (more than ``miss_m`` and ``NEAR_S`` of flight), where it may have passed on
+    another leg, and without a course while it is farther than ``miss_m``.
+    """
+    east, north = target_m[0] - there.x_m, target_m[1] - there.y_m
+    off_m = math.hypot(east, north)
+    speed_m_s = math.hypot(vehicle.east_m_s, vehicle.north_m_s)
+    if off_m > miss_m + NEAR_S * speed_m_s:
+        return "wait"
+    if speed_m_s < SLOW_M_S:
+        return "release" if off_m <= miss_m else "wait"
+    ahead_m = (east * vehicle.east_m_s + north * vehicle.north_m_s) / speed_m_s
+    if ahead_m > 0.5 * step_s * speed_m_s:
+        return "wait"
+    return "release" if off_m <= miss_m else "missed"

@@ -1,0 +1,131 @@
+"""What a simulated participant of Beachly's study marks, and how far a simulated front is off."""
+
+from typing import Any, NamedTuple
+
+import contourpy
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from firemodel.landscape import Landscape
+from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
+
+Floats = NDArray[np.float64]
+Box = tuple[float, float, float, float]  # west, south, east, north in metres
+
+APART_M = 1.0  # of points on a front, the paper's grid
+FARTHEST_M = 150.0
+NEVER_S = 1e6  # later than anything, so that the edge lies at the cell burned
+
+
+class Watching(NamedTuple):
+    """How a study is run; the paper's five segments of three minutes."""
+
+    begins_s: tuple[float, ...]
+    segment_s: float
+    step_s: float = 20.0  # marks are made at these times
+    look_s: float = 60.0  # the camera looks somewhere else after
+    view_m: float = 120.0  # around the place on the front that it looks at
+    wrong_m: float = 40.0  # off the front at most, of marks burned and unburned
+    burning_share: float = 0.7  # of the pens; the rest burned and unburned
+    place_sd_m: float = 5.0  # of each mark
+    offset_sd_m: float = 3.0  # of all marks of a participant, as by a fish-eye lens
+
+
+def front_points(
+    arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
+) -> Floats:
+    """Points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
+    known = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
+    lines: Any = contourpy.contour_generator(z=known).lines(at_s)
+    found = [np.empty((0, 2))]
+    for line in lines:
+        x_m, y_m = landscape.xy_of(line[:, 1], line[:, 0])
+        along_m = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_m), np.diff(y_m)))])
+        at_m = np.arange(0.0, along_m[-1], apart_m)
+        found.append(np.column_stack([np.interp(at_m, along_m, z) for z in (x_m, y_m)]))
+    return np.concatenate(found)
+
+
+def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
+    """Which points (n, 2) are in a box."""
+    west, south, east, north = box
+    x_m, y_m = points.T
+    return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
+
+
+def front_error_m(true_front: Floats, found_front: Floats, most_m: float = FARTHEST_M) -> float:
+    """Mean distance from the true front to the closest point on the other (Beachly, VII.B).
+
+    At most ``most_m`` each, also where there is no other front; NaN where there is no true one.
+    """
+    if not true_front.size:
+        return float("nan")
+    if not found_front.size:
+        return most_m
+    distance_m, _ = cKDTree(found_front).query(true_front)
+    return float(np.minimum(distance_m, most_m).mean())
+
+
+def random_marks(
+    rng: np.random.Generator,
+    count: int,
+    watching: Watching,
+    arrival_s: Floats,
+    model: Simulation,
+    landscape: Landscape,
+    box: Box,
+) -> Floats:
+    """Marks (n, 4) of one participant in order of time, about ``count`` of them.
+
+    In each segment they follow a camera that shows a part of the front. Most marks are ``burning``
+    on the true front; the others, ``burned`` behind it and ``unburned`` ahead of it, are made where
+    the uncorrected simulation is wrong, so that they are the same for every method. All places are
+    off by a participant's own offset and by chance.
+    """
+    row, col = np.indices(arrival_s.shape)
+    x_m, y_m = landscape.xy_of(row, col)
+    cells = np.column_stack([x_m.ravel(), y_m.ravel()])
+    within = inside(cells, box).reshape(arrival_s.shape)
+    model_s = model.ignition_time_s(cells).reshape(arrival_s.shape)
+    offset_m = watching.offset_sd_m * rng.standard_normal(2)
+    steps = round(watching.segment_s / watching.step_s)
+    share = rng.multinomial(
+        count, np.full(len(watching.begins_s) * steps, 1.0) / (len(watching.begins_s) * steps)
+    )
+    found: list[tuple[float, float, float, int]] = []
+    for number, marks in enumerate(share):
+        segment, step = divmod(number, steps)
+        at_s = watching.begins_s[segment] + (step + 1) * watching.step_s
+        front = front_points(arrival_s, at_s, landscape)
+        front = front[inside(front, box)]
+        if not front.size:
+            continue
+        if step % round(watching.look_s / watching.step_s) == 0 or not found:
+            look_at = front[rng.integers(len(front))]
+        seen = front[np.hypot(*(front - look_at).T) <= watching.view_m]
+        if not seen.size:
+            look_at = front[rng.integers(len(front))]
+            seen = front[np.hypot(*(front - look_at).T) <= watching.view_m]
+        burned = arrival_s <= at_s
+        in_view = within & (np.hypot(x_m - look_at[0], y_m - look_at[1]) <= watching.view_m)
+        near = {
+            BURNED: burned
+            & (distance_transform_edt(burned) * landscape.cell_size_m <= watching.wrong_m)
+            & (model_s > at_s),
+            UNBURNED: ~burned
+            & (distance_transform_edt(~burned) * landscape.cell_size_m <= watching.wrong_m)
+            & (model_s <= at_s),
+        }
+        for _ in range(marks):
+            state = BURNING
+            if rng.random() >= watching.burning_share:
+                state = BURNED if rng.random() < 0.5 else UNBURNED
+            places = seen if state == BURNING else cells[(near[state] & in_view).ravel()]
+            if not places.size:
+                state, places = BURNING, seen
+            place = places[rng.integers(len(places))]
+            place = place + offset_m + watching.place_sd_m * rng.standard_normal(2)
+            found.append((*place, at_s, state))
+    return np.array(found).reshape(-1, 4)

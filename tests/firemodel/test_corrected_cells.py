@@ -1,0 +1,93 @@
+"""Marks correct a fire of cells, which goes on from what it was corrected to."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from firemodel.anyangle import AnyAngleFire
+from firemodel.corrected_cells import ArrivalRaster, burning_corrected, corrected_arrival
+from firemodel.corrections import PaperCorrected
+from firemodel.errors import FireModelError
+from firemodel.marks import BURNED, BURNING, UNBURNED
+from tests.firemodel.grids import CELL_M, landscape, steady
+
+Floats = NDArray[np.float64]
+
+LAND = landscape(shape=(81, 81))
+LIT = [(40, 40, 0.0)]
+MARKED_S, LATER_S = 1800.0, 2700.0
+
+
+def burned(from_deg: float, until_s: float = 3 * LATER_S) -> AnyAngleFire:
+    """A fire in wind from there, burned well ahead."""
+    fire = AnyAngleFire(LAND, steady(2.0, from_deg), LIT)
+    fire.advance(until_s)
+    return fire
+
+
+MODEL, TRUTH = burned(250.0), burned(200.0)
+
+
+def marks_on(fire: AnyAngleFire, at_s: float, count: int = 40) -> Floats:
+    """Places on its front, noisy."""
+    rng = np.random.default_rng(1)
+    (ring,) = fire.front(at_s).geoms
+    along = rng.uniform(0.0, ring.exterior.length, count)
+    xy = np.array([ring.exterior.interpolate(at).coords[0] for at in along])
+    xy += 0.3 * CELL_M * rng.standard_normal(xy.shape)
+    return np.column_stack([xy, np.full(count, at_s), np.full(count, BURNING)])
+
+
+def off(found: AnyAngleFire, at_s: float) -> float:
+    """Area wrong over the true one."""
+    true = TRUTH.front(at_s)
+    return float(found.front(at_s).symmetric_difference(true).area / true.area)
+
+
+@pytest.mark.parametrize("method", ["gaussian", "paper"])
+def test_a_fire_in_the_wrong_wind_is_nearer_to_the_truth_now_and_later(method: str) -> None:
+    marks = marks_on(TRUTH, MARKED_S)
+    if method == "gaussian":
+        burning = burning_corrected(MODEL.arrival_time_s, LAND, marks, MARKED_S)
+    else:
+        burning = burning_corrected(
+            MODEL.arrival_time_s, LAND, marks, MARKED_S, lambda f, m: PaperCorrected(f, m, 60.0)
+        )
+    going_on = AnyAngleFire(LAND, MODEL.weather, [], burning)
+    assert off(going_on, MARKED_S) < (0.25 if method == "gaussian" else 0.5) * off(MODEL, MARKED_S)
+    going_on.advance(LATER_S)
+    assert off(going_on, LATER_S) < (0.5 if method == "gaussian" else 0.7) * off(MODEL, LATER_S)
+
+
+def test_times_of_a_raster_are_those_of_its_cells_and_between_them() -> None:
+    raster = ArrivalRaster(MODEL.arrival_time_s, LAND)
+    row, col = np.array([40, 45, 30]), np.array([40, 50, 41])
+    centres = np.column_stack(LAND.xy_of(row, col))
+    assert raster.ignition_time_s(centres) == pytest.approx(MODEL.arrival_time_s[row, col])
+    between = raster.ignition_time_s(np.array([LAND.xy_of(45.0, 50.5)]))
+    assert between == pytest.approx(MODEL.arrival_time_s[45, 50:52].mean())
+    assert np.isinf(raster.ignition_time_s(np.array([LAND.xy_of(-2.0, 5.0)]))).all()
+    assert raster.places() == pytest.approx(np.array([LAND.xy_of(40, 40)]))
+
+
+def test_without_marks_nothing_changes_and_what_cannot_burn_never_does() -> None:
+    arrival_s = MODEL.arrival_time_s.copy()
+    arrival_s[20:25, 30:60] = np.inf
+    same = corrected_arrival(arrival_s, LAND, np.empty((0, 4)))
+    assert same == pytest.approx(arrival_s)
+    corrected = corrected_arrival(arrival_s, LAND, marks_on(TRUTH, MARKED_S))
+    assert np.array_equal(np.isinf(corrected), np.isinf(arrival_s))
+    assert corrected.min() >= 0.0
+
+
+def test_a_spot_where_fire_never_comes_burns_if_it_is_marked_so() -> None:
+    arrival_s = np.where(MODEL.arrival_time_s < 1800.0, MODEL.arrival_time_s, np.inf)
+    for state, burns in ((BURNED, True), (BURNING, True), (UNBURNED, False)):
+        marks = np.array([[*LAND.xy_of(75.0, 5.0), 1700.0, state]])
+        found = corrected_arrival(arrival_s, LAND, marks)
+        assert (found[75, 5] == 1700.0) == burns
+
+
+def test_a_raster_off_the_landscape_is_refused() -> None:
+    with pytest.raises(FireModelError, match=r"arrival is \(3, 3\) cells"):
+        corrected_arrival(np.zeros((3, 3)), LAND, np.empty((0, 4)))

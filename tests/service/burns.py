@@ -1,0 +1,71 @@
+"""The burn of the paper's section VI: 20 acres, wind to the south, 2 m/s; fires by formula."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.ellipse import EllipseFire, Spread, line_sources
+from mission_service.burn.planner import Situation
+from mission_service.burn.unit import Unit
+from mission_service.config_sections import BurnSection, Station
+
+Floats = NDArray[np.float64]
+
+SIDE_M = math.sqrt(20.0 * 4046.8564224)
+SOUTH = -math.pi / 2
+SPREADS = (Spread(0.0, 0.3, 0.012, 0.012, SOUTH),)
+SETTINGS = BurnSection(
+    unit=((0.0, 0.0), (0.0, 1.0), (1.0, 1.0)),
+    stations=(Station(name="chief", lat_deg=0.0, lon_deg=0.0),),
+)
+AREA = shapely.box(0.0, 0.0, SIDE_M, SIDE_M)
+NO_FIRE = EllipseFire(SPREADS, np.empty((0, 3)))
+
+
+class Formula:
+    """A fire whose time of ignition is a function of x and y (n,)."""
+
+    def __init__(self, time_s: Callable[[Floats, Floats], Floats]) -> None:
+        self.time_s = time_s
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        return self.time_s(points_m[:, 0], points_m[:, 1])
+
+
+def lights(sources: Floats) -> EllipseFire:
+    return EllipseFire(SPREADS, sources)
+
+
+def unit(**changes: Any) -> Unit:
+    return replace(Unit(AREA, shapely.MultiPolygon(), None, (), SETTINGS.edge_m), **changes)
+
+
+def situation(**changes: Any) -> Situation:
+    """In the air at the drop height at the south-west corner, nothing burning."""
+    given: dict[str, Any] = {
+        "unit": unit(),
+        "dropped_m": np.empty((0, 2)),
+        "fire": NO_FIRE,
+        "lights": lights,
+        "at_s": 60.0,
+        "x_m": 20.0,
+        "y_m": 60.0,
+        "height_m": SETTINGS.drop_height_m,
+        "wind_m_s": 2.0,
+        "toward_rad": SOUTH,
+        "spheres": SETTINGS.spheres,
+        "battery_s": SETTINGS.battery_s,
+        "home_m": (20.0, 60.0),
+    } | changes
+    given.setdefault("area", given["unit"].area)
+    return Situation(**given)
+
+
+def backing_line() -> Floats:
+    """Sources along the southern side, lit at 0."""
+    return line_sources(np.array([[0.0, 0.0], [SIDE_M, 0.0]]), 0.0, 2.0)

@@ -1,0 +1,118 @@
+"""Whose word counts for which plan, and how long."""
+
+from mission_service.burn.approval import Approvals
+from mission_service.burn.plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
+from mission_service.config_sections import BurnSection, Station
+from mission_service.events import Approved, Present, Resumed
+
+BURN = BurnSection(
+    unit=((36.0, -84.0), (36.0, -83.99), (36.01, -83.99)),
+    stations=(Station(name="boss", lat_deg=36.0, lon_deg=-84.01),),
+    approval_s=100.0,
+    crew_silent_s=15.0,
+)
+
+
+def a_plan(line: int = 1, latitude_deg: float = 36.001) -> IgnitionPlan:
+    point = PathPoint(latitude_deg, -83.995, 400.0, 15.0, 0.0)
+    return IgnitionPlan(
+        vehicle="kestrel",
+        line=line,
+        made_at_us=0,
+        begin_us=15_000_000,
+        valid_until_us=300_000_000,
+        path=(point,),
+        drops=(PlannedDrop(0, latitude_deg, -83.995, 5.0),),
+        skipped=(),
+        duration_s=10.0,
+        speed_m_s=5.0,
+        drop_height_m=15.0,
+        safe_height_m=60.0,
+        wind_speed_m_s=2.0,
+        wind_from_deg=0.0,
+        time_margin_s=60.0,
+        distance_margin_m=10.0,
+        least_time_margin_s=120.0,
+        spheres_left=449,
+        digest="unit",
+    )
+
+
+def approved(name: str, at_s: float = 1.0, station: str = "boss") -> Approved:
+    return Approved(round(at_s * 1e6), "ada", station, name)
+
+
+def proposing() -> Approvals:
+    approvals = Approvals(BURN)
+    approvals.propose(a_plan())
+    approvals.heard(Present(0, "ada", "boss"))
+    return approvals
+
+
+def test_a_plan_that_differs_in_anything_has_another_hash() -> None:
+    assert plan_hash(a_plan()) == plan_hash(a_plan())
+    assert plan_hash(a_plan()) != plan_hash(a_plan(line=2))
+    assert plan_hash(a_plan()) != plan_hash(a_plan(latitude_deg=36.0010001))
+
+
+def test_a_word_for_the_plan_proposed_counts() -> None:
+    approvals = proposing()
+    event = approved(approvals.plan_hash)
+    approvals.heard(event)
+    assert approvals.approve(event) is None
+    assert approvals.approval is not None
+    assert approvals.approval.by == "ada"
+    assert approvals.lapsed(2_000_000) is None
+
+
+def test_a_word_for_another_plan_does_not() -> None:
+    approvals = proposing()
+    why = approvals.approve(approved(plan_hash(a_plan(line=2))))
+    assert why is not None
+    assert "not" in why
+    assert approvals.approval is None
+
+
+def test_nor_a_word_from_elsewhere() -> None:
+    approvals = proposing()
+    why = approvals.approve(approved(approvals.plan_hash, station="kitchen"))
+    assert why == "'kitchen' is no station from which plans are approved (boss)"
+
+
+def test_nor_one_that_comes_too_late() -> None:
+    approvals = proposing()
+    assert approvals.approve(approved(approvals.plan_hash, at_s=301.0)) == "the plan is out of date"
+
+
+def test_nor_any_where_nothing_is_proposed() -> None:
+    approvals = proposing()
+    name = approvals.plan_hash
+    approvals.void()
+    assert approvals.approve(approved(name)) == "no plan is proposed"
+
+
+def test_a_new_plan_ends_the_approval_of_the_old_one() -> None:
+    approvals = proposing()
+    approvals.approve(approved(approvals.plan_hash))
+    approvals.propose(a_plan(line=2))
+    assert approvals.approval is None
+
+
+def test_an_approval_lapses_with_time() -> None:
+    approvals = proposing()
+    event = approved(approvals.plan_hash)
+    approvals.approve(event)
+    for second in range(0, 110, 5):
+        approvals.heard(Present(second * 1_000_000, "ada", "boss"))
+    assert approvals.lapsed(100_000_000) is None
+    assert approvals.lapsed(102_000_000) == "the approval is older than 100 s"
+
+
+def test_and_when_nobody_is_heard_at_its_station() -> None:
+    approvals = proposing()
+    approvals.heard(approved(approvals.plan_hash))
+    approvals.approve(approved(approvals.plan_hash))
+    approvals.heard(Present(14_000_000, "bob", "kitchen"))
+    approvals.heard(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
+    assert approvals.lapsed(16_000_000) is None
+    assert approvals.lapsed(17_000_000) == "nothing heard of ada at boss for 16 s"

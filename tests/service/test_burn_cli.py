@@ -1,0 +1,248 @@
+"""``mission-service burn`` against a run that is only a desk."""
+
+import asyncio
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from mission_service.burn.interlock import Interlock
+from mission_service.cli import main
+from mission_service.control import Desk, claimed, serve_control
+from mission_service.control_client import NAME
+from mission_service.events import (
+    Aborted,
+    Answered,
+    Approved,
+    Corrected,
+    CrewEvent,
+    Erased,
+    Lit,
+    PersonTold,
+    PlanWanted,
+    Present,
+    Redone,
+    Rejected,
+    Undone,
+    UnitTold,
+    WindTold,
+)
+from tests.service.burn_history import GOOD, HASH, Sent, burn
+
+AT_US = 100_000_000
+SECTION = burn()
+STATIONS = ("alpha", "bravo")
+WHO = ("--by", "ann", "--station", "alpha")
+EVENT = (AT_US, "ann", "alpha")
+
+
+class Run:
+    """A desk on a socket, in a thread: a lock for its state, and what it was told."""
+
+    def __init__(self, out: Path, stations: tuple[str, ...]) -> None:
+        self.out = out
+        self.told: list[CrewEvent] = []
+        self.lock = Interlock(SECTION)
+        self.stations = stations
+
+    def tell(self, event: CrewEvent) -> list[str]:
+        self.told.append(event)
+        return [f"{type(event).__name__} heard"]
+
+    def status(self) -> dict[str, Any]:
+        told: dict[str, Any] = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
+        told["leader"] = {"phase": "flying"}
+        return {**told, "items": SECTION.go_items, **self.lock.status()}
+
+    def call(self, *arguments: str, text: str | None = None) -> Result:
+        return CliRunner().invoke(main, ["burn", *arguments, "--out", str(self.out)], input=text)
+
+
+@pytest.fixture
+def stations() -> tuple[str, ...]:
+    return STATIONS
+
+
+@pytest.fixture
+def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
+    made = Run(tmp_path, stations)
+    for thing in GOOD:
+        if isinstance(thing, Sent):
+            made.lock.sent(thing.commands)
+        else:
+            made.lock.take(thing)
+    desk = Desk(
+        made.tell,
+        lambda: made.status(),
+        lambda: AT_US,
+        stations,
+        SECTION.go_items,
+        lambda *place: True,
+    )
+    loop = asyncio.new_event_loop()
+    with claimed(tmp_path / NAME) as listening:
+        task = loop.create_task(serve_control(listening, desk))
+
+        def serve() -> None:
+            with pytest.raises(asyncio.CancelledError):
+                loop.run_until_complete(task)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield made
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(10)
+    loop.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "event"),
+    [
+        (("plan", "--drop-spacing", "20"), PlanWanted(*EVENT, None, 20.0)),
+        (("approve", HASH[:8], "--yes"), Approved(*EVENT, HASH)),
+        (("reject", HASH[:12]), Rejected(*EVENT, HASH)),
+        (("abort",), Aborted(*EVENT)),
+        (("go", "weather"), Answered(*EVENT, "weather", True)),
+        (("go", "2"), Answered(*EVENT, "payload", True)),
+        (("no-go", "pay"), Answered(*EVENT, "payload", False)),
+        (
+            ("correct", "burned", "-36.5,-84", "--in", "-60"),
+            Corrected(*EVENT, "burned", "point", ((-36.5, -84.0),), 40_000_000),
+        ),
+        (
+            ("correct", "burning", "36.5,-84", "36.5,-83.99"),
+            Corrected(*EVENT, "burning", "line", ((36.5, -84.0), (36.5, -83.99)), AT_US),
+        ),
+        (("light", "36.5,-84", "--ago", "30"), Lit(*EVENT, ((36.5, -84.0),), 70_000_000)),
+        (("erase", "36.5,-84", "--radius", "9"), Erased(*EVENT, 36.5, -84.0, 9.0)),
+        (("undo",), Undone(*EVENT)),
+        (("redo",), Redone(*EVENT)),
+        (("wind", "4.5", "270"), WindTold(*EVENT, 4.5, 270.0)),
+        (("person", "cy", "36.5,-84", "--radius", "30"), PersonTold(*EVENT, "cy", 36.5, -84.0, 30)),
+        (("person", "cy", "36.5,-84", "--gone"), PersonTold(*EVENT, "cy", 36.5, -84.0, 0.0)),
+        (
+            ("unit", "0,0", "0,0.01", "0.01,0"),
+            UnitTold(*EVENT, ((0.0, 0.0), (0.0, 0.01), (0.01, 0.0))),
+        ),
+    ],
+)
+def test_a_command_becomes_an_event(run: Run, arguments: tuple[str, ...], event: CrewEvent) -> None:
+    result = run.call(*arguments, *WHO)
+    assert result.exit_code == 0, result.output
+    assert run.told == [event]
+    assert f"{type(event).__name__} heard" in result.output
+    as_json = run.call(*arguments, *WHO, "--json")
+    assert json.loads(as_json.stdout)["event"] == type(event).__name__
+
+
+def test_go_all_answers_item_by_item(run: Run) -> None:
+    assert run.call("go", "all", *WHO).exit_code == 0
+    assert run.told == [Answered(*EVENT, item, True) for item in SECTION.go_items]
+
+
+def test_approving_shows_the_plan_and_asks(run: Run) -> None:
+    no = run.call("approve", HASH[:8], *WHO, text="n\n")
+    assert (no.exit_code, run.told) == (1, [])
+    for words in (
+        f"plan      {HASH}",
+        "line      1, ignis: 3 drops",
+        "15 m (49 ft) above the ground, 5 m/s (11 mph)",
+        "315 to 315 m (1033 to 1033 ft) MSL; safe height 60 m (197 ft)",
+        "wind      3.0 m/s (7 mph) from 270°",
+        "fire at least 90 s away (wanted 60 s and 10 m, 33 ft)",
+        "spheres   100 left after it",
+        "Approve it as ann at alpha?",
+    ):
+        assert words in no.output
+    yes = run.call("approve", HASH[:8], *WHO, text="y\n")
+    assert (yes.exit_code, run.told) == (0, [Approved(*EVENT, HASH)])
+
+
+def test_an_open_list_comes_before_an_approval(run: Run) -> None:
+    run.lock.take(Answered(AT_US, "bob", "bravo", "weather", False))
+    result = run.call("approve", HASH[:8], *WHO, "--yes")
+    assert (result.exit_code, run.told) == (1, [])
+    assert "the GO list comes first; open: weather" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("approve", HASH[:7], "--yes"), "give at least the first 8 digits"),
+        (("approve", "ffffffff", "--yes"), f"no plan proposed begins so; there are: {HASH[:12]}"),
+        (("go", "nothing"), "which item of the list? 1 weather; 2 payload"),
+        (("wind", "nan", "0"), "wind: "),
+        (("erase", "91,0", "--radius", "5"), "erase: Expected `float` <= 90"),
+        (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "its sides cross"),
+    ],
+)
+def test_what_is_wrong_gets_one_line_and_exit_code_1(
+    run: Run, arguments: tuple[str, ...], words: str
+) -> None:
+    result = run.call(*arguments, *WHO)
+    assert result.exit_code == 1
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert run.told == []
+
+
+def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = run.status()
+    honest["plans"][0]["plan"]["valid_until_us"] += 1
+    monkeypatch.setattr(run, "status", lambda: honest)
+    result = run.call("approve", HASH[:8], *WHO, "--yes")
+    assert (result.exit_code, run.told) == (1, [])
+    assert "is not the one of this hash" in result.stderr
+
+
+def test_where_one_is_must_be_said_if_there_are_several_places(run: Run) -> None:
+    result = run.call("undo", "--by", "ann")
+    assert result.exit_code == 1
+    assert "say where you are with --station: alpha, bravo" in result.stderr
+    assert run.call("abort", "--by", "ann").exit_code == 0
+    assert run.told == [Aborted(AT_US, "ann", "unknown")]
+
+
+@pytest.mark.parametrize("stations", [("alpha",)])
+def test_the_only_place_there_is_need_not_be_said(run: Run) -> None:
+    assert run.call("undo", "--by", "ann").exit_code == 0
+    assert run.told == [Undone(*EVENT)]
+
+
+def test_the_state_in_words_and_as_json(run: Run) -> None:
+    told = run.call("status").output
+    for words in (
+        "square  mission time 0:01:40, flying",
+        "GO list   all 2 GO",
+        "ignis     link, armed in mode mission, 15 m (49 ft) above home, fix, battery 90 %, 450 s",
+        f"plan      {HASH[:12]}  line 1, 3 drops; approved by ann at alpha",
+    ):
+        assert words in told
+    run.lock.take(Aborted(AT_US, "bob", "bravo"))
+    later = run.call("status").output
+    assert "GO list   2 open" in later
+    assert "not approved: aborted by bob since" in later
+    assert json.loads(run.call("status", "--json").stdout)["at_s"] == 100.0
+
+
+def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def soon(wait_s: float) -> None:
+        if len(run.told) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("mission_service.burn_cli.time.sleep", soon)
+    result = run.call("watch", *WHO)
+    assert result.exit_code == 0
+    assert run.told == [Present(*EVENT)] * 3
+    assert "ann at alpha is there" in result.output
+
+
+def test_without_a_run_there_is_one_clear_line(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["burn", "abort", "--out", str(tmp_path)])
+    assert result.exit_code == 1
+    assert result.stderr.count("\n") == 1
+    assert "is mission-service run going on with this --out?" in result.stderr

@@ -1,0 +1,163 @@
+"""The live service of a burn, without a vehicle: its socket, its journal, and the next run."""
+
+import asyncio
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission_service.config import Scenario, load_scenario
+from mission_service.control_client import NAME, Control
+from mission_service.daemon import serve
+from mission_service.errors import ControlError, JournalError, RequestError
+from mission_service.events import Aborted, Answered, Present, Resumed
+from mission_service.journal import JournalReader
+from mission_service.record import Record
+from mission_service.replay import verify
+from tests.service.test_live import free_port
+
+WHO = {"by": "ann", "station": "firing-boss"}
+Talk = Callable[[Control], None]
+
+
+def scenario(duration_s: float) -> Scenario:
+    return load_scenario(
+        "burn",
+        (
+            f'vehicles.0.link="udpin:127.0.0.1:{free_port()}"',
+            'clock="wall"',
+            "deploy_at_s=0",
+            f"duration_s={duration_s}",
+            "landscape.rows=60",
+            "landscape.cols=60",
+            "landscape.cell_size_m=10",
+        ),
+    )
+
+
+class KilledError(Exception):
+    """As from outside: nothing is tidied up that a kill would not leave."""
+
+
+def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[str]:
+    """Serve while somebody talks to it; to its end, or until it is killed. What was announced."""
+    done = False
+    news: list[str] = []
+
+    def watch() -> None:
+        if killed and done:
+            raise KilledError
+
+    def progress(record: Record, world: Any) -> None:
+        news.extend(announced.text for _, announced in record.news)
+        record.news.clear()
+
+    def speak() -> None:
+        deadline = time.monotonic() + 100  # kernels may have to be compiled first
+        while True:
+            try:
+                with Control(out) as there:
+                    if talk is not None:
+                        talk(there)
+                return
+            except ControlError:
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+
+    async def both() -> None:
+        nonlocal done
+        serving = asyncio.create_task(serve(burned, out / "journal.jsonl", "", progress, watch))
+        if talk is not None:
+            await asyncio.to_thread(speak)
+        done = True
+        await serving
+
+    try:
+        with contextlib.suppress(KilledError):
+            asyncio.run(both())
+    except BaseExceptionGroup as group:
+        _, others = group.split(KilledError)
+        if others is not None:
+            raise
+    return news
+
+
+def events(path: Path) -> list[Any]:
+    return [entry.content for entry in JournalReader(path) if entry.is_event]
+
+
+def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path: Path) -> None:
+    path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
+
+    def first(there: Control) -> None:
+        item = there.ask(do="status")["status"]["items"][0]
+        assert there.ask(do="go", item=item, **WHO)["said"] == [
+            'GO list: GO for "firing plan approved by the burn boss" by ann at firing-boss; '
+            "7 of 8 open"
+        ]
+        with pytest.raises(RequestError, match="unknown station"):
+            there.ask(do="present", by="ann", station="moon")
+        with pytest.raises(RequestError, match="0, 0 is outside the landscape"):
+            there.ask(do="lit", points=[[0, 0]], **WHO)
+        status = there.ask(do="status")["status"]
+        assert len(status["open_items"]) == 7
+        assert status["stations"] == ["firing-boss"]
+        assert (tmp_path / NAME).exists()
+
+    run(burned, tmp_path, first, killed=True)
+    assert not (tmp_path / NAME).exists()
+    assert [type(event) for event in events(path)] == [Answered]
+    path.write_bytes(path.read_bytes() + b'{"event":{"ty')  # it was about to write
+    os.utime(path, (time.time() - 100.0, time.time() - 100.0))
+
+    def second(there: Control) -> None:
+        status = there.ask(do="status")["status"]
+        assert 100.0 < status["at_s"] < 130.0
+        assert len(status["open_items"]) == 8
+        there.ask(do="present", **WHO)
+        there.ask(do="abort")
+
+    news = run(burned, tmp_path, second, killed=True)
+    assert any("goes on with the burn" in text for text in news)
+    told = events(path)
+    assert [type(event) for event in told] == [Answered, Resumed, Present, Aborted]
+    assert 100.0 <= told[1].down_s < 120.0
+    result = verify(path)
+    assert (result.difference, result.cut_at_line) == (None, None)
+
+    # The same once more, with a mission that is over by now: it ends in order.
+    os.utime(path, (time.time() - 3600.0, time.time() - 3600.0))
+    run(burned, tmp_path, None, killed=False)
+    reader = JournalReader(path)
+    assert [type(entry.content) for entry in reader][-1] is Resumed
+    assert reader.ended
+    whole = path.read_bytes()
+
+    def third(there: Control) -> None:
+        assert there.ask(do="status")["status"]["at_s"] < 60.0
+
+    news = run(burned, tmp_path, third, killed=True)
+    assert "the journal of an earlier burn is kept as journal-1.jsonl; this is a new one" in news
+    assert (tmp_path / "journal-1.jsonl").read_bytes() == whole
+    assert events(path) == []
+
+
+def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
+    path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
+
+    def first(there: Control) -> None:
+        there.ask(do="present", **WHO)
+        with pytest.raises(ControlError, match="another run answers there"):
+            run(scenario(3600.0), tmp_path, None, killed=False)
+
+    run(burned, tmp_path, first, killed=True)
+    damaged = path.read_bytes().replace(b'"by":"ann"', b'"by":"bob"')
+    path.write_bytes(damaged)
+    with pytest.raises(JournalError, match=r"line 2 was altered.*to begin anew, move that file"):
+        run(burned, tmp_path, None, killed=False)
+    assert path.read_bytes() == damaged
+    assert not (tmp_path / NAME).exists()

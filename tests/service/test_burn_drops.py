@@ -1,0 +1,53 @@
+"""The account of spheres."""
+
+from mission_service.burn.drops import Account, Sphere
+from mission_service.events import DropFinished
+
+
+def ordered(account: Account, number: int) -> Sphere:
+    sphere = Sphere("abc", number, number * 1_000_000, (0.0, 0.0), (3.0, 4.0))
+    account.order(sphere)
+    return sphere
+
+
+def finished(number: int, done: bool, refused: bool = False) -> DropFinished:
+    return DropFinished(9_000_000, "kestrel", "abc", number, done, refused, "")
+
+
+def test_what_is_refused_is_still_on_board() -> None:
+    account = Account(10)
+    sphere = ordered(account, 0)
+    assert account.left == 9
+    account.finish(finished(0, done=False, refused=True))
+    assert account.left == 10
+    assert not sphere.counts
+    assert account.fallen_m() == []
+
+
+def test_what_nobody_knows_of_is_taken_to_have_fallen() -> None:
+    account = Account(10)
+    ordered(account, 0)
+    sphere = account.finish(finished(0, done=False))
+    assert sphere is not None
+    assert sphere.outcome == "unknown"
+    assert account.left == 9
+    assert account.fallen_m() == [(3.0, 4.0)]
+    assert sphere.miss_m == 5.0
+
+
+def test_an_outcome_told_twice_counts_once() -> None:
+    account = Account(10)
+    ordered(account, 0)
+    account.finish(finished(0, done=False, refused=True))
+    assert account.finish(finished(0, done=False, refused=True)) is None
+    assert account.left == 10
+
+
+def test_of_an_order_repeated_the_last_is_meant() -> None:
+    account = Account(10)
+    first = ordered(account, 0)
+    account.finish(finished(0, done=False, refused=True))
+    second = ordered(account, 0)
+    account.finish(finished(0, done=True))
+    assert (first.outcome, second.outcome) == ("refused", "done")
+    assert account.of("abc") == [second]

@@ -1,0 +1,312 @@
+"""A burn in flight: what is dropped, and that nothing is once anything is amiss."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from autopilot_bridge.mock.kinematics import Wind
+from firemodel.default_landscape import jacksboro
+from mission_service.burn_flight import BurnFlight
+from mission_service.config import Scenario, load_scenario
+from mission_service.events import (
+    Aborted,
+    Answered,
+    Approved,
+    CrewEvent,
+    Lit,
+    PersonTold,
+    PlanWanted,
+    Rejected,
+    UnitTold,
+    WindTold,
+)
+from mission_service.journal import Journal, header_of
+from mission_service.replay import verify
+from mission_service.sim import Simulation
+from mission_service.simulated_crew import SimulatedCrew
+
+START_S = 10.0
+SIDE_M = 120.0  # of the unit: a line is flown in a minute
+LAT, LON = 36.35, -84.16
+NORTH_DEG, EAST_DEG = 1.0 / 111_195.0, 1.0 / 89_560.0
+
+
+def place(east_m: float, north_m: float) -> tuple[float, float]:
+    return LAT + north_m * NORTH_DEG, LON + east_m * EAST_DEG
+
+
+CORNERS = tuple(place(x, y) for x, y in ((0, 0), (SIDE_M, 0), (SIDE_M, SIDE_M), (0, SIDE_M)))
+
+
+def scenario(stack: str = "ardupilot", **burn: object) -> Scenario:
+    loaded = load_scenario("burn", (f"deploy_at_s={START_S}", "landscape.rows=100"))
+    home = place(-20.0, 60.0)
+    table = loaded.model_dump()
+    table["landscape"] |= {"rows": 100, "cols": 100}
+    table["burn"] |= {
+        "unit": CORNERS,
+        "lit": [{"points": [place(2.0, 1.0), place(SIDE_M - 2.0, 1.0)], "at_s": 0.0}],
+        "camera_corrects": False,
+        "stations": [{"name": "boss", "lat_deg": home[0], "lon_deg": home[1]}],
+        **({"dropper": {"by": "gripper", "number": 1}} if stack == "px4" else {}),
+        **burn,
+    }
+    table["vehicles"] = [
+        table["vehicles"][0] | {"stack": stack, "home_lat_deg": home[0], "home_lon_deg": home[1]}
+    ]
+    return Scenario.model_validate(table)
+
+
+class Burn:
+    """A simulation with a crew that does what a test says as well."""
+
+    def __init__(self, journal: Path, loaded: Scenario) -> None:
+        assert loaded.burn is not None
+        self.path = journal
+        landscape = jacksboro(100, 100, 5.0)
+        self._journal = Journal(journal, header_of(loaded, landscape.digest(), ""), durable=False)
+        self.crew_is_there = True
+        self.crew = SimulatedCrew(loaded.burn)
+        self.simulation = Simulation(loaded, self._journal, landscape, self._due)
+        (self.rig,) = self.simulation.rigs
+        leader = self.simulation.core.leader
+        assert isinstance(leader, BurnFlight)
+        self.leader = leader
+
+    def _due(self, now_us: int, core: object) -> list[CrewEvent]:
+        return self.crew.due(now_us, self.simulation.core) if self.crew_is_there else []
+
+    @property
+    def at_s(self) -> float:
+        return self.simulation.clock.now_us / 1e6
+
+    @property
+    def at_us(self) -> int:
+        return self.simulation.clock.now_us
+
+    @property
+    def dropped(self) -> int:
+        """Spheres that the mock's dropper has let go of, by what it was told on the wire."""
+        releases = (1900.0, 0.0)  # servo's PWM, a gripper that opens
+        return sum(value in releases for _, _, _, value in self.rig.mock.outputs)
+
+    @property
+    def height_m(self) -> float:
+        here = self.simulation.core.vehicles["kestrel"].presence.here
+        assert here is not None
+        return self.leader.state.height_m(here)
+
+    def run(self, for_s: float) -> None:
+        self.simulation.run(self.at_s + for_s)
+
+    def until_dropping(self) -> None:
+        """Until the third sphere of the first line has fallen."""
+        while self.dropped < 3:
+            assert self.at_s < 300.0
+            self.run(0.5)
+
+    def tell(self, event: CrewEvent) -> None:
+        self.simulation.service.tell(event, self.simulation.link_us)
+
+    def texts(self) -> list[str]:
+        return [announced.text for _, announced in self.simulation.record.news]
+
+    def close(self) -> None:
+        self._journal.close()
+
+
+@pytest.fixture
+def burn(tmp_path: Path) -> Iterator[Burn]:
+    burn = Burn(tmp_path / "journal.jsonl", scenario())
+    yield burn
+    burn.close()
+
+
+def assert_stopped(burn: Burn) -> None:
+    """From now on nothing falls, and the vehicle is high and holds."""
+    dropped = burn.dropped
+    burn.crew_is_there = False  # nobody approves anything anew
+    burn.run(45.0)
+    assert burn.dropped == dropped
+    assert burn.height_m >= 54.0
+    assert burn.leader.approvals.approval is None
+
+
+@pytest.mark.parametrize("stack", ["ardupilot", "px4"])
+def test_a_line_is_dropped_where_it_was_planned(stack: str, tmp_path: Path) -> None:
+    burn = Burn(tmp_path / "journal.jsonl", scenario(stack))
+    while burn.leader.state.line == 1:
+        assert burn.at_s < 300.0
+        burn.run(5.0)
+    (plan,) = [text for text in burn.texts() if text.startswith("line 1 proposed")]
+    planned = int(plan.split(": ")[1].split()[0])
+    assert planned >= 6
+    assert burn.dropped == planned
+    assert all(sphere.outcome == "done" for sphere in burn.leader.state.account.spheres)
+    assert max(sphere.miss_m for sphere in burn.leader.state.account.spheres) < 3.0
+    burn.close()
+    assert verify(burn.path).difference is None
+
+
+def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
+    burn.crew_is_there = False
+    burn.run(120.0)
+    assert burn.leader.phase == "proposed"
+    assert burn.rig.mock.flight.items == ()
+    assert not burn.rig.mock.flight.airborne
+
+
+def test_approval_before_the_list_is_complete_does_not_count(burn: Burn) -> None:
+    burn.run(START_S + 2.0)
+    burn.crew_is_there = False
+    burn.tell(Answered(burn.at_us, "ada", "boss", burn.leader.state.burn.go_items[0], go=False))
+    burn.tell(Approved(burn.at_us, "ada", "boss", burn.leader.approvals.plan_hash))
+    burn.run(20.0)
+    assert any("items are open" in text for text in burn.texts())
+    assert burn.rig.mock.flight.items == ()
+
+
+def amiss(burn: Burn, what: str) -> None:
+    now = burn.at_us
+    west = [place(x, y) for x, y in ((0, 60), (SIDE_M, 60), (SIDE_M, SIDE_M), (0, SIDE_M))]
+    match what:
+        case "abort":
+            burn.tell(Aborted(now, "ada", "boss"))
+        case "rejected":
+            burn.tell(Rejected(now, "ada", "boss", burn.leader.approvals.plan_hash))
+        case "no-go":
+            burn.tell(Answered(now, "ada", "boss", burn.leader.state.burn.go_items[3], go=False))
+        case "wind shift":
+            burn.tell(WindTold(now, "ada", "boss", 2.0, 90.0))
+        case "wind measured":
+            burn.rig.mock.flight.wind = Wind(0.0, 6.0)
+            burn.run(25.0)
+        case "fire ahead":
+            line = (place(70.0, 20.0), place(SIDE_M, 60.0))
+            burn.tell(Lit(now, "ada", "boss", line, now - 60_000_000))
+        case "somebody there":
+            burn.tell(PersonTold(now, "bob", "boss", "bob", *place(90.0, 60.0), 40.0))
+        case "another unit":
+            burn.tell(UnitTold(now, "ada", "boss", tuple(west)))
+        case "operator gone":
+            burn.crew_is_there = False
+            burn.run(16.0)
+        case _:
+            raise AssertionError(what)
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "abort",
+        "rejected",
+        "no-go",
+        "wind shift",
+        "wind measured",
+        "fire ahead",
+        "somebody there",
+        "another unit",
+        "operator gone",
+    ],
+)
+def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
+    loaded = scenario(drop_spacing_m=5.0, most_drops_per_min=60.0, speed_m_s=3.0)
+    burn = Burn(tmp_path / "journal.jsonl", loaded)
+    burn.until_dropping()
+    assert burn.leader.phase == "flying"
+    amiss(burn, what)
+    assert burn.leader.phase != "flying"
+    assert_stopped(burn)
+    burn.close()
+    assert verify(burn.path).difference is None
+
+
+def test_a_stopped_line_is_planned_and_approved_anew(burn: Burn) -> None:
+    burn.until_dropping()
+    before = burn.leader.approvals.plan_hash
+    amiss(burn, "fire ahead")
+    burn.run(60.0)
+    texts = burn.texts()
+    assert any("plan withdrawn" in text for text in texts)
+    assert sum("line 1 proposed" in text for text in texts) >= 2
+    assert burn.leader.approvals.plan_hash != before
+
+
+def test_after_an_abort_nothing_is_planned_before_somebody_wants_it(burn: Burn) -> None:
+    burn.until_dropping()
+    amiss(burn, "abort")
+    burn.run(40.0)
+    assert burn.leader.phase == "waiting"
+    burn.tell(PlanWanted(burn.at_us, "ada", "boss"))
+    burn.run(3.0)
+    assert burn.leader.phase in ("proposed", "approved", "planning")
+
+
+def test_a_cut_link_drops_nothing_and_the_flight_ends_high(burn: Burn) -> None:
+    burn.until_dropping()
+    links = (burn.rig._up, burn.rig._down)
+    for link in links:
+        link._loss = 1.0
+    dropped, before_s = burn.dropped, burn.at_s
+    run_links(burn, 90.0)
+    assert burn.at_s < before_s + 1.0  # nothing was heard
+    assert burn.dropped == dropped
+    assert burn.leader.approvals.approval is None
+    assert burn.rig.mock.flight.motion.altitude_m > 350.0 + 54.0
+    for link in links:
+        link._loss = 0.0
+    burn.crew_is_there = False
+    run_links(burn, 30.0)
+    assert burn.dropped == dropped
+    assert burn.leader.phase != "flying"
+    assert burn.height_m >= 54.0
+
+
+def test_a_lost_position_drops_nothing(burn: Burn) -> None:
+    burn.until_dropping()
+    burn.rig.mock.positions = False
+    dropped = burn.dropped
+    burn.crew_is_there = False
+    run_links(burn, 3.0)  # well before its autopilot lands it blind
+    assert burn.leader.approvals.approval is None
+    run_links(burn, 27.0)
+    assert burn.dropped == dropped
+    burn.rig.mock.positions = True
+    run_links(burn, 40.0)
+    assert burn.dropped == dropped
+    assert burn.height_m >= 54.0 or not burn.rig.mock.flight.airborne
+
+
+def test_a_low_battery_sends_it_home_at_the_safe_height(burn: Burn) -> None:
+    burn.until_dropping()
+    burn.rig.mock.battery_percent = 20.0
+    dropped = burn.dropped
+    highest_m = 0.0
+    for _ in range(60):
+        burn.run(0.5)
+        highest_m = max(highest_m, burn.height_m)
+    assert burn.dropped == dropped
+    assert highest_m >= 54.0
+    assert any("battery is at 20 %" in text for text in burn.texts())
+    assert burn.rig.mock.flight.mode == "rtl"
+
+
+def test_a_return_by_hand_leaves_no_drop_behind(burn: Burn) -> None:
+    burn.until_dropping()
+    dropped = burn.dropped
+    burn.rig.client.return_home(burn.simulation.link_us)
+    burn.run(10.0)
+    assert burn.dropped == dropped
+    assert burn.leader.approvals.approval is None
+    burn.rig.client.resume(burn.simulation.link_us)  # the mission on board goes on: without drops
+    burn.crew_is_there = False
+    burn.run(60.0)
+    assert burn.dropped == dropped
+
+
+def run_links(burn: Burn, for_s: float) -> None:
+    """By the links' clock: mission time stands still while nothing is heard."""
+    until_us = burn.simulation.link_us + round(for_s * 1e6)
+    while burn.simulation.link_us < until_us:
+        burn.simulation.step()

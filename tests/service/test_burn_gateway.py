@@ -1,0 +1,201 @@
+"""Burns at the gateway: drops and climbs as the client's orders, battery and fix as events."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge import client_events as bridge
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.mock.faults import parse_faults
+from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.orders import Dropper
+from autopilot_bridge.stacks import stack_named
+from mission_service.commands import ClimbAndHold, Drop
+from mission_service.config import Scenario, load_scenario, parse_scenario
+from mission_service.errors import ScenarioError
+from mission_service.events import (
+    BatteryTold,
+    DropFinished,
+    FixTold,
+    ModeChanged,
+    Telemetry,
+    VehicleEvent,
+)
+from mission_service.gateway import RATES_HZ, Gateway, MissionClock, dropper_of, rates_hz
+from tests.bridge.helpers import SECOND, mock_of
+
+SERVO = Dropper("servo", 9, 1900.0, 1100.0)
+POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+
+
+class Client:
+    """Notes what is ordered; tells what it is given."""
+
+    stack = None
+
+    def __init__(self, *events: Any) -> None:
+        self.orders: list[Any] = []
+        self.told = list(events)
+
+    def drop(self, dropper: Dropper, now_us: int) -> int:
+        self.orders.append(("drop", dropper, now_us))
+        if dropper.number == 16:
+            raise BridgeError("no such output")
+        return len(self.orders)
+
+    def climb_and_hold(self, *told: Any) -> None:
+        self.orders.append(("climb_and_hold", *told))
+
+    def set_return_height(self, *told: Any) -> None:
+        self.orders.append(("set_return_height", *told))
+
+    def next_event(self) -> Any:
+        return self.told.pop(0) if self.told else None
+
+
+def gateway_of(client: Any, dropper: Dropper | None = SERVO) -> Gateway:
+    return Gateway("drake", client, MissionClock(1000, wall=False), dropper)
+
+
+def test_what_became_of_each_drop_is_told_with_its_plan_and_number() -> None:
+    client = Client()
+    gateway = gateway_of(client)
+    for number in (4, 5, 6):
+        gateway.execute(Drop("drake", "abc", number, 36.0, -84.0), 7)
+    assert client.orders == [("drop", SERVO, 7)] * 3
+    told = ((2, "unknown", "no answer"), (1, "done", "accepted"), (3, "refused", "denied"))
+    client.told = [bridge.DropFinished(9, *each) for each in told]  # type: ignore[arg-type]
+    client.told.append(bridge.DropFinished(9, 44, "done", "somebody else's"))
+    assert list(gateway.events(9)) == [
+        DropFinished(1000, "drake", "abc", 5, False, False, "no answer"),
+        DropFinished(1000, "drake", "abc", 4, True, False, "accepted"),
+        DropFinished(1000, "drake", "abc", 6, False, True, "denied"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("dropper", "words"),
+    [(None, "no dropper is set up"), (SERVO._replace(number=16), "no such output")],
+)
+def test_a_drop_that_cannot_be_ordered_is_refused_in_words(
+    dropper: Dropper | None, words: str
+) -> None:
+    gateway = gateway_of(Client(), dropper)
+    gateway.execute(Drop("drake", "abc", 0, 36.0, -84.0), 7)
+    assert list(gateway.events(9)) == [
+        DropFinished(1000, "drake", "abc", 0, False, True, words),
+    ]
+    assert list(gateway.events(10)) == []
+
+
+def test_climb_and_hold_is_the_clients_own_order() -> None:
+    client = Client()
+    gateway_of(client).execute(ClimbAndHold("drake", 36.0, -84.0, 380.0), 5)
+    assert client.orders == [("climb_and_hold", 36.0, -84.0, 380.0, 5)]
+
+
+def test_the_height_of_returns_is_set_when_a_vehicle_of_a_burn_is_heard() -> None:
+    client = Client(bridge.Connected(3, stack_named("px4", "copter")))
+    gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO, return_height_m=95.0)  # type: ignore[arg-type]
+    assert len(list(gateway.events(4))) == 1
+    assert client.orders == [("set_return_height", 95.0, 4)]
+
+
+def battery(at_us: int, number: int, percent: int | None, volts: float) -> bridge.Battery:
+    return bridge.Battery(at_us, number, percent, volts, None)
+
+
+def test_the_emptiest_battery_is_told_when_it_changes() -> None:
+    client = Client(
+        battery(1, 0, None, 12.0),
+        battery(2, 0, 80, 12.0),
+        battery(3, 0, 80, 11.9),
+        battery(4, 1, 60, 11.9),
+        battery(5, 0, 79, 11.8),
+        battery(6, 1, 59, 11.8),
+    )
+    told = list(gateway_of(client).events(9))
+    assert told == [BatteryTold(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
+
+
+def test_the_fix_is_told_when_it_changes() -> None:
+    fixes = ("no fix", "2d", "2d", "3d", "3d", "rtk fixed", "no gps")
+    client = Client(*(bridge.GpsFix(1, fix, place) for place, fix in enumerate(fixes)))
+    told = list(gateway_of(client).events(9))
+    assert told == [
+        FixTold(1000, "drake", good, fix)
+        for good, fix in (
+            (False, "no fix"),
+            (False, "2d"),
+            (True, "3d"),
+            (True, "rtk fixed"),
+            (False, "no gps"),
+        )
+    ]
+
+
+def burn(**vehicle: Any) -> Scenario:
+    data = load_scenario("default").model_dump(exclude_unset=True)
+    data["planner"] = {"rule": "burn"}
+    data["vehicles"] = [
+        {"name": "drake", "kind": "copter", "home_lat_deg": 36.3, "home_lon_deg": -84.2, **vehicle}
+    ]
+    data["burn"] = {
+        "unit": [[36.3, -84.2], [36.31, -84.2], [36.31, -84.19]],
+        "stations": [{"name": "anchor", "lat_deg": 36.3, "lon_deg": -84.2}],
+        "dropper": {"by": "gripper", "number": 1},
+    }
+    return parse_scenario(data, Path("burn.toml"))
+
+
+def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
+    rates = rates_hz(burn())
+    assert rates[POSITION] == 10.0
+    assert {1, 24, 147} <= set(rates)  # SYS_STATUS, GPS_RAW_INT, BATTERY_STATUS
+    assert rates_hz(load_scenario("default")) is RATES_HZ
+    assert RATES_HZ[POSITION] == 4.0
+    assert len(RATES_HZ) == 4
+    assert dropper_of(burn()) == Dropper("gripper", 1, 1900.0, 1100.0, 0.2)
+    assert dropper_of(load_scenario("default")) is None
+
+
+@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+def test_a_mock_in_trouble_tells_of_its_battery_and_its_fix(stack: str) -> None:
+    mock = mock_of(stack_named(stack, "copter"), battery_minutes=30.0)
+    troubled = Troubled(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
+    client = VehicleClient(rates_hz=rates_hz(burn()))
+    gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO)
+    told: list[tuple[float, VehicleEvent]] = []
+    for now_us in range(0, 30 * SECOND, 25_000):
+        troubled.handle_timer(now_us)
+        for datagram in troubled.data_to_send():
+            client.receive_data(datagram, now_us)
+        client.handle_timer(now_us)
+        told += [(now_us / 1e6, event) for event in gateway.events(now_us)]
+        for datagram in client.data_to_send():
+            troubled.receive_data(datagram, now_us)
+    fixes = [(at_s, event.good) for at_s, event in told if isinstance(event, FixTold)]
+    assert [good for _, good in fixes] == [True, False, True]
+    assert [at_s for at_s, _ in fixes[1:]] == pytest.approx([12.0, 20.0], abs=1.5)
+    batteries = [event.percent for _, event in told if isinstance(event, BatteryTold)]
+    assert batteries == [100.0, 14.0]
+    steady = [at_s for at_s, event in told if isinstance(event, Telemetry) and 8 < at_s < 12]
+    assert len(steady) == 31  # between them; the mock's steps are 8 a second
+    assert not any(12.1 < at_s < 20.0 for at_s, event in told if isinstance(event, Telemetry))
+    assert any(isinstance(event, ModeChanged) for _, event in told) is False
+
+
+@pytest.mark.parametrize(
+    ("stack", "by", "words"),
+    [("px4", "servo", "PX4 has no DO_SET_SERVO"), ("ardupilot", "actuator", "no DO_SET_ACTUATOR")],
+)
+def test_a_scenario_whose_vehicle_has_no_such_dropper_is_refused(
+    stack: str, by: str, words: str
+) -> None:
+    data = burn(stack=stack).model_dump(exclude_unset=True)
+    data["burn"]["dropper"] = {"by": by}
+    with pytest.raises(ScenarioError, match=words):
+        parse_scenario(data, Path("burn.toml"))

@@ -1,0 +1,251 @@
+"""The leader of a burn after a kill: flown in virtual time, its journal cut, and gone on with."""
+
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+import pytest
+
+from firemodel.landscape import Landscape
+from mission_service import sim
+from mission_service.burn_flight import BurnFlight
+from mission_service.commands import AnyCommand, Drop, StartMission, UploadMission
+from mission_service.config import Scenario, load_scenario
+from mission_service.core import Core
+from mission_service.daemon import replay
+from mission_service.events import (
+    Answered,
+    Approved,
+    Corrected,
+    CrewEvent,
+    DropFinished,
+    FixTold,
+    Lit,
+    Resumed,
+    Telemetry,
+    VehicleConnected,
+)
+from mission_service.fire_setup import fire_of, landscape_of
+from mission_service.gateway import Gateway
+from mission_service.journal import Journal, JournalReader, Rest, header_of
+from mission_service.record import Record
+from mission_service.replay import verify
+from mission_service.resume import resumed, unfinished
+from mission_service.service import Service
+from mission_service.simulated_crew import SimulatedCrew
+from mission_service.world import FireWorld
+
+NAME, STATION = "kestrel", "firing-boss"
+WHO = ("ann", STATION)
+PLACE = (36.3495, -84.16)
+
+
+class Burn(NamedTuple):
+    scenario: Scenario
+    landscape: Landscape
+    journal: bytes
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
+    """The first minutes of the burn that ships, as a live service would have written them down."""
+    changes = (
+        'burn.corrections="paper"',
+        "deploy_at_s=5",
+        "duration_s=130",
+        "landscape.rows=120",
+        "landscape.cols=120",
+    )
+    scenario = load_scenario("burn", changes)
+    path = tmp_path_factory.mktemp("flown") / "journal.jsonl"
+    script: list[CrewEvent] = [
+        Corrected(60_000_000, *WHO, "unburned", "point", (PLACE,), 60_000_000),
+        Lit(70_000_000, *WHO, ((36.3496, -84.1585),), 70_000_000),
+    ]
+    assert scenario.burn is not None
+    crew = SimulatedCrew(scenario.burn, script=script)
+    with pytest.MonkeyPatch.context() as patch:
+        live = lambda path, header, durable: Journal(path, header, durable=True)  # noqa: E731
+        patch.setattr(sim, "Journal", live)
+        sim.simulate(scenario, path, "", crew=crew.due)
+    return Burn(scenario, landscape_of(scenario), path.read_bytes())
+
+
+class Kept:
+    """A gateway that keeps what it is told to do."""
+
+    def __init__(self) -> None:
+        self.commands: list[AnyCommand] = []
+
+    def execute(self, command: AnyCommand, now_us: int) -> None:
+        self.commands.append(command)
+
+
+class Again(NamedTuple):
+    service: Service
+    leader: BurnFlight
+    executed: list[AnyCommand]
+    journal: Journal
+    ordered: set[tuple[str, int]]  # drops that the interlock knows of
+
+
+def gone_on(flown: Burn, path: Path) -> Again:
+    """What the daemon does with a journal that was cut off."""
+    scenario, landscape, _ = flown
+    digest = landscape.digest()
+    cut_off = unfinished(path, scenario, digest)
+    assert cut_off is not None
+    journal = Journal(path, header_of(scenario, digest, ""), durable=True, rest=cut_off.rest())
+    core, kept = Core(scenario, landscape), Kept()
+    world = FireWorld(fire_of(scenario, landscape), landscape)
+    gateways = {NAME: cast(Gateway, kept)}
+    service = Service(scenario, core, world, journal, Record((NAME,), 0), gateways)
+    replay(cut_off, service)
+    assert kept.commands == []
+    plans = service.status()["plans"]
+    ordered = {(known["plan_hash"], number) for known in plans for number in known["ordered"]}
+    service.go_on(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
+    assert isinstance(core.leader, BurnFlight)
+    return Again(service, core.leader, kept.commands, journal, ordered)
+
+
+def cuts(journal: bytes) -> dict[str, int]:
+    """Where a kill would matter: the first of each, and the last line whole."""
+    lines = journal.splitlines(keepends=True)
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+
+    def first(kind: str, number: int = 0) -> int:
+        found = [place for place, line in enumerate(lines) if f'"type":"{kind}"'.encode() in line]
+        return int(found[number])
+
+    return {
+        "in the approval": ends[first("Approved")] - 3,
+        "in an order to drop": ends[first("Drop", 2)] - 20,
+        "after an order to drop": ends[first("Drop", 2)],
+        "in the word that it fell": ends[first("DropFinished", 2)] - 1,
+        "at the end": ends[-1],
+    }
+
+
+def test_what_was_known_is_known_again_and_what_was_approved_is_void(
+    flown: Burn, tmp_path: Path
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    for where, cut in cuts(flown.journal).items():
+        path.write_bytes(flown.journal[:cut])
+        events = [entry.content for entry in JournalReader(path) if entry.is_event]
+        counts = Counter(type(event).__name__ for event in events)
+        again = gone_on(flown, path)
+        again.journal.close()
+
+        told = [entry.content for entry in JournalReader(path)]
+        dropped = {(each.plan_hash, each.number) for each in told if isinstance(each, Drop)}
+        leader = again.leader
+        spheres = leader.state.account.spheres
+        assert {(each.plan_hash, each.number) for each in spheres} == dropped, where
+        assert flown.scenario.burn is not None
+        assert leader.state.account.left == flown.scenario.burn.spheres - len(dropped)
+        assert len(leader.state.fire.log.held()) == counts["Corrected"], where
+        assert len(again.service.record.vehicles[NAME].drops) == len(dropped)
+        assert (leader.approvals.plan, leader.approvals.approval) == (None, None), where
+        assert not leader.checklist.complete
+        assert again.ordered == dropped, where
+        plans = again.service.status()["plans"]
+        assert all(known["approved"] is None for known in plans), where
+        assert not any(isinstance(command, Drop) for command in again.executed), where
+        result = verify(path)
+        assert (result.difference, result.cut_at_line) == (None, None), where
+
+
+def test_a_kill_between_an_event_and_its_commands_is_no_difference(
+    flown: Burn, tmp_path: Path
+) -> None:
+    lines = flown.journal.splitlines(keepends=True)
+    approved = next(place for place, line in enumerate(lines) if b'"type":"Approved"' in line)
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b"".join(lines[: approved + 1]))
+    result = verify(path)
+    assert (result.difference, result.cut_at_line) == (None, approved + 2)
+    journal = Journal(path, {}, durable=True, rest=_rest(path))
+    journal.end()
+    journal.close()
+    assert "the journal lacks" in str(verify(path).difference)
+
+
+def _rest(path: Path) -> Rest:
+    reader = JournalReader(path)
+    for _ in reader:
+        pass
+    return reader.rest
+
+
+def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
+    """As the true fire of a service that was never killed."""
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(flown.journal)
+    again = gone_on(flown, path)
+    scenario, landscape, _ = flown
+    truth = FireWorld(fire_of(scenario, landscape), landscape)
+    falls: dict[int, tuple[float, float]] = {}
+    assert scenario.burn is not None
+    for entry in JournalReader(path):
+        thing = entry.content
+        if isinstance(thing, Drop):
+            falls[thing.number] = (thing.lat_deg, thing.lon_deg)
+        elif isinstance(thing, Telemetry):
+            truth.advance(thing.at_us)
+        elif isinstance(thing, Lit):
+            truth.light(thing.points, thing.lit_at_us / 1e6)
+        elif isinstance(thing, DropFinished) and not thing.refused:
+            truth.light([falls[thing.number]], thing.at_us / 1e6 + scenario.burn.ignition_delay_s)
+    again.journal.close()
+    later_us = 400_000_000
+    truth.advance(later_us)
+    again.service.world.advance(later_us)
+    assert len(falls) > 3
+    burned = np.isfinite(truth.fire.arrival_time_s)
+    assert np.array_equal(burned, np.isfinite(again.service.world.fire.arrival_time_s))
+
+
+def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
+    flown: Burn, tmp_path: Path
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(flown.journal[: cuts(flown.journal)["after an order to drop"]])
+    again = gone_on(flown, path)
+    service, leader = again.service, again.leader
+    here = service.record.vehicles[NAME].here
+    assert here is not None
+    at_us = here[0] + 5_000_000
+    assert leader.phase != "flying"
+    moved = partial(Telemetry, vehicle=NAME, lat_deg=here[1], lon_deg=here[2],
+                    altitude_amsl_m=here[3] + 60.0, altitude_relative_m=75.0,
+                    velocity_north_m_s=0.0, velocity_east_m_s=0.0, heading_deg=0.0)  # fmt: skip
+    service.take([VehicleConnected(at_us, NAME, "ardupilot copter", False)], 0)
+    service.take([FixTold(at_us, NAME, True, "3d")], 0)
+    for step in range(60):
+        service.take([moved(at_us=at_us + step * 100_000)], 0)
+    proposed = leader.approvals.plan_hash
+    assert proposed
+    before = cuts_hash(flown.journal)
+    assert proposed != before
+    service.tell(Approved(at_us + 6_000_000, *WHO, before), 0)
+    assert leader.approvals.approval is None
+    assert flown.scenario.burn is not None
+    for item in flown.scenario.burn.go_items:
+        service.tell(Answered(at_us + 6_000_000, *WHO, item, True), 0)
+    for step in range(60, 70):
+        service.take([moved(at_us=at_us + step * 100_000)], 0)
+    again.journal.close()
+    unwanted = [c for c in again.executed if isinstance(c, Drop | UploadMission | StartMission)]
+    assert unwanted == []
+    events = [entry.content for entry in JournalReader(path) if entry.is_event]
+    assert sum(isinstance(event, Resumed) for event in events) == 1
+
+
+def cuts_hash(journal: bytes) -> str:
+    """The hash of the first plan that was approved."""
+    line = next(line for line in journal.splitlines() if b'"type":"Approved"' in line)
+    return line.split(b'"plan_hash":"')[1][:64].decode()

@@ -1,0 +1,68 @@
+"""The last lock: what the service lets out of a burn, whatever its leader says."""
+
+import json
+from pathlib import Path
+
+import pytest
+import shapely
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.items import MissionItem
+from firemodel.default_landscape import jacksboro
+from mission_service.commands import AnyCommand, Drop, UploadMission
+from mission_service.events import BatteryTold, DropFinished, UploadFinished
+from mission_service.journal import JournalReader
+from mission_service.service import interlock_of
+from tests.service.test_burn_flight import CORNERS, Burn, place, scenario
+
+SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)
+
+
+def told(path: Path, kind: type) -> list[object]:
+    return [entry.content for entry in JournalReader(path) if isinstance(entry.content, kind)]
+
+
+def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> None:
+    """The core answers the next event with this command, and then says nothing any more."""
+    once = iter([[command]])
+    monkeypatch.setattr(burn.simulation.core, "handle", lambda event: next(once, []))
+    battery = BatteryTold(burn.at_us, "kestrel", 90.0)
+    burn.simulation.service.take([battery], burn.simulation.link_us)
+    burn.run(5.0)
+    burn.close()
+
+
+def test_a_drop_that_nobody_approved_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    burn = Burn(tmp_path / "journal.jsonl", scenario())
+    burn.crew_is_there = False
+    burn.run(15.0)
+    name = burn.leader.approvals.plan_hash
+    mad(burn, monkeypatch, Drop("kestrel", name, 0, 36.3501, -84.1599))
+    (refused,) = told(burn.path, DropFinished)
+    assert isinstance(refused, DropFinished)
+    assert refused.refused
+    assert "nobody has approved it" in refused.reason
+    assert burn.dropped == 0
+
+
+def test_a_mission_with_a_drop_in_it_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    burn = Burn(tmp_path / "journal.jsonl", scenario())
+    burn.run(5.0)
+    mad(burn, monkeypatch, UploadMission("kestrel", 99, "gone mad", (SERVO,)))
+    (refused,) = told(burn.path, UploadFinished)
+    assert isinstance(refused, UploadFinished)
+    assert (refused.outcome, refused.mission_id) == ("refused", 99)
+    assert burn.rig.mock.flight.items == ()
+
+
+def test_the_last_lock_knows_a_unit_that_a_file_has(tmp_path: Path) -> None:
+    lon_lat = [[lon, lat] for lat, lon in (*CORNERS, CORNERS[0])]
+    feature = {"type": "Polygon", "coordinates": [lon_lat]}
+    (tmp_path / "unit.geojson").write_text(json.dumps(feature), encoding="utf-8")
+    loaded = scenario(unit=None, unit_file=tmp_path / "unit.geojson")
+    lock = interlock_of(loaded.burn, jacksboro(100, 100, 5.0))
+    assert lock is not None
+    inside, outside = place(60.0, 60.0), place(-5.0, 60.0)
+    area = lock._areas["burn unit"]
+    assert shapely.contains_xy(area, inside[1], inside[0])
+    assert not shapely.contains_xy(area, outside[1], outside[0])

@@ -1,0 +1,432 @@
+"""Requests of people: what they become, what is refused, and the socket they come by."""
+
+import asyncio
+import json
+import os
+import random
+import socket
+import stat
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission_service import control
+from mission_service.burn.requests import KNOWN, event_of
+from mission_service.control import Desk, claimed, serve_control
+from mission_service.control_client import NAME, Control
+from mission_service.errors import ControlError, MissionServiceError, RequestError
+from mission_service.events import (
+    Aborted,
+    Answered,
+    AnyEvent,
+    Approved,
+    Corrected,
+    CrewEvent,
+    Erased,
+    Lit,
+    PersonTold,
+    PlanWanted,
+    Present,
+    Redone,
+    Rejected,
+    Undone,
+    UnitTold,
+    WindTold,
+)
+
+STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")
+WHO = {"by": "ann", "station": "alpha"}
+AT_US = 100_000_000
+EVENT = (AT_US, "ann", "alpha")
+HASH = "0123456789abcdef" * 4
+CORNERS = [[36.0, -84.0], [36.0, -83.99], [36.01, -83.99]]
+PLACES = ((36.0, -84.0), (36.0, -83.99), (36.01, -83.99))
+
+# One good request of each kind, and its event.
+GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
+    ({"do": "plan"}, PlanWanted(*EVENT)),
+    ({"do": "plan", "line_spacing_m": 30, "drop_spacing_m": 6.5}, PlanWanted(*EVENT, 30.0, 6.5)),
+    ({"do": "approve", "hash": HASH}, Approved(*EVENT, HASH)),
+    ({"do": "reject", "hash": HASH}, Rejected(*EVENT, HASH)),
+    ({"do": "abort"}, Aborted(*EVENT)),
+    ({"do": "go", "item": "weather"}, Answered(*EVENT, "weather", True)),
+    ({"do": "no-go", "item": "payload"}, Answered(*EVENT, "payload", False)),
+    (
+        {"do": "correct", "state": "burned", "shape": "point", "points": [[36, -84]], "in_s": -9},
+        Corrected(*EVENT, "burned", "point", ((36.0, -84.0),), 91_000_000),
+    ),
+    (
+        {"do": "correct", "state": "unburned", "shape": "polygon", "points": CORNERS},
+        Corrected(*EVENT, "unburned", "polygon", PLACES, AT_US),
+    ),
+    (
+        {"do": "lit", "points": [[36, -84], [36, -83.99]], "ago_s": 2.5},
+        Lit(*EVENT, PLACES[:2], 97_500_000),
+    ),
+    (
+        {"do": "erase", "lat_deg": 36, "lon_deg": -84, "radius_m": 5},
+        Erased(*EVENT, 36.0, -84.0, 5.0),
+    ),
+    ({"do": "undo"}, Undone(*EVENT)),
+    ({"do": "redo"}, Redone(*EVENT)),
+    ({"do": "wind", "speed_m_s": 4, "from_deg": 270}, WindTold(*EVENT, 4.0, 270.0)),
+    (
+        {"do": "person", "name": "cy", "lat_deg": 36, "lon_deg": -84, "radius_m": 0},
+        PersonTold(*EVENT, "cy", 36.0, -84.0, 0.0),
+    ),
+    ({"do": "unit", "points": CORNERS}, UnitTold(*EVENT, PLACES)),
+    ({"do": "present"}, Present(*EVENT)),
+]
+
+
+@pytest.mark.parametrize(("request_", "event"), GOOD)
+def test_a_request_becomes_its_event(request_: dict[str, Any], event: CrewEvent) -> None:
+    made = event_of({**request_, **WHO}, AT_US, STATIONS, ITEMS)
+    assert made == event
+    assert msgspec.json.decode(msgspec.json.encode(made), type=AnyEvent) == event
+
+
+def test_there_is_a_good_example_of_each_request() -> None:
+    assert {request["do"] for request, _ in GOOD} | {"status"} == set(KNOWN)
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"do": "fire"}, "unknown request 'fire'"),
+        ({"do": 7}, "unknown request without a word"),
+        ({}, "unknown request without a word"),
+        ({"do": "status"}, "status is answered"),
+        ({"do": "approve", "hash": HASH[:12]}, "approve: "),
+        ({"do": "approve", "hash": HASH.upper()}, "approve: "),
+        ({"do": "approve"}, "approve: Object missing required field `hash`"),
+        ({"do": "present", "extra": 1}, "unknown field `extra`"),
+        ({"do": "present", "station": "nowhere"}, "unknown station 'nowhere'; the scenario has al"),
+        ({"do": "present", "by": ""}, "present: "),
+        ({"do": "present", "by": " "}, "present: "),
+        ({"do": "present", "by": "x" * 81}, "present: "),
+        ({"do": "present", "by": "a\nb"}, "present: "),
+        ({"do": "present", "by": "\x1b[2J"}, "present: "),
+        ({"do": "present", "by": 3}, "present: Expected `str`"),
+        ({"do": "go", "item": "all"}, "no item 'all' on the list: weather; payload"),
+        ({"do": "go", "item": True}, "go: Expected `str`"),
+        ({"do": "wind", "speed_m_s": NAN, "from_deg": 0}, "wind: Expected `float` "),
+        ({"do": "wind", "speed_m_s": 1, "from_deg": NAN}, "wind: Expected `float` "),
+        ({"do": "wind", "speed_m_s": float("inf"), "from_deg": 0}, "wind: "),
+        ({"do": "wind", "speed_m_s": -1, "from_deg": 0}, "wind: "),
+        ({"do": "wind", "speed_m_s": "4", "from_deg": 0}, "wind: Expected `float`, got `str`"),
+        ({"do": "wind", "speed_m_s": 10**400, "from_deg": 0}, "wind: "),
+        ({"do": "erase", "lat_deg": 91, "lon_deg": 0, "radius_m": 5}, "erase: "),
+        ({"do": "erase", "lat_deg": 0, "lon_deg": 181, "radius_m": 5}, "erase: "),
+        ({"do": "erase", "lat_deg": 0, "lon_deg": NAN, "radius_m": 5}, "erase: Expected `float` "),
+        ({"do": "erase", "lat_deg": 0, "lon_deg": 0, "radius_m": 0}, "must be more than 0"),
+        ({"do": "lit", "points": []}, "lit: "),
+        ({"do": "lit", "points": [[0, NAN]]}, "lit: Expected `float` "),
+        ({"do": "lit", "points": [[0, 0]] * 1001}, "lit: "),
+        ({"do": "lit", "points": [[0, 0]], "ago_s": -1}, "lit: "),
+        ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners; a polygon takes 3"),
+        ({"do": "unit", "points": [[0, 0], [0.01, 0.01], [0, 0.02], [0.02, 0]]}, "its sides cross"),
+        (
+            {"do": "unit", "points": [[0, 0], [0.01, 0.01], [0.02, 0.02]]},
+            "unit: these corners are no polygon",
+        ),
+        (
+            {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
+            "correct: a line of 1 places; it takes 2",
+        ),
+        (
+            {"do": "correct", "state": "burned", "shape": "point", "points": CORNERS},
+            "correct: a point of 3 places; it takes 1",
+        ),
+        (
+            {"do": "correct", "state": "charred", "shape": "point", "points": [[0, 0]]},
+            "correct: Invalid enum value 'charred'",
+        ),
+    ],
+)
+def test_what_is_not_right_is_refused_in_one_line(request_: dict[str, Any], words: str) -> None:
+    with pytest.raises(RequestError) as caught:
+        event_of({**WHO, **request_}, AT_US, STATIONS, ITEMS)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant() -> None:
+    far = [[36, -84], [60, -84]]
+    for request in (
+        {"do": "lit", "points": [[60, -84]]},
+        {"do": "person", "name": "cy", "lat_deg": 60, "lon_deg": -84, "radius_m": 5},
+        {"do": "erase", "lat_deg": 60, "lon_deg": -84, "radius_m": 5},
+        {"do": "correct", "state": "burned", "shape": "point", "points": [[60, -84]]},
+    ):
+        with pytest.raises(RequestError, match="60, -84 is outside the landscape"):
+            event_of({**request, **WHO}, AT_US, STATIONS, ITEMS, on_map)
+        event_of({**request, **WHO}, AT_US, STATIONS, ITEMS)
+    for request in (
+        {"do": "lit", "points": far},
+        {"do": "unit", "points": [*far, [60, -83]]},
+        {"do": "correct", "state": "burned", "shape": "line", "points": far},
+    ):
+        with pytest.raises(RequestError, match="km are too long to be meant"):
+            event_of({**request, **WHO}, AT_US, STATIONS, ITEMS)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"by": "a\nb"},
+        {"by": 3, "station": None},
+        {"by": "", "extra": [1]},
+        {"station": "nowhere"},
+    ],
+)
+def test_an_abort_is_taken_from_anybody(more: dict[str, Any]) -> None:
+    assert isinstance(event_of({"do": "abort", **more}, AT_US, STATIONS, ITEMS), Aborted)
+
+
+def scrambled(chance: random.Random) -> Any:
+    """A good request with something exchanged, added or taken away."""
+    request = {**chance.choice(GOOD)[0], **WHO}
+    odd: list[Any] = [
+        None,
+        True,
+        NAN,
+        -1,
+        1e300,
+        "",
+        "x" * 300,
+        [],
+        [[]],
+        {},
+        [[NAN, 0]],
+        [[[0, 0]]],
+        HASH,
+    ]
+    for _ in range(chance.randrange(3)):
+        key = chance.choice([*request, "extra", "points", "hash"])
+        if chance.random() < 0.3:
+            request.pop(key, None)
+        else:
+            request[key] = chance.choice(odd)
+    return request
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32))
+def test_any_request_is_an_event_that_can_be_journalled_or_is_refused(seed: int) -> None:
+    chance = random.Random(seed)
+    for _ in range(10):
+        request = scrambled(chance)
+        try:
+            event = event_of(request, AT_US, STATIONS, ITEMS)
+        except RequestError:
+            continue
+        assert msgspec.json.decode(msgspec.json.encode(event), type=AnyEvent) == event
+        assert isinstance(event, Aborted) or event.station in STATIONS
+
+
+# The socket -----------------------------------------------------------------------------------
+
+
+def on_map(lat_deg: float, lon_deg: float) -> bool:
+    return 30.0 < lat_deg < 40.0
+
+
+class Told:
+    """What a daemon would do with events."""
+
+    def __init__(self) -> None:
+        self.events: list[CrewEvent] = []
+        self.desk = Desk(
+            self.tell, lambda: {"phase": "planning"}, lambda: AT_US, STATIONS, ITEMS, on_map
+        )
+
+    def tell(self, event: CrewEvent) -> list[str]:
+        self.events.append(event)
+        if isinstance(event, UnitTold):
+            raise MissionServiceError("the unit is on the moon")
+        if isinstance(event, Redone):
+            raise AssertionError("a defect")
+        return [f"{type(event).__name__} by {event.by}"]
+
+
+def served(out: Path, client: Callable[[Told], Awaitable[None]]) -> Told:
+    """Serve while a client does what it does."""
+    told = Told()
+
+    async def both() -> None:
+        with claimed(out / NAME) as listening:
+            server = asyncio.create_task(serve_control(listening, told.desk))
+            doing = asyncio.ensure_future(client(told))
+            done, _ = await asyncio.wait(
+                {server, doing}, timeout=20, return_when=asyncio.FIRST_COMPLETED
+            )
+            for task in (server, doing):
+                if task not in done:
+                    task.cancel()
+                    await asyncio.wait({task})
+            for task in done:
+                task.result()
+
+    asyncio.run(both())
+    return told
+
+
+async def lines(out: Path, sent: bytes) -> list[dict[str, Any]]:
+    """All answers to some bytes, until the server has nothing more to say."""
+    reader, writer = await asyncio.open_unix_connection(out / NAME)
+    writer.write(sent)
+    writer.write_eof()
+    answers = await reader.read()
+    writer.close()
+    return [json.loads(line) for line in answers.splitlines()]
+
+
+def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
+    async def client(told: Told) -> None:
+        request = json.dumps({"do": "present", **WHO}).encode() + b"\n"
+        answers = await lines(tmp_path, request + b'{"do":"status"}\n' + request)
+        assert answers[0] == {
+            "ok": True,
+            "at_s": 100.0,
+            "event": "Present",
+            "said": ["Present by ann"],
+        }
+        assert answers[1] == {"ok": True, "status": {"phase": "planning"}}
+        assert len(answers) == 3
+
+    assert served(tmp_path, client).events == [Present(*EVENT)] * 2
+
+
+def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
+    unit = json.dumps({"do": "unit", "points": CORNERS, **WHO}).encode()
+    wrong = [
+        (b"\n", "not a line of JSON"),
+        (b"hello\n", "not a line of JSON"),
+        (b'{"do":"wind","speed_m_s":NaN}\n', "not a line of JSON"),
+        (b"\xff\xfe\n", "not a line of JSON"),
+        (b"[" * 30_000 + b"\n", "not a line of JSON"),
+        (b"[" * 900 + b"]" * 900 + b"\n", "a request is a JSON object"),
+        (b"7\n", "a request is a JSON object"),
+        (b'{"do":"present","by":' + b"[" * 900 + b"]" * 900 + b"}\n", "present: "),
+        (unit, "the unit is on the moon"),
+        (b"x" * 100_000 + b"\n", "a line has at most 65536 bytes"),
+    ]
+
+    async def client(told: Told) -> None:
+        for sent, words in wrong:
+            (answer,) = await lines(tmp_path, sent)
+            assert answer["ok"] is False
+            assert words in answer["error"]
+            assert "\n" not in answer["error"]
+        half = await asyncio.open_unix_connection(tmp_path / NAME)
+        half[1].write(b'{"do":"st')
+        gone = await asyncio.open_unix_connection(tmp_path / NAME)
+        gone[1].write(b'{"do":"status"}\n' * 1000)
+        gone[1].transport.abort()
+        (answer,) = await lines(tmp_path, b'{"do":"status"}\n')
+        assert answer["ok"]
+        half[1].close()
+
+    served(tmp_path, client)
+
+
+def test_an_abort_finds_a_place_when_all_are_taken(tmp_path: Path) -> None:
+    async def client(told: Told) -> None:
+        others = [
+            await asyncio.open_unix_connection(tmp_path / NAME) for _ in range(control.MOST_CLIENTS)
+        ]
+        (answer,) = await lines(tmp_path, b'{"do":"status"}\n')
+        assert answer["error"].startswith("16 clients are connected already")
+        (answer,) = await lines(tmp_path, b'{"do":"abort"}')
+        assert answer["ok"]
+        for _, writer in others:
+            writer.close()
+        await asyncio.sleep(0.05)
+        (answer,) = await lines(tmp_path, b'{"do":"status"}\n')
+        assert answer["ok"]
+
+    assert served(tmp_path, client).events == [Aborted(AT_US, "unknown", "unknown")]
+
+
+def test_who_says_nothing_is_sent_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "IDLE_S", 0.05)
+
+    async def client(told: Told) -> None:
+        reader, writer = await asyncio.open_unix_connection(tmp_path / NAME)
+        assert await asyncio.wait_for(reader.read(), 5) == b""
+        writer.close()
+
+    served(tmp_path, client)
+
+
+def test_a_defect_is_not_hidden(tmp_path: Path) -> None:
+    async def client(told: Told) -> None:
+        await lines(tmp_path, json.dumps({"do": "redo", **WHO}).encode())
+        await asyncio.sleep(5)
+
+    with pytest.raises(BaseExceptionGroup) as caught:
+        served(tmp_path, client)
+    assert caught.group_contains(AssertionError, match="a defect")
+
+
+def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
+    async def client(told: Told) -> None:
+        def talk() -> None:
+            with Control(tmp_path) as there:
+                assert there.ask(do="undo", **WHO)["said"] == ["Undone by ann"]
+                with pytest.raises(RequestError, match="unknown station"):
+                    there.ask(do="undo", by="ann", station="x")
+                assert there.ask(do="status")["status"] == {"phase": "planning"}
+
+        await asyncio.to_thread(talk)
+
+    with pytest.raises(ControlError, match="no run of a burn there"):
+        Control(tmp_path)
+    served(tmp_path, client)
+
+
+def test_the_socket_is_its_owners_and_goes_with_the_run(tmp_path: Path) -> None:
+    path = tmp_path / NAME
+    with claimed(path):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        with pytest.raises(ControlError, match="another run answers there"), claimed(path):
+            pass
+        assert path.exists()
+    assert not path.exists()
+
+
+def test_what_a_killed_run_has_left_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / NAME
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(path))
+    with pytest.raises(ControlError, match="was killed; start it again"):
+        Control(tmp_path)
+    with claimed(path):
+        assert path.exists()
+
+
+def test_what_is_no_socket_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / NAME
+    path.write_text("mine", encoding="utf-8")
+    with pytest.raises(ControlError, match="in the way of the control socket"), claimed(path):
+        pass
+    assert path.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_path_that_is_too_long_is_told(tmp_path: Path) -> None:
+    deep = tmp_path / ("d" * 100)
+    deep.mkdir()
+    path = deep / NAME
+    words = f"has {len(os.fsencode(path))} bytes, and at most 107"
+    with pytest.raises(ControlError, match=words), claimed(path):
+        pass
