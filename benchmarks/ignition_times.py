@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from firemodel import ellipse
 from firemodel.corrections import PaperCorrected
 from firemodel.ellipse import EllipseFire, Spread, spreads_of
+from firemodel.gaussian import GaussianCorrected
 from firemodel.marks import BURNING
 from firemodel.weather import Weather, WeatherStream
 
@@ -68,6 +69,11 @@ def one_tile() -> Iterator[None]:
         yield
     finally:
         ellipse.TILE = kept
+
+
+def fitted(fire: EllipseFire, marks: Floats, near: GaussianCorrected | None, cells: Floats) -> None:
+    """A fit with all marks, and the map by it."""
+    GaussianCorrected(fire, marks, near=near).ignition_time_s(cells)
 
 
 def corrected(
@@ -129,6 +135,11 @@ def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
             map_ms,
             limit_ms=MAP_LIMIT_MS,
         )
+    before = GaussianCorrected(fire, marks[:-1])
+    one_more = partial(fitted, fire, marks, before, cells)
+    what = f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, Gaussian"
+    add(what, least(one_more, 10), limit_ms=MAP_LIMIT_MS)
+    add(f"{what}, from nothing", least(partial(fitted, fire, marks, None, cells), 5))
     return rows
 
 

@@ -40,6 +40,7 @@ SMALLEST_M = 100.0  # of that diagonal
 NODES = 32  # of the field along its longer side, at most
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
 CHOSEN_AT = 1
+STEPS_NEAR = 2
 GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
 SMALL_RATE = 1e-3  # for slopes
 MOST_LOG = 2.5  # of the field
@@ -93,10 +94,18 @@ class GaussianCorrected:
 
     Its time grows with n³: some hundred marks. Marks where fire never comes by the simulation are
     left out: such fire has a source that must be added to it.
+
+    ``near`` is the same fire with nearly the same marks: its prior is kept and the fit begins where
+    it ended, which takes a third of the time and comes out nearly as without.
     """
 
     def __init__(
-        self, fire: EllipseFire | Ratable, marks: Floats, *, place_sd_m: float = PLACE_SD_M
+        self,
+        fire: EllipseFire | Ratable,
+        marks: Floats,
+        *,
+        place_sd_m: float = PLACE_SD_M,
+        near: "GaussianCorrected | None" = None,
     ) -> None:
         self.fire, self.place_sd_m = fire, place_sd_m
         self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
@@ -110,10 +119,10 @@ class GaussianCorrected:
             rates_sd, length_m = self._rated.rates_sd, LENGTHS[1] * self._diagonal_m
             self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
             self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
-            self._w = np.empty(0)
+            self._w, self._z = np.empty(0), np.empty(0)
         if len(self._held):
             with _blas().limit(limits=1, user_api="blas"):
-                self._fit(self._rated)
+                self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
@@ -157,10 +166,15 @@ class GaussianCorrected:
         found -= known.T @ known
         return found
 
-    def _fit(self, fire: Ratable) -> None:
+    def _fit(self, fire: Ratable, near: "GaussianCorrected | None") -> None:
         field, prior, diagonal_m = self._field, self._prior, self._diagonal_m
-        seen, z, score = self._start(fire, field, prior)
-        for step in range(STEPS):
+        steps = range(STEPS)
+        if near is not None and len(near._held) and _same_place(near._field, field):
+            prior, steps = near._prior, range(CHOSEN_AT + 1, CHOSEN_AT + 1 + STEPS_NEAR)
+            seen, z, score = self._try(fire, field, prior, near._z)
+        else:
+            seen, z, score = self._start(fire, field, prior)
+        for step in steps:
             of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
             of_place = np.zeros((len(self._points), *field.slower.shape))
             slopes(self._points, seen.ways.origin, seen.field, of_place)
@@ -185,7 +199,7 @@ class GaussianCorrected:
             score = after
             if abs(before - after) < GOOD_ENOUGH:
                 break
-        self._rated, self._field, self._prior = seen.fire, seen.field, prior
+        self._rated, self._field, self._prior, self._z = seen.fire, seen.field, prior, z
         self.rates = prior.colour(z)[0]
         self._a, self._w = a, w
 
@@ -250,6 +264,11 @@ class GaussianCorrected:
                 score = -0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
                 found.append((score, prior._replace(sd=sd)))
         return max(found, key=lambda one: one[0])[1]
+
+
+def _same_place(one: Field, other: Field) -> bool:
+    """Whether the nodes of two fields are the same."""
+    return one.slower.shape == other.slower.shape and one[:3] == other[:3]
 
 
 def _rates_slopes(fire: Ratable, points: Floats, ways: Ways) -> Floats:

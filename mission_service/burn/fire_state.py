@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,9 @@ from mission_service.events import (
     WindTold,
 )
 
+if TYPE_CHECKING:
+    from firemodel.gaussian import GaussianCorrected
+
 Floats = NDArray[np.float64]
 
 LINE_SPACING_M = 2.0  # of the points that stand for a line
@@ -36,6 +40,7 @@ OWN_WITHIN_M = 20.0
 LOOKED_EVERY_S = (
     15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
 )
+WHOLE_AFTER = 1.25  # times as many marks as at the last fit from nothing comes another
 STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
@@ -56,6 +61,8 @@ class BelievedFire:
         self._spreads: tuple[Spread, ...] | None = None
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
+        self._fitted: GaussianCorrected | None = None
+        self._whole = 0  # marks at the last fit that began from nothing
         for line in burn.lit:
             self._sources = np.vstack([self._sources, _sources(self._xy(line.points), line.at_s)])
 
@@ -94,7 +101,12 @@ class BelievedFire:
             return PaperCorrected(base, self._marks, PAPER_LENGTH_M)
         from firemodel.gaussian import GaussianCorrected  # SciPy takes a while
 
-        return GaussianCorrected(base, self._marks)
+        count = len(self._marks)
+        near = self._fitted if self._whole <= count <= WHOLE_AFTER * self._whole else None
+        if near is None:
+            self._whole = count
+        self._fitted = GaussianCorrected(base, self._marks, near=near)
+        return self._fitted
 
     def take(self, event: object) -> bool:
         """Take in an event; whether the fire is believed to be another one now.
@@ -149,7 +161,8 @@ class BelievedFire:
             wind_from_deg=from_deg % 360.0,
         )
         self._entries = [*(each for each in self._entries if each.at_s < at_s), entry]
-        self._spreads = self._base = None
+        self._spreads = self._base = self._fitted = None
+        self._whole = 0
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
@@ -179,7 +192,8 @@ class BelievedFire:
         return marks_of(told.shape, self._xy(told.points), at_s, state, MARKS_APART_M)
 
     def _changed(self) -> None:
-        self._simulation = None
+        """One fit begins where the last one ended: so none may depend on who has asked when."""
+        self._simulation = self._corrected(self.base) if len(self._marks) else None
         self.version += 1
 
     def _xy(self, places: Sequence[Place]) -> Floats:

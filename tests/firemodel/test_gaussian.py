@@ -139,6 +139,20 @@ def test_the_slope_of_a_marks_likelihood_is_that_of_its_likelihood() -> None:
         )
 
 
+def test_a_fit_that_begins_near_comes_out_nearly_as_one_from_nothing() -> None:
+    marks = np.concatenate([along_front(TRUTH, at_s, 25, 2) for at_s in (600.0, 780.0, 900.0)])
+    found = GaussianCorrected(MODEL, marks[:60])
+    for count in range(61, 76):
+        found = GaussianCorrected(MODEL, marks[:count], near=found)
+    whole = GaussianCorrected(MODEL, marks)
+    true_s = TRUTH.ignition_time_s(GRID)
+    soon = true_s < 1500.0
+    left_s, whole_s, wrong_s = (
+        np.abs(fire.ignition_time_s(GRID) - true_s)[soon].mean() for fire in (found, whole, MODEL)
+    )
+    assert left_s < whole_s + 0.05 * wrong_s
+
+
 def test_it_is_quick_and_always_the_same() -> None:
     marks = np.concatenate([along_front(TRUTH, at_s, 50, 6) for at_s in (600.0, 900.0)])
     first = GaussianCorrected(MODEL, marks).ignition_time_s(GRID)

@@ -1,0 +1,65 @@
+"""What is believed of a fire, by what is told and seen."""
+
+import numpy as np
+
+from firemodel.default_landscape import jacksboro
+from mission_service.burn.fire_state import BelievedFire
+from mission_service.events import Corrected, Erased, Lit, Place, Undone, WindTold
+from mission_service.fire_setup import weather_of
+from tests.service.test_burn_flight import SIDE_M, place, scenario
+
+WHO = ("ada", "boss")
+
+
+def believed() -> BelievedFire:
+    loaded = scenario()
+    assert loaded.burn is not None
+    return BelievedFire(loaded.burn, jacksboro(100, 100, 5.0), weather_of(loaded))
+
+
+def times_s(fire: BelievedFire, *places: Place) -> list[float]:
+    found: list[float] = fire.simulation.ignition_time_s(fire._xy(places)).tolist()
+    return found
+
+
+def burning(x_m: float, y_m: float, at_s: float) -> Corrected:
+    at_us = round(at_s * 1e6)
+    return Corrected(at_us, *WHO, "burning", "point", (place(x_m, y_m),), at_us)
+
+
+def test_a_correction_moves_the_fire_and_undo_moves_it_back() -> None:
+    fire, here = believed(), place(60.0, 30.0)
+    (before_s,) = times_s(fire, here)
+    assert fire.take(burning(60.0, 30.0, 300.0))
+    (after_s,) = times_s(fire, here)
+    assert before_s > 900.0
+    assert abs(after_s - 300.0) < 0.2 * (before_s - 300.0)
+    assert fire.take(Undone(400_000_000, *WHO))
+    assert times_s(fire, here) == [before_s]
+
+
+def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
+    fire = believed()
+    line = (place(10.0, 30.0), place(110.0, 30.0))
+    fire.take(Corrected(300_000_000, *WHO, "burning", "line", line, 300_000_000))
+    marks = len(fire._marks)
+    fire.take(Erased(310_000_000, *WHO, *place(20.0, 30.0), 25.0))
+    assert 0 < len(fire._marks) < marks
+
+
+def test_it_does_not_depend_on_who_asks_in_between() -> None:
+    rng = np.random.default_rng(3)
+    asked, quiet = believed(), believed()
+    events = [
+        burning(float(x), 20.0 + 0.05 * number, 200.0 + number)
+        for number, x in enumerate(rng.uniform(0.0, SIDE_M, 12))
+    ]
+    events[6:6] = [Lit(206_000_000, *WHO, (place(10.0, 90.0), place(30.0, 90.0)), 206_000_000)]  # type: ignore[list-item]
+    for event in [*events, WindTold(300_000_000, *WHO, 3.0, 20.0), *events[:3]]:
+        asked.take(event)
+        quiet.take(event)
+        times_s(asked, place(40.0, 40.0))
+        asked.hold((0.0, 0.0, 1e6))
+        asked.held = asked.held[:0]
+    places = [place(float(x), float(y)) for x, y in rng.uniform(0.0, SIDE_M, (50, 2))]
+    assert times_s(asked, *places) == times_s(quiet, *places)
