@@ -130,7 +130,9 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
     axes: Any = figure.add_subplot()
     west, south, _, _ = area.bounds
     x, y, ignition_s = ignition_raster(burn, area)
-    minutes = np.ma.masked_where(ignition_s > burn.end_s, (ignition_s - burn.begin_s) / 60.0)
+    outside = ~shapely.contains_xy(area, *np.meshgrid(x, y))  # the control lines hold
+    never = outside | (ignition_s > burn.end_s)
+    minutes = np.ma.masked_where(never, (ignition_s - burn.begin_s) / 60.0)
     edges = (x[0] - west, x[-1] - west, y[0] - south, y[-1] - south)
     until = max((burn.end_s - burn.begin_s) / 60.0, 1.0)
     shades = axes.imshow(
