@@ -56,32 +56,40 @@ def place(east_m: float, north_m: float) -> tuple[float, float]:
     return LAT + north_m * NORTH_DEG, LON + east_m * EAST_DEG
 
 
-def scenario_of(rng: np.random.Generator) -> Scenario:
-    """A burn of 120 m by 120 m, with either stack, a random link and wind."""
+CORNERS = tuple(place(x, y) for x, y in ((0, 0), (SIDE_M, 0), (SIDE_M, SIDE_M), (0, SIDE_M)))
+
+
+def small_burn(stack: str, **burn: Any) -> dict[str, Any]:
+    """A scenario's table: a burn of 120 m by 120 m, its southern edge lit, the boss at home."""
     home = place(-20.0, 60.0)
-    stack = str(rng.choice(["ardupilot", "px4"]))
     table = load_scenario("burn").model_dump()
     table["landscape"] |= {"rows": 100, "cols": 100}
-    table |= {"deploy_at_s": 5.0, "duration_s": ENDS_S, "seed": int(rng.integers(1000))}
-    table["link"] |= {"loss": float(rng.choice([0.0, 0.1, 0.3])), "duplication": 0.1}
+    table["burn"] |= {
+        "unit": CORNERS,
+        "lit": [{"points": [place(2.0, 1.0), place(SIDE_M - 2.0, 1.0)]}],
+        "camera_corrects": False,
+        "stations": [{"name": "boss", "lat_deg": home[0], "lon_deg": home[1]}],
+        **({"dropper": {"by": "gripper", "number": 1}} if stack == "px4" else {}),
+        **burn,
+    }
+    table["vehicles"] = [
+        table["vehicles"][0] | {"stack": stack, "home_lat_deg": home[0], "home_lon_deg": home[1]}
+    ]
+    return table
+
+
+def scenario_of(rng: np.random.Generator) -> Scenario:
+    """A small burn with either stack, a random link and wind."""
+    stack = str(rng.choice(["ardupilot", "px4"]))
+    seed, loss = int(rng.integers(1000)), float(rng.choice([0.0, 0.1, 0.3]))
     wind = {
         "wind_speed_m_s": float(rng.uniform(0.5, 5.0)),
         "wind_from_deg": float(rng.uniform(0.0, 360.0)),
     }
+    table = small_burn(stack, spheres=int(rng.integers(3, 40)))
+    table |= {"deploy_at_s": 5.0, "duration_s": ENDS_S, "seed": seed}
+    table["link"] |= {"loss": loss, "duplication": 0.1}
     table["weather"] = [table["weather"][0] | wind]
-    corners = [place(x, y) for x, y in ((0, 0), (SIDE_M, 0), (SIDE_M, SIDE_M), (0, SIDE_M))]
-    table["burn"] |= {
-        "unit": corners,
-        "lit": [{"points": [place(2.0, 1.0), place(SIDE_M - 2.0, 1.0)]}],
-        "camera_corrects": False,
-        "spheres": int(rng.integers(3, 40)),
-        "stations": [{"name": "boss", "lat_deg": home[0], "lon_deg": home[1]}],
-    }
-    if stack == "px4":
-        table["burn"]["dropper"] = {"by": "gripper", "number": 1}
-    table["vehicles"] = [
-        table["vehicles"][0] | {"stack": stack, "home_lat_deg": home[0], "home_lon_deg": home[1]}
-    ]
     return Scenario.model_validate(table)
 
 

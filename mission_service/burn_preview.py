@@ -1,17 +1,13 @@
 """A burn to its end as it would go now, without a vehicle: report and picture."""
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from firemodel.landscape import Landscape
 from mission_service.burn.burn_report import burn_json, draw_burn, totals
-from mission_service.burn.fire_state import BelievedFire, toward
 from mission_service.burn.planner import Situation, next_line
-from mission_service.burn.unit import unit_of
+from mission_service.burn.state import BurnState
 from mission_service.burn.whole_burn import whole_burn
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
@@ -22,29 +18,10 @@ from mission_service.fire_setup import landscape_of, weather_of
 def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) -> Situation:
     """Before the first line: the vehicle stands at home, and burns what the crew has lit."""
     home = scenario.vehicles[0]
-    home_lat_lon = (home.home_lat_deg, home.home_lon_deg)
-    x_m, y_m = landscape.xy_of_lat_lon(*home_lat_lon)
-    unit = unit_of(burn, landscape, home_lat_lon)
-    fire = BelievedFire(burn, landscape, weather_of(scenario))
+    state = BurnState(burn, landscape, weather_of(scenario), home)
+    home_m = landscape.xy_of_lat_lon(home.home_lat_deg, home.home_lon_deg)
     begin_s = max(scenario.start_s, scenario.deploy_at_s)
-    weather = fire.weather_at(begin_s)
-    east, north = toward(landscape, weather.wind_speed_m_s, weather.wind_from_deg)
-    return Situation(
-        unit=unit,
-        area=unit.area,
-        dropped_m=np.empty((0, 2)),
-        fire=fire.simulation,
-        lights=fire.lights,
-        at_s=begin_s,
-        x_m=x_m,
-        y_m=y_m,
-        height_m=0.0,
-        wind_m_s=weather.wind_speed_m_s,
-        toward_rad=math.atan2(north, east),
-        spheres=burn.spheres,
-        battery_s=burn.battery_s,
-        home_m=(x_m, y_m),
-    )
+    return state.situation_from(home_m, 0.0, 0.0, home_m, begin_s)
 
 
 def preview(scenario: Scenario, out: Path) -> dict[str, Any]:

@@ -133,6 +133,11 @@ class DropFinished(Event, frozen=True, tag=True):
     refused: bool
     reason: str
 
+    @property
+    def outcome(self) -> str:
+        """In a word: done, refused or unknown."""
+        return "done" if self.done else "refused" if self.refused else "unknown"
+
 
 class Crew(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """What a person did or said; not of one vehicle. ``station`` is where they are."""

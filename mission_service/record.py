@@ -15,6 +15,7 @@ from mission_service.commands import (
     Propose,
     UploadMission,
 )
+from mission_service.distance import M_PER_DEG
 from mission_service.events import (
     AnyEvent,
     Crew,
@@ -28,7 +29,6 @@ from mission_service.steering import AIRBORNE_M
 
 TRACK_EVERY_US = 1_000_000
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
-M_PER_DEG = 111_195.0
 
 
 @dataclass(slots=True)
@@ -102,10 +102,9 @@ class Record:
             case UploadFinished():
                 vehicle.uploads[event.outcome] += 1
             case DropFinished():
-                outcome = "done" if event.done else "refused" if event.refused else "unknown"
                 for drop in reversed(vehicle.drops):
                     if (drop.plan_hash, drop.number) == (event.plan_hash, event.number):
-                        drop.outcome = outcome
+                        drop.outcome = event.outcome
                         break
             case _:
                 pass

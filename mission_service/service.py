@@ -119,11 +119,7 @@ class Service:
             self._interlock.take(event)
             self._interlock.sent(commands)
         for command in commands:
-            if isinstance(command, Drop):
-                self._falling[command.plan_hash, command.number] = (
-                    command.lat_deg,
-                    command.lon_deg,
-                )
+            self._note_fall(command)
 
     def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
         """After the past: write down the last commands that the journal lacks, and handle this."""
@@ -158,9 +154,7 @@ class Service:
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
             else:
-                if isinstance(command, Drop):
-                    place = (command.lat_deg, command.lon_deg)
-                    self._falling[command.plan_hash, command.number] = place
+                self._note_fall(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
                 self._interlock.sent([command])
@@ -175,6 +169,12 @@ class Service:
             place = self._falling.pop((event.plan_hash, event.number), None)
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
+
+    def _note_fall(self, command: AnyCommand) -> None:
+        """Where a sphere falls, for when it is known that it did."""
+        if isinstance(command, Drop):
+            place = (command.lat_deg, command.lon_deg)
+            self._falling[command.plan_hash, command.number] = place
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
         """The last lock: no drop leaves that the interlock does not allow, no mission with one."""

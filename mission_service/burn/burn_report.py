@@ -12,13 +12,14 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from mission_service.burn.figures import in_feet
 from mission_service.burn.hazard import LONG_AGO_S
 from mission_service.burn.lines import only_areas
 from mission_service.burn.whole_burn import WholeBurn
 
 Floats = NDArray[np.float64]
 
-M_PER_FT, M2_PER_ACRE, M_PER_CHAIN = 0.3048, 4046.8564224, 20.1168
+M2_PER_ACRE, M_PER_CHAIN = 4046.8564224, 20.1168
 TIMES = 61  # of the slider
 FRONT_CELL_M, FRONT_NODES = 3.0, 20_000
 LOAD_COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#33691e", "#ad1457")
@@ -81,7 +82,7 @@ def totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
         "skipped": sum(len(plan.skipped) for plan in plans),
         "duration_s": round(burn.end_s - burn.begin_s, 1),
         "flown_m": round(flown_m, 1),
-        "flown_ft": round(flown_m / M_PER_FT),
+        "flown_ft": in_feet(flown_m),
         "lines_m": round(lines_m, 1),
         "lines_chains": round(lines_m / M_PER_CHAIN, 1),
         "unit_ha": round(area.area / 1e4, 2),

@@ -1,11 +1,9 @@
 """Which corrections of the fire hold: drawing, erasing, undo and redo. Pure."""
 
-import math
 from typing import Any, NamedTuple
 
+from mission_service.distance import distance_m
 from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
-
-M_PER_DEG = 111_195.0
 
 Step = Corrected | Erased
 
@@ -75,9 +73,8 @@ class CorrectionLog:
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
     """Whether a place lies within the circle of an erasure."""
-    north_m = M_PER_DEG * (lat_deg - erasure.lat_deg)
-    east_m = M_PER_DEG * (lon_deg - erasure.lon_deg) * math.cos(math.radians(erasure.lat_deg))
-    return math.hypot(north_m, east_m) <= erasure.radius_m
+    middle = (erasure.lat_deg, erasure.lon_deg)
+    return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 
 
 def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:

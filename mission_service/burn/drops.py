@@ -50,7 +50,7 @@ class Account:
             if (sphere.plan_hash, sphere.number) == (event.plan_hash, event.number):
                 if sphere.outcome != "ordered":
                     return None
-                sphere.outcome = "done" if event.done else "refused" if event.refused else "unknown"
+                sphere.outcome = event.outcome
                 if not sphere.counts:
                     self.left += 1
                 return sphere

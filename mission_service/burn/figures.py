@@ -4,13 +4,12 @@ from typing import Any
 
 from mission_service.burn.plan import IgnitionPlan
 
-FT_PER_M = 1.0 / 0.3048
-CHAIN_M = 20.1168
+M_PER_FT = 0.3048
 
 
 def in_feet(metres: float) -> int:
     """As crews have heights."""
-    return round(metres * FT_PER_M)
+    return round(metres / M_PER_FT)
 
 
 def figures_of(plan: IgnitionPlan) -> dict[str, Any]:

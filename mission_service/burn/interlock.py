@@ -1,6 +1,6 @@
 """The second lock on drops: folds what happened on its own, and says why a drop must not go out.
 
-It knows nothing of the leader that orders drops (burn_flight.py), and shares no code with it: a
+It knows nothing of the leader that orders drops (burn_flight.py), and shares no decision with it: a
 mistake there does not open this. Whatever it does not know is a reason to refuse. Pure.
 """
 
@@ -24,6 +24,7 @@ from mission_service.commands import (
     Withdraw,
 )
 from mission_service.config_sections import BurnSection
+from mission_service.distance import distance_m
 from mission_service.events import (
     Aborted,
     Answered,
@@ -54,7 +55,6 @@ AIRBORNE_M = 2.0
 LATE_S = 1.0
 BESIDE_M = 5.0
 HEIGHT_SHARE, LEAST_BAND_M = 0.5, 5.0
-M_PER_DEG = 111_195.0
 GRAVITY_M_S2 = 9.81
 
 Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
@@ -398,13 +398,6 @@ def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
             ground_m = [point.altitude_amsl_m - point.height_m for point in (start, end)]
             return ground_m[0] + share * (ground_m[1] - ground_m[0])
     return None
-
-
-def distance_m(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Between two places (lat, lon) near each other."""
-    north_m = M_PER_DEG * (other[0] - one[0])
-    east_m = M_PER_DEG * (other[1] - one[1]) * math.cos(math.radians(one[0]))
-    return math.hypot(north_m, east_m)
 
 
 def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:

@@ -12,12 +12,12 @@ import shapely
 from msgspec import Meta
 
 from mission_service import events
+from mission_service.distance import M_PER_DEG
 from mission_service.errors import RequestError
 from mission_service.events import CrewEvent
 
 LONGEST_S = 1e7  # times farther away are a mistake
 LARGEST_M = 10_000.0  # and so are larger circles and longer lines
-M_PER_DEG = 111_195.0
 
 # Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
 Name = Annotated[

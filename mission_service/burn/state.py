@@ -10,7 +10,7 @@ import shapely
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
 from mission_service.burn.aim import aimed
-from mission_service.burn.drops import Account
+from mission_service.burn.drops import Account, Place
 from mission_service.burn.fire_state import BelievedFire, toward
 from mission_service.burn.flight import Air
 from mission_service.burn.hazard import hazard_of
@@ -109,9 +109,17 @@ class BurnState:
 
     def situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
         """What a plan that begins at a time is made on."""
+        place_m = (here.x_m, here.y_m)
+        if not vehicle.presence.airborne:
+            return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
+        flown_s = here.at_s - vehicle.presence.took_off_at_s
+        return self.situation_from(place_m, self.height_m(here), flown_s, vehicle.home_m, at_s)
+
+    def situation_from(
+        self, place_m: Place, height_m: float, flown_s: float, home_m: Place, at_s: float
+    ) -> Situation:
+        """The same for a vehicle at a place, that has been in the air for ``flown_s``."""
         east, north = self.wind_m_s(at_s)
-        airborne = vehicle.presence.airborne
-        flown_s = here.at_s - vehicle.presence.took_off_at_s if airborne else 0.0
         return Situation(
             unit=self.unit,
             area=self.area_left,
@@ -119,14 +127,14 @@ class BurnState:
             fire=self.fire.simulation,
             lights=self.fire.lights,
             at_s=at_s,
-            x_m=here.x_m,
-            y_m=here.y_m,
-            height_m=self.height_m(here) if airborne else 0.0,
+            x_m=place_m[0],
+            y_m=place_m[1],
+            height_m=height_m,
             wind_m_s=math.hypot(east, north),
             toward_rad=math.atan2(north, east),
             spheres=self.account.left,
             battery_s=self.burn.battery_s - flown_s,
-            home_m=vehicle.home_m,
+            home_m=home_m,
         )
 
     def air(self, vehicle: Vehicle, here: Here, at_s: float) -> Air:

@@ -24,6 +24,7 @@ from mission_service.burn_flight import BurnFlight
 from mission_service.config import Scenario, load_scenario
 from mission_service.config_sections import LitLine
 from mission_service.core import Core
+from mission_service.distance import M_PER_DEG
 from mission_service.events import CrewEvent, Lit
 from mission_service.fire_setup import landscape_of
 from mission_service.sim import simulate
@@ -81,7 +82,7 @@ def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
         width = east - west
         middle = (west + 0.38 * width, west + 0.62 * width)
         bulge = [
-            LitLine(points=tuple((south + north_m / 111_195.0, lon) for lon in middle), at_s=at_s)
+            LitLine(points=tuple((south + north_m / M_PER_DEG, lon) for lon in middle), at_s=at_s)
             for north_m, at_s in BULGE
         ]
         return (edge, *bulge)

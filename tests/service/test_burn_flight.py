@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.mock.kinematics import Wind
+from benchmarks.burn_frames import SIDE_M, place, small_burn
 from firemodel.default_landscape import jacksboro
 from mission_service.burn_flight import BurnFlight
-from mission_service.config import Scenario, load_scenario
+from mission_service.config import Scenario
 from mission_service.events import (
     Aborted,
     Answered,
@@ -27,35 +28,10 @@ from mission_service.sim import Simulation
 from mission_service.simulated_crew import SimulatedCrew
 
 START_S = 10.0
-SIDE_M = 120.0  # of the unit: a line is flown in a minute
-LAT, LON = 36.35, -84.16
-NORTH_DEG, EAST_DEG = 1.0 / 111_195.0, 1.0 / 89_560.0
-
-
-def place(east_m: float, north_m: float) -> tuple[float, float]:
-    return LAT + north_m * NORTH_DEG, LON + east_m * EAST_DEG
-
-
-CORNERS = tuple(place(x, y) for x, y in ((0, 0), (SIDE_M, 0), (SIDE_M, SIDE_M), (0, SIDE_M)))
 
 
 def scenario(stack: str = "ardupilot", **burn: object) -> Scenario:
-    loaded = load_scenario("burn", (f"deploy_at_s={START_S}", "landscape.rows=100"))
-    home = place(-20.0, 60.0)
-    table = loaded.model_dump()
-    table["landscape"] |= {"rows": 100, "cols": 100}
-    table["burn"] |= {
-        "unit": CORNERS,
-        "lit": [{"points": [place(2.0, 1.0), place(SIDE_M - 2.0, 1.0)], "at_s": 0.0}],
-        "camera_corrects": False,
-        "stations": [{"name": "boss", "lat_deg": home[0], "lon_deg": home[1]}],
-        **({"dropper": {"by": "gripper", "number": 1}} if stack == "px4" else {}),
-        **burn,
-    }
-    table["vehicles"] = [
-        table["vehicles"][0] | {"stack": stack, "home_lat_deg": home[0], "home_lon_deg": home[1]}
-    ]
-    return Scenario.model_validate(table)
+    return Scenario.model_validate(small_burn(stack, **burn) | {"deploy_at_s": START_S})
 
 
 class Burn:

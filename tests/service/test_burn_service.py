@@ -8,12 +8,13 @@ import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
+from benchmarks.burn_frames import CORNERS, place
 from firemodel.default_landscape import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
 from mission_service.events import BatteryTold, DropFinished, UploadFinished
 from mission_service.journal import JournalReader
 from mission_service.service import interlock_of
-from tests.service.test_burn_flight import CORNERS, Burn, place, scenario
+from tests.service.test_burn_flight import Burn, scenario
 
 SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)
 
