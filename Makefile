@@ -2,7 +2,11 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint format clean mosquitto
+WEB := mission_service/web
+MAP := $(WEB)/dist/index.html
+MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/panels/*.* public/*.*))
+
+.PHONY: demo test long lint format clean mosquitto chromium web
 
 .venv/ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -11,11 +15,22 @@ BIN := .venv/bin
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
-demo: .venv/ready
+# The map; with a Node.js from PyPI where the machine has none.
+web: $(MAP)
+
+$(MAP): $(MAP_SOURCES) | .venv/ready
+	$(BIN)/python -m mission_service.web.build
+	@touch $@
+
+demo: .venv/ready $(MAP)
 	$(BIN)/mission-service demo --out out
 
-test: .venv/ready lint mosquitto
+test: .venv/ready $(MAP) lint mosquitto chromium
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# What takes too long for every change: CI runs it after the rest.
+long: .venv/ready $(MAP) mosquitto chromium
+	$(BIN)/python -m pytest -m long
 
 # The MQTT broker of some tests, which are skipped without it.
 mosquitto:
@@ -27,6 +42,16 @@ mosquitto:
 	  command -v mosquitto >/dev/null || \
 	    echo "no mosquitto: its tests are skipped; install it by: apt-get install mosquitto" >&2
 
+# The browser of the map's tests, which are skipped without it.
+chromium:
+	@command -v chromium >/dev/null && exit 0; \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    export DEBIAN_FRONTEND=noninteractive; \
+	    { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } >/dev/null 2>&1; \
+	  fi; \
+	  command -v chromium >/dev/null || \
+	    echo "no chromium: the map's tests are skipped; install it by: apt-get install chromium" >&2
+
 lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -37,4 +62,4 @@ format: .venv/ready
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(WEB)/dist $(WEB)/node_modules .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -92,30 +92,38 @@ def key_of(text: str) -> Key:
 
 def read_key(source: str) -> Key:
     """The key that ``file:PATH`` (its first line) or ``env:NAME`` holds. Raises BridgeError."""
+    return key_of(held(source, "signing key"))
+
+
+def held(source: str, what: str) -> str:
+    """What ``file:PATH`` (its first line) or ``env:NAME`` holds; ``what`` it is, for errors.
+
+    Raises BridgeError, which never quotes it.
+    """
     kind, _, name = source.partition(":")
     if kind == "env":
-        held = os.environ.get(name)
-        if held is None:
-            raise BridgeError(f"signing key: the environment has no variable {name}")
+        text = os.environ.get(name)
+        if text is None:
+            raise BridgeError(f"{what}: the environment has no variable {name}")
     elif kind == "file":
         try:
-            held = Path(name).expanduser().read_text(encoding="utf-8")
+            text = Path(name).expanduser().read_text(encoding="utf-8")
         except OSError as error:
-            raise BridgeError(f"signing key: {name}: {error.strerror}") from None
+            raise BridgeError(f"{what}: {name}: {error.strerror}") from None
         except UnicodeDecodeError:
-            raise BridgeError(f"signing key: {name}: is no text; write hex: and digits") from None
+            raise BridgeError(f"{what}: {name}: is no text") from None
     else:
-        raise BridgeError("signing key: name where it is, as file:PATH or env:NAME")
-    return key_of(held.partition("\n")[0].rstrip("\r"))
+        raise BridgeError(f"{what}: name where it is, as file:PATH or env:NAME")
+    return text.partition("\n")[0].rstrip("\r")
 
 
-def key_warning(source: str) -> str | None:
+def key_warning(source: str, what: str = "signing key") -> str | None:
     """What is wrong with the place of a key, in words for the user."""
     kind, _, name = source.partition(":")
     if kind != "file" or os.name != "posix":
         return None
     if stat.S_IMODE(Path(name).expanduser().stat().st_mode) & 0o077:
-        return f"signing key: {name} can be read by others on this machine; chmod 600 {name}"
+        return f"{what}: {name} can be read by others on this machine; chmod 600 {name}"
     return None
 
 

@@ -41,7 +41,8 @@ from mission_service.events import (
     WindTold,
 )
 from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.journal import Journal, header_of
+from mission_service.segments import Chain
 from mission_service.sim import Simulation
 
 LAT, LON = 36.35, -84.16
@@ -197,7 +198,7 @@ def _make(trouble: str, rig: Any) -> None:
         rig.mock.battery_percent = 15.0
 
 
-def check(path: Path, scenario: Scenario, seed: int) -> int:
+def check(path: Path, scenario: Scenario, seed: int, boss: str = "boss") -> int:
     """Read a journal from the beginning: may each drop have been ordered? Returns how many were.
 
     An oracle of its own: it shares nothing with leader or interlock but the words of the journal.
@@ -212,17 +213,18 @@ def check(path: Path, scenario: Scenario, seed: int) -> int:
     people: dict[str, tuple[float, float, float]] = {}
     area = _polygon(burn.unit or (), landscape)
     heard_us, at_us, ordered = -(10**12), 0, 0
-    for entry in JournalReader(path):
+    chain = Chain(path)
+    for reader, entry in chain.after(chain.begin):
         what = entry.content
-        where = f"seed {seed}, line {entry.line}: "
+        where = f"seed {seed}, {reader.path.name}, line {entry.line}: "
         if entry.is_event:
             at_us = what.at_us  # type: ignore[union-attr]
-        if getattr(what, "station", "") == "boss":
+        if getattr(what, "station", "") == boss:
             heard_us = at_us
         match what:
             case Propose():
                 plans[what.plan_hash] = what.plan
-            case Approved() if what.station == "boss" and what.plan_hash in plans:
+            case Approved() if what.station == boss and what.plan_hash in plans:
                 if go == set(burn.go_items):
                     approved[what.plan_hash] = at_us
             case Withdraw() | Rejected():

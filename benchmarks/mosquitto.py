@@ -14,13 +14,14 @@ MOSQUITTO = shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/s
 class Mosquitto:
     """A broker that can be killed, started again, and frozen."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, settings: str = "allow_anonymous true") -> None:
+        """``settings`` are lines of its configuration about who may connect, and how."""
         with socket.socket() as sock:
             sock.bind(("127.0.0.1", 0))
             self.port: int = sock.getsockname()[1]
         self._config = folder / "mosquitto.conf"
         self._config.write_text(
-            f"listener {self.port} 127.0.0.1\nallow_anonymous true\npersistence false\n", "utf-8"
+            f"listener {self.port} 127.0.0.1\n{settings}\npersistence false\n", "utf-8"
         )
         self._process: subprocess.Popen[bytes] | None = None
 

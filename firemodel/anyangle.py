@@ -11,14 +11,16 @@ the source of the rest: what has not burned is rated anew, and no way already co
 """
 
 import bisect
+import copy
 import math
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from firemodel.fire import Burning, Fire, Ignition, check_burning, check_ignitions
+from firemodel.fire import Burning, Fire, Ignition, StartArea, check_burning, check_ignitions
 from firemodel.heap import drop_first, push
 from firemodel.labels import Heap, Labels, Ways, empty_ways, place_of, squeezes
 from firemodel.landscape import Landscape
@@ -32,6 +34,7 @@ from firemodel.lines import (
     ground_of,
     travel,
 )
+from firemodel.local_spread import perturbed
 from firemodel.rerate import set_out, under_way, ways_from
 from firemodel.weather import WeatherStream
 
@@ -61,7 +64,9 @@ class AnyAngleFire(Fire):
         self.weather = weather
         self.wind_limit = wind_limit
         self.time_s = burning.at_s if burning else 0.0
-        self.start_area = burning.area if burning else None
+        self.start_area = None
+        if burning and burning.area is not None:
+            self.start_area = StartArea(burning.area, burning.at_s)
         if burning:
             check_burning(burning, landscape)
         check_ignitions(landscape, ignitions, self.time_s)
@@ -96,6 +101,28 @@ class AnyAngleFire(Fire):
         row, col, at_s = ignition
         self._ignitions.append((at_s, row * self.landscape.shape[1] + col))
         self._ignitions.sort(reverse=True)
+
+    def copy(self) -> Self:
+        found = copy.copy(self)
+        arrival_s, best_s, source = self._labels
+        found._labels = Labels(arrival_s.copy(), best_s.copy(), source.copy())
+        found.arrival_time_s = found._labels.arrival_s.reshape(self.landscape.shape)
+        slowness = self._ground.slowness.copy()
+        found._ground = self._ground._replace(
+            slowness=slowness,
+            rise=slowness.view(np.float32),
+            learned=self._ground.learned.copy(),
+        )
+        found._heap = Heap(self._heap.times.copy(), self._heap.cells.copy(), self._heap.size)
+        found._points = self._points.copy()
+        found._changes_s, found._ignitions = self._changes_s.copy(), self._ignitions.copy()
+        return found
+
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+        tables = perturbed(self._ground.tables, self._entry, wind_factor, turn_deg, spread_factor)
+        self._ground = self._ground._replace(tables=tables)
+        self._changes_s.insert(self._entry, self.time_s)
+        self.advance(self.time_s)
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:

@@ -38,7 +38,8 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
     given = NUMBA.CACHE_DIR
     NUMBA.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).parent))
     try:
-        return njit(cache=True, error_model="numpy", **options)(function)
+        # Without the GIL: forecasts burn in a thread of their own (nothing they write is shared).
+        return njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     finally:
         NUMBA.CACHE_DIR = given
 

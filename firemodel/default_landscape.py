@@ -1,7 +1,8 @@
 """The default landscape: real terrain that ships with matplotlib, fuel by a stated rule."""
 
 from dataclasses import replace
-from typing import Any
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,14 +46,20 @@ def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
     return float(west), float(north)
 
 
+def _sample() -> Path:
+    """Matplotlib's grid; importing matplotlib for it would cost memory and start-up time."""
+    found = find_spec("matplotlib")
+    assert found is not None
+    assert found.origin is not None
+    return Path(found.origin).parent / "mpl-data" / "sample_data" / "jacksboro_fault_dem.npz"
+
+
 def _elevation(
     rows: int, cols: int, cell_size_m: float, west_m: float, north_m: float
 ) -> NDArray[np.float32]:
-    from matplotlib.cbook import get_sample_data
     from scipy.ndimage import map_coordinates
 
-    file: Any = get_sample_data("jacksboro_fault_dem.npz")
-    with file as grid:
+    with np.load(_sample()) as grid:
         terrain = grid["elevation"].astype(np.float64)
         # Row 0 is the northern one and lies at the file's ymax. Its ymin is wrong: it was counted
         # upwards from ymax instead of down. So placed, the highest cell (1076 m) is the top of

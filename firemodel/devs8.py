@@ -10,9 +10,10 @@ the octagon with its corners on the ellipse, 78 % of it at a length/width of 1.4
 where the wind blows along one of the eight, up to 5 points less between two.
 """
 
+import copy
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,15 @@ from firemodel.front import neighbours_of
 from firemodel.fuels import FUEL_MODELS
 from firemodel.heap import drop_first, push
 from firemodel.landscape import Landscape
-from firemodel.local_spread import Tables, Terrain, burnable_codes, head_of, tables_of, terrain_of
+from firemodel.local_spread import (
+    Tables,
+    Terrain,
+    burnable_codes,
+    head_of,
+    perturbed,
+    tables_of,
+    terrain_of,
+)
 from firemodel.rothermel import fireline_intensity_kw_m, fuel_bed
 from firemodel.weather import Weather, WeatherStream
 
@@ -132,6 +141,26 @@ class Devs8Fire(Fire):
         self._make_room(1)
         key = (row * self.landscape.shape[1] + col) * SIDES + LIT
         self._heap = self._heap._replace(size=push(*self._heap, float(at_s), key))
+
+    def copy(self) -> Self:
+        found = copy.copy(self)
+        found._arrival_s = self._arrival_s.copy()
+        found.arrival_time_s = found._arrival_s.reshape(self.landscape.shape)
+        found._heap = Heap(self._heap.times.copy(), self._heap.keys.copy(), self._heap.size)
+        halted = self._halted
+        found._halted = Halted(halted.keys.copy(), halted.left_m.copy(), halted.size)
+        found._changes_s = self._changes_s.copy()
+        return found
+
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+        ground, entry = self._ground, self._entry
+        slowest = ground.slowest_m_s
+        self._ground = ground._replace(
+            tables=perturbed(ground.tables, entry, wind_factor, turn_deg, spread_factor),
+            slowest_m_s=np.concatenate([slowest[: entry + 1], slowest[entry:]]),
+        )
+        self._changes_s.insert(entry, self.time_s)
+        self.advance(self.time_s)
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,13 @@ class Burning(NamedTuple):
     area: Any = None  # what has burned, if known better than by cells; shapely, landscape's CRS
 
 
+class StartArea(NamedTuple):
+    """What had burned of a fire taken over, as it was mapped; shapely, landscape's CRS."""
+
+    area: Any
+    at_s: float
+
+
 class Fire(ABC):
     """One burning fire. Time is in seconds and only goes forward.
 
@@ -39,7 +46,7 @@ class Fire(ABC):
     weather: WeatherStream
     wind_limit: bool
     time_s: float
-    start_area: Any  # of a fire taken over, burned from the start
+    start_area: StartArea | None  # of a fire taken over
     arrival_time_s: Floats
 
     @abstractmethod
@@ -67,6 +74,33 @@ class Fire(ABC):
         self._light((int(row), int(col), float(at_s)))
         self.advance(self.time_s)
 
+    @abstractmethod
+    def copy(self) -> Self:
+        """The same fire, to go on apart from this one; what never changes is shared.
+
+        Costs a few ms with 500 x 500 cells.
+        """
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """As ``copy``: ``deepcopy`` would part arrays that share their memory."""
+        return self.copy()
+
+    @abstractmethod
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+        """Have all wind from now on be so many times as strong and come from so much further
+        clockwise than ``weather`` says, and fire spread so many times as fast besides.
+        """
+
+    def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most leave nothing
+        """Leave to another generator what is left to chance from now on."""
+
+    def expected_s(self) -> Floats:
+        """(y, x) when each cell burned and, next to the fire, when it is expected by now.
+
+        Infinity elsewhere; from these times ``front`` is drawn.
+        """
+        return self._expected_s().copy()
+
     def burned(self) -> NDArray[np.bool_]:
         """Which cells burn or have burned by now (y, x)."""
         return self.arrival_time_s <= self.time_s
@@ -92,7 +126,7 @@ class Fire(ABC):
         """
         self._check_past(time_s)
         found = front_polygons(self._expected_s(), time_s, self.landscape)
-        return found if self.start_area is None else multipolygon(found.union(self.start_area))
+        return with_start(found, self.start_area, time_s)
 
     def ways(self) -> Floats:
         """Metres towards north and east (2, y, x) of the last straight way by which fire came.
@@ -109,6 +143,13 @@ class Fire(ABC):
     def _check_past(self, time_s: float) -> None:
         if time_s > self.time_s:
             raise FireModelError(f"the fire is at {self.time_s} s; it is not known at {time_s} s")
+
+
+def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
+    """A burned area at a time, with what a fire taken over had burned by then."""
+    if start is None or time_s < start.at_s:
+        return area
+    return multipolygon(area.union(start.area))
 
 
 def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:

@@ -100,6 +100,24 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     return Tables(terms, wind)
 
 
+def perturbed(
+    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
+) -> Tables:
+    """Tables up to an entry, then that entry again and all after it with other wind and rates.
+
+    ``turn_deg`` is clockwise.
+    """
+    terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
+    wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
+    terms[entry + 1 :, :, 0] *= spread_factor
+    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    speed, north, east = tables.wind[entry:].T
+    wind[entry + 1 :] = np.stack(
+        [speed * wind_factor, north * cos - east * sin, east * cos + north * sin], axis=1
+    )
+    return Tables(terms, wind)
+
+
 @kernel
 def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """Fastest spread from a cell: (rate m/s along the slope, north, east (unit), eccentricity).

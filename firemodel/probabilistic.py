@@ -18,9 +18,10 @@ What the paper leaves open, and what is done here:
 - What happens between updates: nothing. 190 updates in 20 minutes are 6.3 s each.
 """
 
+import copy
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +117,23 @@ class ProbabilisticFire(Fire):
         row, col, at_s = ignition
         self._ignitions.append((at_s, row, col))
         self._ignitions.sort(reverse=True)
+
+    def copy(self) -> Self:
+        """Chance included: left alone, both burn alike."""
+        found = copy.copy(self)
+        found.arrival_time_s = self.arrival_time_s.copy()
+        found.burned_out_s = self.burned_out_s.copy()
+        found._cells, found._lasted = self._cells.copy(), self._lasted.copy()
+        found._ignitions = self._ignitions.copy()
+        found._rng = copy.deepcopy(self._rng)
+        return found
+
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+        """As in ``Fire``, by p_spread; wind does not matter here."""
+        self._p_spread = min(self._p_spread * spread_factor, 1.0)
+
+    def draw_from(self, rng: np.random.Generator) -> None:
+        self._rng = rng
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:

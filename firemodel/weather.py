@@ -74,6 +74,13 @@ class WeatherStream:
         """The entry that holds at a time."""
         return self.entries[self.index_at(time_s)]
 
+    def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
+        """The same with this wind from a time on, whatever was forecast for then."""
+        entry = replace(
+            self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
+        )
+        return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
+
     def change_times(self) -> tuple[float, ...]:
         """When the weather changes."""
         return tuple(self._times[1:])

@@ -14,7 +14,7 @@ from firemodel.fire import Fire
 from firemodel.landscape import Landscape
 
 M2_PER_ACRE = 4046.8564224
-SMALLEST_DEG = 1e-7  # a centimetre
+SMALLEST_DEG, DECIMALS = 1e-7, 7  # a centimetre
 
 
 def write_geotiff(
@@ -39,6 +39,33 @@ def write_geotiff(
         file.write(values, 1)
 
 
+def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
+    """Polygons in the landscape's CRS as a MultiPolygon of RFC 7946.
+
+    WGS84 longitude and latitude to a centimetre, outer rings anticlockwise, as rows of [lon, lat].
+    """
+    from shapely import get_parts, set_precision, transform
+    from shapely.geometry.polygon import orient
+
+    def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(*xy_m.T)
+        return np.stack([lon, lat], axis=1)
+
+    rounded = set_precision(transform(area, to_lon_lat), SMALLEST_DEG)
+    shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
+    # Not as shapely's mapping has it: what is whole in 1e-7 degrees is no longer so in floats.
+    return {
+        "type": "MultiPolygon",
+        "coordinates": [
+            [
+                np.round(np.asarray(ring.coords), DECIMALS).tolist()
+                for ring in (shape.exterior, *shape.interiors)
+            ]
+            for shape in shapes
+        ],
+    }
+
+
 def fronts_geojson(
     fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> dict[str, Any]:
@@ -48,19 +75,9 @@ def fronts_geojson(
     the status says that nobody approved them. ``time_zero`` is 0 s by the calendar, if known.
     Raises FireModelError for a time that the fire has not come to.
     """
-    from shapely import get_parts, set_precision, transform
-    from shapely.geometry import MultiPolygon, mapping
-    from shapely.geometry.polygon import orient
-
-    def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        lat, lon = fire.landscape.lat_lon_of(*xy_m.T)
-        return np.stack([lon, lat], axis=1)
-
     features = []
     for time_s in times_s:
         area = fire.front(time_s)
-        rounded = set_precision(transform(area, to_lon_lat), SMALLEST_DEG)
-        shape = MultiPolygon([orient(region) for region in get_parts(rounded)])
         properties = {
             "IncidentName": name,
             "FeatureCategory": "Wildfire Daily Fire Perimeter",
@@ -72,7 +89,8 @@ def fronts_geojson(
         }
         if time_zero is not None:
             properties["PolygonDateTime"] = round((time_zero.timestamp() + time_s) * 1000)
-        features.append({"type": "Feature", "properties": properties, "geometry": mapping(shape)})
+        geometry = area_geometry(area, fire.landscape)
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}
 
 

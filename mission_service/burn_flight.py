@@ -327,6 +327,7 @@ class BurnFlight:
             "mode": self._mode,
             "checklist": self.checklist.status(),
             "corrections": self.state.fire.log.status(),
+            **self.state.places(),
         }
 
     # In the air -------------------------------------------------------------------------------
@@ -518,6 +519,9 @@ class Undecided:
 
     def observe(self, observed: Observed) -> None:
         """Nothing."""
+
+    def correct(self, told: Observed) -> None:
+        """Nothing: the burn's own fire is corrected."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Nothing."""

@@ -9,8 +9,18 @@ from typing import Any
 import click
 
 from mission_service import __version__
+from mission_service.api.token_cli import token
 from mission_service.burn_cli import burn
-from mission_service.cli_parts import JSON, OVERRIDE, SIGNING_KEY, TLOG, echo, folder
+from mission_service.cli_parts import (
+    JSON,
+    LOG,
+    LOG_LEVEL,
+    OVERRIDE,
+    SIGNING_KEY,
+    TLOG,
+    echo,
+    folder,
+)
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
 from mission_service.mission_cli import mission, signing
@@ -49,22 +59,40 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment, tune, burn):
+for group in (fire, bench, mission, signing, experiment, tune, burn, token):
     main.add_command(group)
 
 
 @main.command()
+@click.argument("scenario", default="demo")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
-@click.option("--speedup", type=click.FloatRange(1, 100), default=30.0, show_default=True)
+@click.option("--speedup", type=click.FloatRange(1, 100), default=10.0, show_default=True)
 @OVERRIDE
+@LOG
+@LOG_LEVEL
 @JSON
-def demo(out: Path, speedup: float, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Mock autopilots and the daemon over UDP on loopback, faster than real time."""
-    from mission_service.config import load_scenario
+def demo(
+    scenario: str,
+    out: Path,
+    speedup: float,
+    overrides: tuple[str, ...],
+    log: str | None,
+    log_level: str,
+    as_json: bool,
+) -> None:
+    """Mock autopilots and the daemon over UDP on loopback, faster than real time.
+
+    SCENARIO is a file or a shipped one by name (default: demo).
+    """
+    from mission_service.config import flying, load_run
+    from mission_service.daemon import Run
     from mission_service.demo import run_demo
 
-    scenario = load_scenario("demo", overrides)
-    _finish(run_demo(scenario, folder(out), speedup, _now(), _reporter(as_json)), out, as_json)
+    loaded, settings = load_run(scenario, overrides)
+    report = _logger(log, log_level) or _reporter(as_json)
+    journal = folder(out) / "journal.jsonl"
+    run = Run(flying(loaded), journal, _now(), settings, logs=log is not None, goes_on=False)
+    _finish(run_demo(run, scenario, speedup, report, _tell_address), out, as_json)
 
 
 @main.command()
@@ -95,9 +123,12 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
     help='Talk to the vehicles of other processes over this MQTT broker (rule = "formation").',
 )
 @click.option("--prefix", default="mission-service", show_default=True, help="Of MQTT topics.")
+@click.option("--anew", is_flag=True, help="Do not go on with the run that was stopped in OUT.")
 @OVERRIDE
 @TLOG
 @SIGNING_KEY
+@LOG
+@LOG_LEVEL
 @JSON
 def run(
     config: str,
@@ -105,32 +136,38 @@ def run(
     vehicle: str | None,
     broker: str | None,
     prefix: str,
+    anew: bool,
     overrides: tuple[str, ...],
     tlog: Path | None,
     signing_key: str | None,
+    log: str | None,
+    log_level: str,
     as_json: bool,
 ) -> None:
     """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C.
+
+    Killed or stopped by SIGTERM it goes on where it was when it is started again.
 
     With --vehicle and --broker each vehicle of a formation has a process of its own.
     """
     import asyncio
 
-    from mission_service.config import flying, load_scenario, one_of_many, with_signing_key
-    from mission_service.daemon import serve
+    from mission_service.config import flying, load_run, one_of_many, with_signing_key
+    from mission_service.daemon import Run, serve
     from mission_service.formation_mqtt import channel_of
     from mission_service.outputs import write_outputs
 
-    scenario = flying(load_scenario(config, overrides))
-    channel = None if broker is None else channel_of(broker, prefix, scenario.name)
+    loaded, settings = load_run(config, overrides)
+    scenario = flying(loaded)
+    channel = None if broker is None else channel_of(broker, prefix, scenario.name, settings.mqtt)
     scenario = one_of_many(scenario, vehicle, talks=channel is not None)
     if signing_key is not None:
         scenario = with_signing_key(scenario, signing_key)
     made = folder(out)
-    journal, report = made / "journal.jsonl", _reporter(as_json)
-    record, world = asyncio.run(
-        serve(scenario, journal, _now(), report, tlog_path=tlog, channel=channel)
-    )
+    report = _logger(log, log_level) or _reporter(as_json)
+    journal, logs = made / "journal.jsonl", log is not None
+    going = Run(scenario, journal, _now(), settings, tlog, logs, channel=channel, goes_on=not anew)
+    record, world = asyncio.run(serve(going, report, address=_tell_address))
     _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
 
 
@@ -326,10 +363,28 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
+def _tell_address(address: str) -> None:
+    """Where the map is. The token in it is for a person's eyes, not for a log."""
+    if sys.stderr.isatty():
+        click.echo(f"map: {address}", err=True)
+    else:
+        click.echo(f"map: {address.partition('#')[0]} (its token is in the file token)", err=True)
+
+
 def _reporter(as_json: bool) -> Callable[[Any, Any], None]:
     from mission_service.report import LiveReport
 
     return LiveReport(quiet=as_json)
+
+
+def _logger(form: Any, level: str) -> Callable[[Any, Any], None] | None:
+    """Set up the log, if there is to be one; it takes the place of the reporter."""
+    if form is None:
+        return None
+    from mission_service.logs import set_up
+
+    set_up(form, level)
+    return lambda record, world: record.news.clear()  # they are logged from the picture
 
 
 def _progress_bar(name: str, duration_s: float, quiet: bool) -> Any:

@@ -25,6 +25,18 @@ TLOG = click.option(
     help="Add the link's traffic to this .tlog recording.",
 )
 
+LOG = click.option(
+    "--log",
+    type=click.Choice(["text", "json"]),
+    help="Log to stderr, news and alarms too, instead of showing the run.",
+)
+LOG_LEVEL = click.option(
+    "--log-level",
+    type=click.Choice(["debug", "info", "warning", "error"]),
+    default="info",
+    show_default=True,
+)
+
 
 def folder(out: Path) -> Path:
     """A folder that files can be written to, made if need be; raises MissionServiceError."""

@@ -25,6 +25,15 @@ class UploadMission(Command, frozen=True, tag=True):
     items: tuple[MissionItem, ...]
 
 
+class ProposeMission(Command, frozen=True, tag=True):
+    """A mission that goes to the vehicle when a person accepts it, by its hash."""
+
+    mission_id: int
+    why: str
+    items: tuple[MissionItem, ...]
+    mission_hash: str
+
+
 class StartMission(Command, frozen=True, tag=True):
     """Arm where needed and fly the mission."""
 
@@ -112,6 +121,7 @@ class Drop(Command, frozen=True, tag=True):
 
 AnyCommand = (
     UploadMission
+    | ProposeMission
     | StartMission
     | Hold
     | Return

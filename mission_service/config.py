@@ -29,6 +29,7 @@ from mission_service.config_sections import (
     WeatherFile,
 )
 from mission_service.errors import ScenarioError
+from mission_service.service_config import ServiceSection
 
 SHIPPED = Path(__file__).parent / "scenarios"
 
@@ -166,6 +167,11 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
 
     Raises ScenarioError in one line: file, key, value, reason.
     """
+    return load_run(name, overrides)[0]
+
+
+def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, ServiceSection]:
+    """As ``load_scenario``, with what its table [service] says of how the daemon is run."""
     path = scenario_path(name)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -178,7 +184,8 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
     for override in overrides:
         _apply(data, override)
-    return parse_scenario(data, path)
+    service = data.pop("service", {})
+    return parse_scenario(data, path), _parse_service(service, path)
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
@@ -188,6 +195,15 @@ def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
     except ValidationError as error:
         raise ScenarioError(f"{path}: {_in_words(error)}") from None
     found: Scenario = _with_paths(_in_layers(scenario), path, ())
+    return found
+
+
+def _parse_service(data: Any, path: Path) -> ServiceSection:
+    try:
+        service = ServiceSection.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: service.{_in_words(error)}") from None
+    found: ServiceSection = _with_paths(service, path, ("service",))
     return found
 
 
@@ -212,7 +228,7 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
             what = "is a folder, not a file" if found.is_dir() else "no such file"
             raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {what}: {found}")
         return found
-    if keys[-1:] == ("signing_key",) and section and section.startswith("file:"):
+    if keys[-1:] in (("signing_key",), ("password",)) and section and section.startswith("file:"):
         path = Path(section.removeprefix("file:")).expanduser()
         return f"file:{(scenario_path.parent / path).resolve()}"
     if isinstance(section, tuple):
@@ -274,7 +290,8 @@ def _in_words(error: ValidationError) -> str:
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
     # What stands where a key is named, perhaps misspelt, may be the key itself.
-    hidden = isinstance(value, dict | list | tuple | BaseModel) or re.search("key|sign", key)
+    secret = re.search("key|sign|password|token", key)
+    hidden = isinstance(value, dict | list | tuple | BaseModel) or secret
     shown = "" if hidden else f" (got {value!r})"
     others = len(error.errors()) - 1
     more = f"; and {others} more" if others else ""

@@ -349,7 +349,8 @@ class BurnSection(Section):
 class MissionSection(Section):
     """How decisions become missions.
 
-    A vehicle whose ``altitude_agl_m`` is not given flies ``layer_m`` higher than the one before it.
+    With ``approval = "each"`` a mission goes to its vehicle when a person has accepted it. A
+    vehicle whose ``altitude_agl_m`` is not given flies ``layer_m`` higher than the one before it.
     Vehicles keep ``separation_m`` apart, one above the other.
     """
 
@@ -359,6 +360,7 @@ class MissionSection(Section):
     least_upload_interval_s: NotNegative = 4.0
     layer_m: NotNegative = 40.0
     separation_m: Positive = 30.0
+    approval: Literal["none", "each"] = "none"  # each: a person accepts every mission
 
 
 class LinkSection(Section):

@@ -1,4 +1,4 @@
-"""The control socket of a live burn, ``OUT/control.sock``: JSON lines in, one line back for each.
+"""The control socket of a live run, ``OUT/control.sock``: JSON lines in, one line back for each.
 
 Only the user who runs the service may open it (mode 0600). A request that cannot be understood is
 answered with what is wrong with it, and nothing is done; an abort is taken from anybody, whatever
@@ -17,9 +17,9 @@ import msgspec
 
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
-from mission_service.burn.requests import event_of
 from mission_service.errors import ControlError, MissionServiceError
 from mission_service.events import CrewEvent
+from mission_service.requests import KNOWN, event_of
 
 MOST_LINE_BYTES = 64 * 1024
 MOST_CLIENTS = 16
@@ -43,14 +43,40 @@ class Desk:
         stations: Collection[str],
         items: Collection[str],
         on_map: Callable[[float, float], bool],
+        vehicles: Collection[str] | None = None,
+        words: Collection[str] = KNOWN,
     ) -> None:
-        """``tell`` handles an event, and returns what was said in answer to it."""
+        """``tell`` handles an event, and returns what was said in answer to it.
+
+        ``words`` are what may be asked for in this scenario (``requests.py``).
+        """
         self._tell = tell
         self._status = status
         self._now_us = now_us
         self._stations = stations
         self._items = items
         self._on_map = on_map
+        self._vehicles = vehicles
+        self._words = words
+
+    def ask(self, request: Any) -> Answer:
+        """The answer to one request; never raises for anything that it may say."""
+        if isinstance(request, dict) and request.get("do") == "status":
+            return {"ok": True, "status": self._status()}
+        try:
+            event = event_of(
+                request,
+                self._now_us(),
+                self._stations,
+                self._items,
+                self._on_map,
+                self._vehicles,
+                self._words,
+            )
+            said = self._tell(event)
+        except KNOWN_ERRORS as error:
+            return wrong(str(error))
+        return {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__, "said": said}
 
     def answer(self, line: bytes) -> Answer:
         """The answer to one line; never raises for anything that a line may say."""
@@ -58,14 +84,7 @@ class Desk:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
             return wrong(f"not a line of JSON: {error}")
-        if isinstance(request, dict) and request.get("do") == "status":
-            return {"ok": True, "status": self._status()}
-        try:
-            event = event_of(request, self._now_us(), self._stations, self._items, self._on_map)
-            said = self._tell(event)
-        except KNOWN_ERRORS as error:
-            return wrong(str(error))
-        return {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__, "said": said}
+        return self.ask(request)
 
 
 def wrong(text: str) -> Answer:

@@ -7,8 +7,10 @@ import math
 
 from firemodel.landscape import Landscape
 from mission_service.approach import landing_of_vehicle
+from mission_service.approvals import MissionApprovals
 from mission_service.commands import AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
+from mission_service.crew_orders import CrewOrders, hold_again
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -16,6 +18,8 @@ from mission_service.events import (
     CrewEvent,
     LinkLost,
     LinkRestored,
+    MissionAccepted,
+    MissionHeld,
     ModeChanged,
     Resumed,
     Telemetry,
@@ -24,14 +28,13 @@ from mission_service.events import (
     VehicleEvent,
     VehicleRebooted,
 )
-from mission_service.formation_flight import FormationFlight
-from mission_service.formation_seats import Formation
 from mission_service.front_flight import FrontFlight
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.protocol import Decision
 from mission_service.planning import BURN, FORMATION, planners_of
+from mission_service.reading_back import doubt, in_words, recognised
 from mission_service.spacing import Spacing
-from mission_service.steering import Here, Steering
+from mission_service.steering import GOING_HOME, Here, Steering
 from mission_service.vehicle import Leader, Pending, Vehicle, say
 
 RETRY_S = 5.0
@@ -49,6 +52,7 @@ class Core:
         self.scenario = scenario
         self.landscape = landscape
         self._missions = MissionsSent()
+        self._approvals = MissionApprovals() if scenario.mission.approval == "each" else None
         self.leader: Leader
         if scenario.planner.rule == BURN:
             from mission_service.burn_flight import BurnFlight, Undecided  # not for all who start
@@ -57,6 +61,9 @@ class Core:
             self.leader = BurnFlight(scenario, landscape, self._missions)
             self.spacing = Spacing(scenario, landscape, self.steering.presence)
         elif scenario.planner.rule == FORMATION:
+            from mission_service.formation_flight import FormationFlight
+            from mission_service.formation_seats import Formation
+
             formation = Formation(scenario, landscape)
             self.steering = Steering(scenario, landscape, formation.seats)
             self.leader = FormationFlight(scenario, landscape, formation, self._missions)
@@ -76,11 +83,24 @@ class Core:
             for section in scenario.vehicles
         }
 
+        self._orders = CrewOrders(
+            scenario, self.steering, self.vehicles, self._start, self._approvals
+        )
+
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
         """Take in one event; returns the commands it causes, in order.
 
         Raises KeyError for a vehicle the scenario does not name.
         """
+        commands = self._handle(event)
+        for command in commands:
+            if isinstance(command, StartMission):
+                self.vehicles[command.vehicle].start_under_way = True
+        if self._approvals is None or isinstance(event, MissionAccepted):
+            return commands
+        return self._approvals.held_back(commands, event.at_us / 1e6)
+
+    def _handle(self, event: AnyEvent) -> list[AnyCommand]:
         if isinstance(event, Crew):
             return self._told(event)
         vehicle = self.vehicles[event.vehicle]
@@ -92,9 +112,13 @@ class Core:
     def _told(self, event: CrewEvent) -> list[AnyCommand]:
         if isinstance(event, Resumed):  # nothing is known of the links, and of what was under way
             for vehicle in self.vehicles.values():
-                vehicle.presence.online = False
-                vehicle.pending = vehicle.flown_line = None
-        return self.leader.told(event)
+                if self._approvals is not None and self._approvals.waits(vehicle.name):
+                    self._approvals.forget(vehicle.name)
+                    vehicle.pending = None  # it never left
+                doubt(vehicle)
+        if self.scenario.planner.rule == BURN:
+            return self.leader.told(event)
+        return [*self._orders.take(event), *self.leader.told(event)]
 
     def _answer(
         self,
@@ -125,7 +149,10 @@ class Core:
                 return self._rebooted(vehicle)
             case CommandFinished():
                 return self._command_finished(vehicle, event)
+            case MissionHeld():
+                return self._held(vehicle, event)
             case ModeChanged():
+                vehicle.mode = event.mode
                 return self._mode_changed(vehicle, event, was_airborne, was_recalled)
             case _:  # for the planners, people and the journal
                 return []
@@ -137,6 +164,12 @@ class Core:
             return []
         if presence.recalled:
             return self._return_again(vehicle, at_s)
+        if vehicle.ordered == "hold":
+            return hold_again(vehicle, at_s)
+        if vehicle.doubt is not None and self.scenario.planner.rule != BURN:
+            return []  # until its mission was read back
+        if self._approvals is not None and self._approvals.lapsed(vehicle.name, at_s):
+            vehicle.pending = None
         commands = self.leader.news(vehicle, at_s, decision)
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, here)]
@@ -227,6 +260,40 @@ class Core:
             return [say(vehicle, "back in its mission")]
         return []
 
+    def _held(self, vehicle: Vehicle, event: MissionHeld) -> list[AnyCommand]:
+        """What it has on board after the service was down; a burn trusts nothing of it."""
+        at_s, name, presence = event.at_us / 1e6, vehicle.name, vehicle.presence
+        was, vehicle.doubt = vehicle.doubt, None
+        if was is None:
+            return []
+        if self.scenario.planner.rule == BURN:
+            return [say(vehicle, in_words(event))]
+        commands: list[AnyCommand] = [say(vehicle, in_words(event))]
+        vehicle.read_back = recognised(vehicle, was, event)
+        if vehicle.read_back == "new":
+            assert was.pending is not None
+            commands += self._accepted(vehicle, was.pending, at_s)
+        if was.recalled and presence.airborne and vehicle.mode not in GOING_HOME:
+            self.steering.recall(name, at_s)
+            return [commands[0], Return(name)]
+        if vehicle.ordered:
+            if vehicle.mode in ("mission", *GOING_HOME):
+                vehicle.hold_again_at_s = at_s
+            return [commands[0]]
+        if not presence.airborne:
+            if was.starting and vehicle.flown_line is not None:
+                vehicle.start_again_at_s = at_s
+            elif vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s):
+                vehicle.holding, vehicle.start_again_at_s = True, None
+        elif presence.recalled or vehicle.mode == "mission" or not self.leader.in_mission(name):
+            pass
+        elif was.starting or was.pending is not None:  # what holds it is our own doing
+            if vehicle.flown_line is None:
+                vehicle.holding = True
+            elif not any(isinstance(command, StartMission) for command in commands):
+                commands.append(StartMission(name))
+        return commands
+
     # Missions ---------------------------------------------------------------------------------
 
     def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
@@ -255,16 +322,23 @@ class Core:
         return commands
 
     def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
-        vehicle.flown_line = pending.line
+        vehicle.flown_line, vehicle.accepted = pending.line, pending
+        if vehicle.ordered:  # it was on its way when somebody said hold
+            vehicle.hold_again_at_s = at_s
+            return []
         if not vehicle.started and vehicle.section.autostart:
             vehicle.started = True
             return self._start(vehicle, at_s)
         if vehicle.holding:
             vehicle.holding = False
-            return [StartMission(vehicle.name)]
+            return self._start(vehicle, at_s)
         return []
 
     def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
+        if event.command == "start mission":
+            vehicle.start_under_way = False
+        if event.command == "hold" and vehicle.ordered == "hold" and event.accepted:
+            vehicle.hold_again_at_s = None
         if event.accepted:
             untold = event.command in UNTOLD
             return [] if untold else [say(vehicle, f"{event.command}: accepted")]
@@ -280,9 +354,11 @@ class Core:
 
     def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""
+        if self._approvals is not None:
+            self._approvals.forget(vehicle.name)
         vehicle.deployed = vehicle.started = vehicle.holding = False
         vehicle.sent_home = vehicle.going_home = False
-        vehicle.pending = vehicle.flown_line = None
+        vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.doubt = None
         vehicle.start_again_at_s = vehicle.return_again_at_s = None
         self.spacing.forget(vehicle.name)
         return [say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]

@@ -1,197 +1,234 @@
-"""The live service: vehicles on their links, one TaskGroup. The only place with a real clock."""
+"""The live service: vehicles on their links, interfaces beside them, one TaskGroup."""
 
 import asyncio
 import contextlib
 import signal
-import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from autopilot_bridge.autopilot import Autopilot
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.connection import Connection
-from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
-from autopilot_bridge.rates import RatesHz
-from autopilot_bridge.signing import Signing
-from autopilot_bridge.tlog import Tlog
-from mission_service.burn.mission import return_height_m
-from mission_service.commands import Announce
+from firemodel.landscape import Landscape
+from mission_service.clocks import clock_us, last_written_s, wall_us
 from mission_service.config import Scenario
-from mission_service.config_sections import VehicleSection
 from mission_service.control import Desk, claimed, serve_control
 from mission_service.control_client import NAME
 from mission_service.core import Core
-from mission_service.events import CrewEvent
-from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.formation.messages import AnyMessage
-from mission_service.formation.warm_up import warm_up
+from mission_service.ears import Ears
+from mission_service.events import CrewEvent, Ordered
+from mission_service.fire_setup import landscape_of
 from mission_service.formation_mqtt import Channel, Exchange
-from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.gateway import MissionClock
+from mission_service.hub import Hub
 from mission_service.journal import Journal, header_of
+from mission_service.keeping import Keeping
+from mission_service.links import Link, Silence, open_links
+from mission_service.picture import Picture
 from mission_service.planning import BURN, FORMATION
 from mission_service.record import Record
+from mission_service.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
 from mission_service.resume import Unfinished, resumed, set_aside, unfinished
 from mission_service.service import Service, unheard
-from mission_service.signed import Refusals, refusal, signings
-from mission_service.world import FireWorld
+from mission_service.service_config import ServiceSection
+from mission_service.state_file import Known
+from mission_service.watchman import Watchman
+from mission_service.world import FireWorld, world_of
 
 STATUS_EVERY_S = 0.2
-TELL_SILENCE_AFTER_US = 4_000_000
+
+Progress = Callable[[Record, FireWorld], None]
+# A door to the hub: an interface that runs beside the vehicles until it is cancelled.
+Door = Callable[[Hub], Coroutine[Any, Any, None]]
 
 
-def clock_us() -> int:
-    """Microseconds of the machine's monotonic clock."""
-    return time.monotonic_ns() // 1000
+@dataclass(frozen=True)
+class Run:
+    """What is run, and where it leaves its files."""
+
+    scenario: Scenario
+    journal_path: Path
+    created: str  # wall-clock time in words
+    settings: ServiceSection = field(default_factory=ServiceSection)
+    tlog_path: Path | None = None
+    logs: bool = False  # news and alarms are logged
+    channel: Channel | None = None  # over which vehicles talk to those of other processes
+    goes_on: bool = True  # with a run that was cut off
+
+    @property
+    def out(self) -> Path:
+        """The folder of the run."""
+        return self.journal_path.parent
 
 
-def wall_us() -> int:
-    """Microseconds since 1970, for the records of a .tlog."""
-    return time.time_ns() // 1000
+def unwatched() -> None:
+    """Nothing else has to go on."""
 
 
-def last_written_s(path: Path) -> float:
-    """When a file was last written to, in seconds since 1970."""
-    return path.stat().st_mtime
+def unshown(record: Record, world: FireWorld) -> None:
+    """Progress that nobody looks at."""
+
+
+def untold(address: str) -> None:
+    """Nobody is there to open a map."""
 
 
 async def serve(
-    scenario: Scenario,
-    journal_path: Path,
-    created: str,
-    progress: Callable[[Record, FireWorld], None] = lambda record, world: None,
-    watch: Callable[[], None] = lambda: None,
-    tlog_path: Path | None = None,
-    channel: Channel | None = None,
+    run: Run,
+    progress: Progress = unshown,
+    watch: Callable[[], None] = unwatched,
+    address: Callable[[str], None] = untold,
 ) -> tuple[Record, FireWorld]:
     """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
 
-    The vehicles keep the mission on board, which ends in a loiter. ``progress`` is called five
-    times a second; ``watch`` may raise to end the run (a child process that died, say). The traffic
-    of all links is added to the .tlog, if one is named. Over ``channel`` the vehicles talk to those
-    of other processes.
+    The vehicles keep the mission on board, which ends in a loiter, unless the settings say what
+    they are told at the end. ``progress`` is called five times a second; ``watch`` may raise to end
+    the run (a child process that died, say); ``address`` is told where the map is: it holds a
+    token, and is for a person's eyes.
     """
-    landscape = landscape_of(scenario)
-    digest = landscape.digest()
-    if scenario.planner.rule == FORMATION:  # compiling takes long: nobody flies yet
-        warm_up(scenario.formation.avoidance)
-    burns = scenario.planner.rule == BURN
-    if burns:
-        from mission_service.burn_preview import warm_up as warm_up_burn
-
-        warm_up_burn(scenario, landscape)
-    world = FireWorld(fire_of(scenario, landscape), landscape)
+    scenario = run.scenario
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
-    world.advance(clock.now_us)
-    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
-    gateways: dict[str, Gateway] = {}
+    landscape = landscape_of(scenario)
+    _warm_up(scenario, landscape)
+    service: Service | None = None
+    early: list[tuple[str, str]] = []  # told before there is a service
+
+    def tell(vehicle: str, text: str) -> None:
+        if service is None:
+            early.append((vehicle, text))
+        else:
+            service.warn(vehicle, text)
+
     async with contextlib.AsyncExitStack() as stack:
-        if any(section.backend == "mavsdk" for section in scenario.flown):
-            # Each may have a transfer and a command under way, in a thread each.
-            threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
-            asyncio.get_running_loop().set_default_executor(threads)
-        listening = stack.enter_context(claimed(journal_path.parent / NAME)) if burns else None
-        # Links first: a port in use must not cost an earlier run its journal.
-        connections: list[Connection | MavsdkVehicle] = []
-        refusals: list[Refusals] = []
-        tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
-        sources = [section.signing_key for section in scenario.flown]
-        signing_of = stack.enter_context(
-            signings(sources, wall_us, lambda text: tell(record, "service", text))
+        # Ports and socket first: what is in use already must not cost an earlier run its journal.
+        listening = stack.enter_context(claimed(run.out / NAME))
+        doors = _doors_of(run, stack, address)
+        links = await open_links(
+            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, tell
         )
-        for section in scenario.flown:
-            signing = signing_of.get(section.signing_key)
-            client, connection = _client_of(
-                section, rates_hz(scenario), tlog, signing, len(connections)
-            )
-            gateways[section.name] = Gateway(
-                section.name,
-                client,
-                clock,
-                dropper_of(scenario),
-                return_height_m(scenario, landscape),
-            )
-            connections.append(await stack.enter_async_context(connection))
-            refusals.append(Refusals(section.link, section.system_id, signing))
-        cut_off = unfinished(journal_path, scenario, digest)
-        down_from_s = last_written_s(journal_path) if cut_off else 0.0
-        kept = None if cut_off else set_aside(journal_path, scenario)
+        known = Known(scenario, landscape)
+        cut_off = unfinished(run.journal_path, known, scenario) if run.goes_on else None
+        down_from_s = last_written_s(run.journal_path) if cut_off else 0.0
+        kept = None if cut_off else set_aside(run.journal_path, scenario)
         if kept is not None:
-            tell(
-                record,
-                "service",
-                f"the journal of an earlier burn is kept as {kept.name}; this is a new one",
-            )
-        header, rest = header_of(scenario, digest, created), cut_off.rest() if cut_off else None
-        journal = Journal(journal_path, header, durable=True, rest=rest)
+            words = f"the journal of an earlier burn is kept as {kept.name}; this is a new one"
+            tell("service", words)
+        rest = None if cut_off is None else cut_off.rest()
+        header = header_of(scenario, known.landscape, run.created)
+        journal = Journal(run.journal_path, header, durable=True, rest=rest)
         stack.callback(journal.close)
-        core = Core(scenario, landscape)
+        gateways = {name: link.gateway for name, link in links.items()}
         latest_us = round(scenario.duration_s * 1e6)
-        exchange = None if channel is None else Exchange(channel, gateways, latest_us)
+        exchange = None if run.channel is None else Exchange(run.channel, gateways, latest_us)
         say = unheard if exchange is None else exchange.say
-        service = Service(scenario, core, world, journal, record, gateways, say)
+        core, world, record, picture = _begun(scenario, landscape, clock, cut_off)
+        service = Service(scenario, core, world, journal, record, gateways, say, picture)
+        keeping = Keeping(service, known, run.settings.keep)
         if cut_off is not None:
-            # Mission time goes on from here; links live on while the past is told.
-            down_s, began_us = wall_us() / 1e6 - down_from_s, clock_us()
-            await asyncio.to_thread(replay, cut_off, service)
-            news = resumed(cut_off.last_us, down_s)
-            clock.go_on(news.at_us, began_us)
-            service.go_on(cut_off.missing, news, clock_us())
-            words = f"goes on with the burn of {journal_path} after {news.down_s:.0f} s"
-            tell(record, "service", f"{words}; whatever was approved is void")
-        silence = Silence(scenario, gateways, connections)
+            await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
+            tell("service", f"goes on with the run of {run.journal_path}; approvals are void")
+        for name, text in early:
+            tell(name, text)
+        desk = desk_of(scenario, service, clock, links)
+        hub = Hub(
+            scenario,
+            run.settings,
+            service,
+            picture,
+            desk,
+            clock,
+            links,
+            run.out,
+            run.journal_path,
+        )
+        hub.not_ready = dict.fromkeys(links, "not heard yet")
+        silence = Silence(links, clock_us())
+        watchman = Watchman(picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6))
         stop = asyncio.Event()
-        _stop_on_signals(stop)
+        signals = _stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
-            flights = []
             if exchange is not None:
-                ears = Ears(service, clock)
-                flights.append(group.create_task(exchange.run(ears)))
+                tasks = [group.create_task(exchange.run(Ears(service, clock, clock_us)))]
                 await exchange.join()
-            flights += [
-                group.create_task(_fly(connection, gateway, service))
-                for connection, gateway in zip(connections, gateways.values(), strict=True)
-            ]
-            if listening is not None:
-                desk = desk_of(scenario, service, clock, connections)
-                flights.append(group.create_task(serve_control(listening, desk)))
-            while not stop.is_set() and clock.now_us < scenario.duration_s * 1e6:
+            else:
+                tasks = []
+            tasks += [group.create_task(_fly(link, service, hub)) for link in links.values()]
+            others = [group.create_task(serve_control(listening, desk))]
+            others += [group.create_task(door(hub)) for door in doors]
+            others.append(group.create_task(keeping.run(clock)))
+            # What only the first correction needs, and takes long to load.
+            group.create_task(asyncio.to_thread(import_module, "firemodel.corrected_cells"))
+            while not stop.is_set() and clock.now_us < latest_us:
                 watch()
-                silence.tell(record)
-                for name, connection, told in zip(gateways, connections, refusals, strict=True):
-                    for line in told.news(connection.counts, connection.hears_signed):
-                        tell(record, name, line)
+                watchman.look(clock_us())
+                for name, line in silence.news(clock_us()):
+                    tell(name, line)
+                    picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
+                for name, line in _refusals(links):
+                    tell(name, line)
                 clock.wall_passed(clock_us())
                 world.advance(clock.now_us)
+                _look_around(hub)
                 progress(record, world)
+                hub.ring()
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
-            for flight in flights:
-                flight.cancel()
-        is_over = clock.now_us >= latest_us
-        if is_over or core.leader.status()["complete"]:
-            journal.end()  # else what was lit and dropped is to be known when it goes on
+            hub.stopping = True
+            is_over = clock.now_us >= latest_us
+            if not is_over:
+                await _told_to_stop(hub)
+            for task in [*others, *tasks]:
+                task.cancel()
+        # Who is stopped by its supervisor goes on when it is started again.
+        by_hand = signal.SIGTERM not in signals
+        if is_over or (by_hand and core.leader.status()["complete"]):
+            journal.end()
     world.advance(clock.now_us)
+    progress(record, world)
     return record, world
 
 
-def _client_of(
-    section: VehicleSection,
-    rates: RatesHz,
-    tlog: Tlog | None,
-    signing: Signing | None,
-    place: int,
-) -> tuple[Autopilot, Connection | MavsdkVehicle]:
-    """A vehicle's client, and its link to be opened."""
-    link_id = place % 256 if section.signing_link_id is None else section.signing_link_id
-    if section.backend == "mavsdk":
-        vehicle = MavsdkVehicle(section.link, section.system_id, clock_us, tlog, signing, link_id)
-        return vehicle, vehicle
-    client = VehicleClient(target_system=section.system_id, rates_hz=rates)
-    return client, Connection(
-        section.link, client, clock_us, tlog=tlog, signing=signing, link_id=link_id
-    )
+def _warm_up(scenario: Scenario, landscape: Landscape) -> None:
+    """Compiling takes long: nobody flies yet."""
+    if scenario.planner.rule == FORMATION:
+        from mission_service.formation.warm_up import warm_up
+
+        warm_up(scenario.formation.avoidance)
+    elif scenario.planner.rule == BURN:
+        from mission_service.burn_preview import warm_up as warm_up_burn
+
+        warm_up_burn(scenario, landscape)
+    else:
+        from mission_service.planners.warm_up import warm_up as warm_up_planners
+
+        warm_up_planners(scenario, landscape)
+
+
+def _begun(
+    scenario: Scenario, landscape: Landscape, clock: MissionClock, cut_off: Unfinished | None
+) -> tuple[Core, FireWorld, Record, Picture]:
+    """What a run begins with, or what its newest state has of them."""
+    if cut_off is not None and cut_off.objects is not None:
+        kept = cut_off.objects
+        return kept["core"], kept["world"], kept["record"], kept["picture"]
+    world = world_of(scenario, landscape)
+    world.advance(clock.now_us)
+    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
+    picture = Picture(scenario, landscape, clock.now_us)
+    return Core(scenario, landscape), world, record, picture
+
+
+async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, down_s: float) -> None:
+    """Mission time goes on from where it was; links live on while the past is told."""
+    began_us = clock_us()
+    if cut_off.objects is not None:
+        service.restore(cut_off.objects)
+    await asyncio.to_thread(replay, cut_off, service)
+    news = resumed(max(cut_off.last_us, service.record.at_us), down_s)
+    clock.go_on(news.at_us, began_us)
+    if service.picture is not None:
+        service.picture.clear_all_but("abort")
+    service.go_on(cut_off.missing, news, clock_us())
 
 
 def replay(cut_off: Unfinished, service: Service) -> None:
@@ -200,23 +237,48 @@ def replay(cut_off: Unfinished, service: Service) -> None:
         service.past(event, commands)
 
 
+def _doors_of(
+    run: Run, stack: contextlib.AsyncExitStack, address: Callable[[str], None]
+) -> list[Door]:
+    """The interfaces that the settings name; what is not named is not imported."""
+    from mission_service.notify import pulse
+
+    doors: list[Door] = [pulse]
+    if run.logs:
+        from mission_service.logs import news_to_log
+
+        doors.append(news_to_log)
+    if run.settings.http is not None:
+        from mission_service.api.door import http_door
+
+        door = stack.enter_context(http_door(run.settings.http, run.out))
+        address(door.address)
+        doors.append(door)
+    if run.settings.mqtt is not None:
+        from mission_service.mqtt.publisher import mqtt_door
+
+        doors.append(mqtt_door(run.settings.mqtt, run.scenario.name))
+    if run.settings.cot is not None:
+        from mission_service.feeds.cot_sender import cot_door
+
+        doors.append(cot_door(run.settings.cot, run.scenario.name))
+    return doors
+
+
 def desk_of(
-    scenario: Scenario,
-    service: Service,
-    clock: MissionClock,
-    connections: Sequence[Connection | MavsdkVehicle],
+    scenario: Scenario, service: Service, clock: MissionClock, links: dict[str, Link]
 ) -> Desk:
     """Where people's requests are taken; what they lead to leaves at once."""
-    burn = scenario.burn
-    assert burn is not None
-    stations = tuple(station.name for station in burn.stations)
+    burn = scenario.burn if scenario.planner.rule == BURN else None
+    stations = () if burn is None else tuple(station.name for station in burn.stations)
+    items = () if burn is None else burn.go_items
 
     def told(event: CrewEvent) -> list[str]:
         news = service.record.news
         before = len(news)
         service.tell(event, clock_us())
-        for connection in connections:
-            connection.flush()
+        for link in links.values():
+            link.connection.flush()
         return [announced.text for _, announced in news[before:]]
 
     def status() -> dict[str, Any]:
@@ -224,7 +286,7 @@ def desk_of(
             "scenario": scenario.name,
             "at_s": clock.now_us / 1e6,
             "stations": stations,
-            "items": burn.go_items,
+            "items": items,
             **service.status(),
             "leader": service.core.leader.status(),
         }
@@ -233,86 +295,61 @@ def desk_of(
         landscape = service.world.landscape
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
-    return Desk(told, status, lambda: clock.now_us, stations, burn.go_items, on_map)
+    words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
+    names = tuple(section.name for section in scenario.vehicles)
+    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words)
 
 
-def tell(record: Record, vehicle: str, text: str) -> None:
-    """Warn the user."""
-    record.news.append((record.at_us, Announce(vehicle, text, "warning")))
+def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
+    """What was not believed on links since the last time."""
+    return [
+        (name, line)
+        for name, link in links.items()
+        for line in link.refusals.news(link.connection.counts, link.connection.hears_signed)
+    ]
 
 
-class Ears:
-    """What comes of all that other processes say."""
-
-    def __init__(self, service: Service, clock: MissionClock) -> None:
-        self._service = service
-        self._clock = clock
-
-    @property
-    def mission_us(self) -> int:
-        """Mission time here."""
-        return self._clock.now_us
-
-    def passed(self, mission_us: int) -> None:
-        """Mission time has come so far elsewhere."""
-        self._clock.others_passed(mission_us, clock_us())
-
-    def hear(self, message: AnyMessage) -> None:
-        """A vehicle flown elsewhere has said something."""
-        self.passed(message.at_us)
-        self._service.hear(message, self._clock.now_us, clock_us())
-
-    def contact(self, there: bool) -> None:
-        """Others can be talked to, or no longer."""
-        self._service.contact(there, self._clock.now_us, clock_us())
-
-    def tell(self, text: str, warning: bool) -> None:
-        """A line for the user."""
-        level: Literal["info", "warning"] = "warning" if warning else "info"
-        record = self._service.record
-        record.news.append((record.at_us, Announce("formation", text, level)))
+def _look_around(hub: Hub) -> None:
+    """Who has been heard by now."""
+    for name in [name for name in hub.not_ready if name in hub.links and hub.links[name].heard]:
+        del hub.not_ready[name]
 
 
-class Silence:
-    """Tells once of each vehicle that has not been heard since the service began."""
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        gateways: dict[str, Gateway],
-        connections: list[Connection | MavsdkVehicle],
-    ) -> None:
-        links = [section.link for section in scenario.flown]
-        self._unheard = dict(zip(gateways, zip(links, connections, strict=True), strict=True))
-        self._gateways = gateways
-        self._tell_at_us = clock_us() + TELL_SILENCE_AFTER_US
-
-    def tell(self, record: Record) -> None:
-        """Add the news to the record when it is time."""
-        if clock_us() < self._tell_at_us:
-            return
-        for name, (link, connection) in self._unheard.items():
-            refused = refusal(connection.counts, link)
-            if self._gateways[name].client.stack is None and refused is not None:
-                tell(record, name, f"nothing believed yet: {refused}")
-            elif self._gateways[name].client.stack is None:
-                text = (
-                    f"nothing heard on {link} yet; is its autopilot running, and is this its port?"
-                )
-                tell(record, name, text)
-        self._unheard.clear()
+async def _told_to_stop(hub: Hub) -> None:
+    """Tell the vehicles what the settings have them do at the end; wait for their answers."""
+    settings = hub.settings
+    if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
+        return
+    presence = hub.core.steering.presence
+    waiting = {name for name in hub.links if presence[name].online and presence[name].airborne}
+    at_us = hub.clock.now_us
+    hub.service.tell(Ordered(at_us, "service", "", "", settings.on_shutdown), clock_us())
+    for link in hub.links.values():
+        link.connection.flush()
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(settings.shutdown_s):
+            while waiting - hub.service.answered(settings.on_shutdown, at_us):
+                await hub.changed(hub.picture.version)
 
 
-async def _fly(connection: Connection | MavsdkVehicle, gateway: Gateway, service: Service) -> None:
+async def _fly(link: Link, service: Service, hub: Hub) -> None:
     """Hand on what one vehicle's link brings until cancelled."""
     while True:
-        await connection.wait()
+        await link.connection.wait()
         now_us = clock_us()
-        service.take(gateway.events(now_us), now_us)
-        connection.flush()
+        service.take(link.gateway.events(now_us), now_us)
+        link.connection.flush()
+        hub.ring()
 
 
-def _stop_on_signals(stop: asyncio.Event) -> None:
-    loop = asyncio.get_running_loop()
+def _stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:
+    """Returns those that have come."""
+    loop, come = asyncio.get_running_loop(), set[signal.Signals]()
+
+    def comes(number: signal.Signals) -> None:
+        come.add(number)
+        stop.set()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+        loop.add_signal_handler(number, comes, number)
+    return come

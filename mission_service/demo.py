@@ -16,7 +16,7 @@ from firemodel.landscape import Landscape
 from mission_service.approach import approach_mission, landing_of_vehicle
 from mission_service.config import Scenario, flying, load_scenario, scenario_path
 from mission_service.config_sections import VehicleSection
-from mission_service.daemon import serve
+from mission_service.daemon import Run, serve
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire_setup import landscape_of
 from mission_service.formation_flight import waits_at
@@ -31,12 +31,14 @@ Progress = Callable[[Record, FireWorld], None]
 
 
 def run_demo(
-    scenario: Scenario, out: Path, speedup: float, created: str, progress: Progress
+    run: Run, name: str, speedup: float, progress: Progress, address: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Fly the scenario with mock autopilots over UDP; returns the summary."""
+    """Fly a scenario, by its name, with mock autopilots over UDP; returns the summary."""
+    scenario = run.scenario
     with contextlib.ExitStack() as stack:
         mocks = [
-            stack.enter_context(_mock_process(section, speedup)) for section in scenario.vehicles
+            stack.enter_context(_mock_process(name, section, speedup))
+            for section in scenario.vehicles
         ]
 
         def mocks_alive() -> None:
@@ -46,17 +48,17 @@ def run_demo(
                         f"the mock autopilot of {section.name} ended with code {mock.returncode}"
                     )
 
-        record, world = asyncio.run(
-            serve(scenario, out / "journal.jsonl", created, progress, mocks_alive)
-        )
-    return write_outputs(out, scenario, record, world.fire)
+        record, world = asyncio.run(serve(run, progress, mocks_alive, address))
+    return write_outputs(run.out, scenario, record, world.fire)
 
 
 @contextlib.contextmanager
-def _mock_process(section: VehicleSection, speedup: float) -> Iterator["subprocess.Popen[bytes]"]:
+def _mock_process(
+    scenario: str, section: VehicleSection, speedup: float
+) -> Iterator["subprocess.Popen[bytes]"]:
     """One mock autopilot that calls the port the daemon listens on."""
     command = [
-        *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path("demo"))),
+        *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path(scenario))),
         *("--vehicle", section.name, "--speedup", str(speedup), "--link", other_end(section.link)),
     ]
     if section.signing_key is not None:

@@ -19,3 +19,11 @@ class RequestError(MissionServiceError):
 
 class ControlError(MissionServiceError):
     """The control socket of a run cannot be made or reached; the message says what to do."""
+
+
+class StateError(MissionServiceError):
+    """A state file cannot be used; the message says why. The journal tells the same."""
+
+
+class NotRecordedError(MissionServiceError):
+    """Nothing was done, since it could not be written down."""

@@ -60,12 +60,14 @@ class Observed(Event, frozen=True, tag=True):
     """What the camera saw: a window of cells with its north-west cell at (``row``, ``col``).
 
     Each string is a row from north to south, each character a cell from west to east:
-    ``.`` outside the footprint, ``u`` unburned, ``b`` burning or burned.
+    ``.`` outside the footprint, ``u`` unburned, ``b`` burning or burned. With ``corrects`` it is
+    no camera's: people have said what is there, and what was known of these cells was wrong.
     """
 
     row: int
     col: int
     cells: tuple[str, ...]
+    corrects: bool = False
 
 
 class WindMeasured(Event, frozen=True, tag=True):
@@ -81,6 +83,17 @@ class UploadFinished(Event, frozen=True, tag=True):
     mission_id: int
     outcome: str
     reason: str
+
+
+class MissionHeld(Event, frozen=True, tag=True):
+    """What was read back from a vehicle after a restart of the service.
+
+    ``mission_id`` is that of the mission it is, of those that were sent; 0 for any other, and where
+    it could not be read: then ``items`` is None.
+    """
+
+    mission_id: int
+    items: int | None
 
 
 class CommandFinished(Event, frozen=True, tag=True):
@@ -247,6 +260,44 @@ class Resumed(Crew, frozen=True, tag=True):
     down_s: float
 
 
+Order = Literal["hold", "resume", "return", "start"]
+
+
+class Ordered(Crew, frozen=True, tag=True):
+    """What a vehicle is to do by a person's word; all of them without a name."""
+
+    vehicle: str
+    order: Order
+
+
+class MissionWanted(Crew, frozen=True, tag=True):
+    """A new mission is to be planned and sent now; for all vehicles without a name."""
+
+    vehicle: str
+
+
+class MissionAccepted(Crew, frozen=True, tag=True):
+    """The mission of this hash, which was proposed, may go to the vehicle."""
+
+    vehicle: str
+    mission_hash: str
+
+
+class MissionRefused(Crew, frozen=True, tag=True):
+    """The mission of this hash, which was proposed, is not to be flown."""
+
+    vehicle: str
+    mission_hash: str
+
+
+class SettingsTold(Crew, frozen=True, tag=True):
+    """Settings of the planners from now on, where they are given."""
+
+    alpha: float | None = None
+    reversal_margin: float | None = None
+    dwell_s: float | None = None
+
+
 CrewEvent = (
     Lit
     | Corrected
@@ -262,6 +313,11 @@ CrewEvent = (
     | Rejected
     | Aborted
     | Present
+    | Ordered
+    | MissionWanted
+    | MissionAccepted
+    | MissionRefused
+    | SettingsTold
     | Resumed
 )
 
@@ -275,6 +331,7 @@ VehicleEvent = (
     | Observed
     | WindMeasured
     | UploadFinished
+    | MissionHeld
     | CommandFinished
     | ModeChanged
     | Heard

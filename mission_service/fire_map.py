@@ -8,6 +8,9 @@ nothing here ever reads the burning model.
 Distances are in cells, times in seconds of mission time.
 """
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,6 +48,21 @@ def polar(
     east = cols - centre_col
     bearing = np.rint(np.rad2deg(np.arctan2(east, north))).astype(np.int64) % BEARINGS
     return bearing, np.hypot(north, east)
+
+
+@lru_cache(maxsize=2)
+def _grid_around(
+    shape: tuple[int, int], centre_row: float, centre_col: float
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Each cell's bearing, its distance, and how many bearings it spans to either side (y, x).
+
+    A cell near the centre spans many, not only the one of its own centre. Maps with the same
+    centre have them in common.
+    """
+    rows, cols = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
+    bearing, distance = polar(rows.astype(float), cols.astype(float), centre_row, centre_col)
+    spans = np.rad2deg(0.5 / np.maximum(distance, 1.0)).astype(np.int64)
+    return bearing, distance, spans
 
 
 def front_in_window(window: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -88,13 +106,7 @@ class FireMap:
         self.centre_col = centre_col
         self.ignited_at_s = ignited_at_s
         self.baseline_s = baseline_s
-        rows, cols = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
-        self._bearing, self._distance = polar(
-            rows.astype(float), cols.astype(float), centre_row, centre_col
-        )
-        # A cell near the centre spans many bearings, not only the one of its own centre.
-        spans = np.rad2deg(0.5 / np.maximum(self._distance, 1.0))
-        self._spans = spans.astype(np.int64)
+        self._grid = _grid_around(shape, centre_row, centre_col)
         self.outer = np.full(BEARINGS, np.nan)
         self.outer_at_s = np.full(BEARINGS, np.nan)
         # Listing 2, iii: at first the ignition point is the inner cell.
@@ -104,6 +116,14 @@ class FireMap:
         self._next_inner_at_s = self.inner_at_s.copy()
         # The farthest cell ever seen burned: the front is never nearer than this.
         self.burned = np.zeros(BEARINGS)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what follows from the centre, which is most of it."""
+        return {name: value for name, value in vars(self).items() if name != "_grid"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._grid = _grid_around(self.shape, self.centre_row, self.centre_col)
 
     @property
     def complete(self) -> bool:
@@ -115,11 +135,19 @@ class FireMap:
     ) -> NDArray[np.bool_]:
         """Take in one camera window; returns which bearings' fronts are in view (360 booleans)."""
         here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
-        seen, in_view = _seen(
-            window, self._bearing[here], self._distance[here], self._spans[here], self.burned
-        )
+        seen, in_view = _seen(window, *(each[here] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
+
+    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Take in what people say of a window: ground thought burned may be unburned after all."""
+        not_burned, least = taken_back(
+            row, col, window, (self.centre_row, self.centre_col), self.burned
+        )
+        self.burned[not_burned] = least[not_burned]
+        for front in (self.outer, self.inner, self._next_inner):
+            front[not_burned] = np.fmin(front[not_burned], least[not_burned])
+        self.observe(row, col, window, at_s)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
         if self.baseline_s <= 0.0:
@@ -144,6 +172,35 @@ class FireMap:
     def filled_outer(self) -> tuple[Floats, Floats]:
         """Outer distance and time for every bearing, unseen bearings interpolated."""
         return fill_circular(self.outer), fill_circular(self.outer_at_s)
+
+
+def taken_back(
+    row: int,
+    col: int,
+    window: NDArray[np.uint8],
+    centre: tuple[float, float],
+    burned: Floats,
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Bearings whose outermost burned ground a window has unburned, and how far out fire is then.
+
+    ``burned`` is in cells on 360 bearings from ``centre`` (row, col).
+    """
+    rows = np.rint(centre[0] - burned * NORTH).astype(np.int64) - row
+    cols = np.rint(centre[1] + burned * EAST).astype(np.int64) - col
+    within = (rows >= 0) & (rows < window.shape[0]) & (cols >= 0) & (cols < window.shape[1])
+    unburned = np.zeros(BEARINGS, dtype=bool)
+    unburned[within] = window[rows[within], cols[within]] == UNBURNED
+    # From there inwards to the first cell that the window does not have unburned.
+    least = burned.copy()
+    for bearing in np.flatnonzero(unburned).tolist():
+        out = np.arange(burned[bearing], -0.5, -0.5)
+        rows = np.rint(centre[0] - out * NORTH[bearing]).astype(np.int64) - row
+        cols = np.rint(centre[1] + out * EAST[bearing]).astype(np.int64) - col
+        on = (rows >= 0) & (rows < window.shape[0]) & (cols >= 0) & (cols < window.shape[1])
+        on[on] = window[rows[on], cols[on]] == UNBURNED
+        ends = np.flatnonzero(~on)
+        least[bearing] = out[ends[0]] if ends.size else 0.0
+    return unburned, least
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:

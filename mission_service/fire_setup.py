@@ -191,11 +191,21 @@ def notes_on(scenario: Scenario) -> list[str]:
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
     """The fire a scenario describes, not yet lit."""
-    from firemodel.anyangle import AnyAngleFire
-    from firemodel.devs8 import Devs8Fire
-    from firemodel.probabilistic import ProbabilisticFire
+    ignitions = _ignitions_of(scenario, landscape)
+    burning = burning_of(scenario, landscape)
+    return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
 
-    section, weather = scenario.fire, weather_of(scenario)
+
+def begun_again(
+    scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
+) -> Fire:
+    """The fire a scenario describes from what burns at a time, with what is lit later."""
+    later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
+    return _fire(scenario, landscape, weather, later, burning)
+
+
+def _ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
+    section = scenario.fire
     ignitions: list[CellIgnition] = [
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
@@ -208,7 +218,21 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
             for line in scenario.burn.lit
             for row, col in cells_lit(line.points, landscape)
         ]
-    burning = burning_of(scenario, landscape)
+    return ignitions
+
+
+def _fire(
+    scenario: Scenario,
+    landscape: Landscape,
+    weather: WeatherStream,
+    ignitions: list[CellIgnition],
+    burning: Burning | None,
+) -> Fire:
+    from firemodel.anyangle import AnyAngleFire
+    from firemodel.devs8 import Devs8Fire
+    from firemodel.probabilistic import ProbabilisticFire
+
+    section = scenario.fire
     if section.scheme == "probabilistic":
         return ProbabilisticFire(
             landscape,

@@ -28,7 +28,9 @@ from mission_service.events import (
     Heard,
     LinkLost,
     LinkRestored,
+    MissionHeld,
     ModeChanged,
+    Resumed,
     UploadFinished,
     VehicleEvent,
     VehicleRebooted,
@@ -127,7 +129,12 @@ class FormationFlight:
     # What comes in ----------------------------------------------------------------------------
 
     def told(self, event: CrewEvent) -> list[AnyCommand]:
-        """Nothing."""
+        """After the service was down no order is under way, and what is flown is told anew."""
+        if isinstance(event, Resumed):
+            for led in self._led.values():
+                if led.order == "orbit":  # it may have come, and change the mode yet
+                    led.orbit_at_s = event.at_us / 1e6
+                led.order, led.circle, led.airspeed_m_s = "", None, None
         return []
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
@@ -139,6 +146,10 @@ class FormationFlight:
                 self._finished(led, event, at_s)
             case UploadFinished() if vehicle.pending is None:
                 led.loiter = led.sending if event.outcome == "accepted" else None
+            case MissionHeld() if vehicle.read_back == "new":
+                led.loiter = led.sending
+            case MissionHeld() if vehicle.read_back == "unknown":
+                led.loiter = None
             case LinkLost() if led.taken_over:
                 self.formation.lost(vehicle.name)
             case LinkRestored():
@@ -188,6 +199,8 @@ class FormationFlight:
             self.formation.not_lost(vehicle.name, event.at_us)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return []
+        if event.mode == led.mode and led.leads and event.mode != "mission":
+            return []  # told again after the service was down
         if event.mode != led.mode:  # both stacks forget the speed with the mode
             led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":

@@ -7,31 +7,34 @@ circle on where they are: whoever moved would not know who is in its way.
 
 import asyncio
 import contextlib
-import errno
+import logging
 import re
-import socket
 from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, Protocol
+from functools import partial
+from typing import Protocol
 
 import aiomqtt
 import msgspec
 
-from mission_service.errors import MissionServiceError
 from mission_service.formation.messages import AnyMessage, Difference, Digest, State
+from mission_service.mqtt.connection import (
+    MOST_WAIT_S,
+    OPEN,
+    TAKE_S,
+    Access,
+    client_to,
+    keep_connected,
+    together,
+)
+from mission_service.mqtt.names import Broker, check_prefix, read_broker, site_of, site_topic
+from mission_service.mqtt.site import access_for
+from mission_service.service_config import MqttSection
 
-PREFIX = "mission-service"
-VERSION = "v1"
-PORT = 1883
-LEAST_WAIT_S, MOST_WAIT_S = 0.25, 2.0  # before the next attempt to reach the broker
-KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
-ANSWER_S = 3.0  # a broker has for an answer ...
-TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
 READ_S = 0.02  # between one look at what has come and the next
-RECEIVE_BYTES = 32_768  # no more: what waits there is old news
 TIME = "time"  # a kind of its own: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
 BEHIND_US = 10_000_000  # who has only just been held up is told nothing
@@ -43,59 +46,33 @@ _decode = msgspec.json.Decoder(AnyMessage).decode
 
 
 @dataclass(frozen=True, slots=True)
-class Broker:
-    """Where an MQTT broker is."""
-
-    host: str
-    port: int = PORT
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
-
-
-def read_broker(text: str) -> Broker:
-    """HOST or HOST:PORT. Raises MissionServiceError."""
-    found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\])(?::(\d{1,5}))?", text)
-    port = int(found[2] or PORT) if found else 0
-    if found is None or not 0 < port < 65536:
-        raise MissionServiceError(f"--broker {text}: write it as HOST or HOST:PORT")
-    return Broker(found[1].strip("[]"), port)
-
-
-@dataclass(frozen=True, slots=True)
 class Channel:
     """Where the vehicles of one site meet."""
 
     broker: Broker
     prefix: str
     site: str
+    access: Access = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
         """Where messages of one kind from one vehicle are to be heard; both may be ``+``."""
-        return f"{self.prefix}/{VERSION}/{self.site}/formation/{vehicle}/{kind}"
-
-
-def site_of(scenario_name: str) -> str:
-    """The name of a scenario as one level of a topic."""
-    return re.sub(r"[^\w-]+", "-", scenario_name).strip("-") or "site"
-
-
-def check_prefix(prefix: str) -> str:
-    """The prefix of all topics. Raises MissionServiceError for what is no topic."""
-    if re.fullmatch(r"[^/+#$\s][^+#\s]*(?<!/)", prefix) is None:
-        raise MissionServiceError(
-            f"--prefix {prefix}: it is the beginning of topics, as in uav/east"
-        )
-    return prefix
+        return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 
 class UnfitError(Exception):
     """A message that none of this formation's vehicles can have sent."""
 
 
-def channel_of(broker: str, prefix: str, scenario_name: str) -> Channel:
-    """Where the vehicles of a scenario meet. Raises MissionServiceError for what is none."""
-    return Channel(read_broker(broker), check_prefix(prefix), site_of(scenario_name))
+def channel_of(
+    broker: str, prefix: str, scenario_name: str, settings: MqttSection | None = None
+) -> Channel:
+    """Where the vehicles of a scenario meet. Raises MissionServiceError for what is none.
+
+    Who we are to the broker the settings say, if it is theirs.
+    """
+    where = read_broker(broker)
+    access = access_for(where, settings)
+    return Channel(where, check_prefix(prefix), site_of(scenario_name), access)
 
 
 def encoded(message: AnyMessage) -> tuple[str, bytes]:
@@ -212,7 +189,7 @@ class Exchange:
 
     def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
         self.channel = channel
-        self.connected = False
+        self.connected, self._told_lost = False, False
         self.sent: Counter[str] = Counter()  # by kind
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
@@ -228,29 +205,28 @@ class Exchange:
 
     async def run(self, ears: Ears) -> None:
         """Talk until cancelled, whatever becomes of the broker."""
-        asyncio.get_running_loop().set_exception_handler(_all_but_closed_sockets)
-        broker, wait_s, ends = self.channel.broker, LEAST_WAIT_S, False
-        while not ends:
-            try:
-                async with self._client() as client:
-                    try:
-                        await client.subscribe(self.channel.topic("+", "+"), qos=0)
-                        ears.tell(f"talks to others over {broker}", False)
-                        self.connected, wait_s = True, LEAST_WAIT_S
-                        await self._talk(client, ears)
-                    except asyncio.CancelledError:
-                        ends = True  # even if the broker takes no farewell
-                        raise
-            except aiomqtt.MqttError as error:
-                if self.connected or wait_s == LEAST_WAIT_S:  # told once
-                    text = f"no broker at {broker} ({error}); it stays where it is until there is"
-                    ears.tell(text, True)
-                self.connected = False
-                self._lose_contact(ears)
-            if not ends:
-                await asyncio.sleep(wait_s)
-            wait_s = min(2.0 * wait_s, MOST_WAIT_S)
-        raise asyncio.CancelledError
+        await keep_connected(
+            self._client, partial(self._use, ears=ears), partial(self._lost, ears=ears)
+        )
+
+    async def _use(self, client: aiomqtt.Client, ears: Ears) -> None:
+        """Until the broker is gone; raises what ends it."""
+        await client.subscribe(self.channel.topic("+", "+"), qos=0)
+        ears.tell(f"talks to others over {self.channel.broker}", False)
+        self.connected, self._told_lost = True, False
+        talks = (self._hear, self._send, self._tell_time, self._find_contact)
+        await together(*(talk(client, ears) for talk in talks))
+
+    def _lost(self, why: str, ears: Ears) -> None:
+        if not self._told_lost:
+            text = (
+                f"no broker at {self.channel.broker} ({why}); it stays where it is until there is"
+            )
+            ears.tell(text, True)
+        self.connected, self._told_lost = False, True
+        if self._in_contact:
+            self._in_contact = False
+            ears.contact(False)
 
     async def join(self) -> None:
         """Wait a moment until others have told what time it is; returns also if nobody does."""
@@ -258,27 +234,9 @@ class Exchange:
             async with asyncio.timeout(JOIN_S):
                 await self._joined.wait()
 
-    async def _talk(self, client: aiomqtt.Client, ears: Ears) -> None:
-        """Until the broker is gone; raises what ends it."""
-        talks = (self._hear, self._send, self._tell_time, self._find_contact)
-        tasks = {asyncio.create_task(talk(client, ears)) for talk in talks}
-        try:
-            ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            await _end(tasks)
-        for task in ended:
-            task.result()
-
-    def _client(self) -> aiomqtt.Client:
+    def _client(self, logger: logging.Logger) -> aiomqtt.Client:
         self._inbox = Inbox(MOST_UNREAD)
-        return aiomqtt.Client(
-            self.channel.broker.host,
-            self.channel.broker.port,
-            keepalive=KEEPALIVE_S,
-            timeout=ANSWER_S,
-            queue_type=lambda maxsize: self._inbox,  # type: ignore[arg-type]  # any callable does
-            socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
-        )
+        return client_to(self.channel.broker, self.channel.access, logger=logger, inbox=self._inbox)
 
     async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:
         while True:
@@ -289,11 +247,6 @@ class Exchange:
                 topic = self.channel.topic(message.sender, kind)
                 await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
-
-    def _lose_contact(self, ears: Ears) -> None:
-        if self._in_contact:
-            self._in_contact = False
-            ears.contact(False)
 
     async def _find_contact(self, client: aiomqtt.Client, ears: Ears) -> None:
         """All come back to a broker within this time: who is not heard then is not there."""
@@ -342,22 +295,3 @@ class Exchange:
             self._time_due.clear()  # somebody else has answered
         ears.passed(mission_us)
         self._joined.set()
-
-
-def _all_but_closed_sockets(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell."""
-    error = context.get("exception")
-    if not (isinstance(error, OSError) and error.errno == errno.EBADF):
-        loop.default_exception_handler(context)
-
-
-async def _end(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they are: before Python 3.12 ``wait_for`` may swallow a cancellation."""
-    left = tasks
-    while left:
-        for task in left:
-            task.cancel()
-        _, left = await asyncio.wait(left, timeout=0.1)
-    for task in tasks:
-        if not task.cancelled():
-            task.exception()  # seen; one of them is raised

@@ -82,6 +82,13 @@ class Seat:
 
         No autopilot tells the temperature outside.
         """
+        self.correct(observed)
+        middle = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
+        if ord(middle) == BURNING:
+            self.hot_until_s = observed.at_us / 1e6 + HOT_FOR_S
+
+    def correct(self, observed: Observed) -> None:
+        """The same by people's word; a map of burning cells takes none of them back."""
         text = "".join(observed.cells).encode("ascii")
         codes = np.frombuffer(text, dtype=np.uint8)
         width, cols = len(observed.cells[0]), self._formation.cols
@@ -91,9 +98,6 @@ class Seat:
         burns = codes[places] == BURNING
         self.agent.see(cells[burns], cells[~burns], observed.at_us)
         self._formation.burns(cells[burns])
-        middle = observed.cells[len(observed.cells) // 2][width // 2]
-        if ord(middle) == BURNING:
-            self.hot_until_s = observed.at_us / 1e6 + HOT_FOR_S
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """The wind as the grid has it."""

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.approach import approach_path
-from mission_service.commands import AnyCommand, UploadMission
+from mission_service.commands import Announce, AnyCommand, UploadMission
 from mission_service.config import Scenario
-from mission_service.events import CrewEvent, VehicleEvent
+from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.advice import Adviser, Wishes
+from mission_service.planners.perimeter import PerimeterPlanner
 from mission_service.planners.protocol import Decision, Planner
 from mission_service.planners.team import Seat
 from mission_service.spacing import Spacing
@@ -47,17 +48,33 @@ class FrontFlight:
         self.spacing = spacing
         self._missions = missions
         self._phase = dict.fromkeys(planners, "")
+        self._corrected: set[str] = set()  # those whose whole path is to be compared
         self._adviser = Adviser(
             Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
         )
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Nothing: it lives on positions."""
+        """Note what people have corrected; else it lives on positions."""
+        if isinstance(event, Observed) and event.corrects:
+            self._corrected.add(vehicle.name)
+            vehicle.not_before_s = min(vehicle.not_before_s, event.at_us / 1e6)
         return []
 
     def told(self, event: CrewEvent) -> list[AnyCommand]:
-        """Nothing."""
-        return []
+        """Other settings, for planners that have them."""
+        if not isinstance(event, SettingsTold):
+            return []
+        commands: list[AnyCommand] = []
+        for name, planner in self.planners.items():
+            if isinstance(planner, PerimeterPlanner):
+                planner.tune(event)
+                words = f"settings by {event.by}: {_in_words(event)}"
+                commands.append(Announce(name, words))
+            else:
+                rule = self.scenario.planner.rule
+                words = f"the rule {rule} has no such settings: nothing was changed"
+                commands.append(Announce(name, words, "warning"))
+        return commands
 
     def status(self) -> dict[str, Any]:
         """Nothing to tell."""
@@ -155,7 +172,9 @@ class FrontFlight:
         if vehicle.due:
             return vehicle.due
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        near = path[along <= COMPARED_SHARE * settings.horizon_m]
+        share = 1.0 if vehicle.name in self._corrected else COMPARED_SHARE
+        self._corrected.discard(vehicle.name)
+        near = path[along <= share * settings.horizon_m]
         if float(shapely.distance(shapely.points(near), line).max()) > settings.path_tolerance_m:
             return "the front is not where the mission leads"
         left_m = line.length - line.project(shapely.Point(here.x_m, here.y_m))
@@ -163,13 +182,30 @@ class FrontFlight:
             return "the mission is nearly flown"
         return None
 
+    def preview(self, vehicle: Vehicle, here: Here) -> tuple[MissionItem, ...] | None:
+        """The mission it would be sent now; nothing is changed by asking."""
+        planner = self.planners[vehicle.name]
+        if planner.phase == "approach":
+            path = self.first_path(vehicle, here)
+        else:
+            cells = planner.path(here.row, here.col)
+            if len(cells) < 2:
+                return None
+            path = np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
+        return self._along(vehicle, path, here)
+
     def _upload(self, vehicle: Vehicle, path: Floats, here: Here, why: str) -> UploadMission:
         items = self.items(vehicle, path, here)
         return self._missions.upload(vehicle, path, items, here, why)
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission along a path, above those of vehicles in lower layers."""
-        items = mission_along(
+        items = self._along(vehicle, path_m, here)
+        self.spacing.sends(vehicle.name, items)
+        return items
+
+    def _along(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+        return mission_along(
             path_m,
             self.planners[vehicle.name].clockwise,
             vehicle.section,
@@ -179,5 +215,9 @@ class FrontFlight:
             least_at=self.spacing.least_altitudes(vehicle.name),
             start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
         )
-        self.spacing.sends(vehicle.name, items)
-        return items
+
+
+def _in_words(told: SettingsTold) -> str:
+    names = ("alpha", "reversal_margin", "dwell_s")
+    given = [(name, getattr(told, name)) for name in names]
+    return ", ".join(f"{name} = {value:g}" for name, value in given if value is not None)

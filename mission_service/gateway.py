@@ -1,7 +1,7 @@
 """Between the core's vocabulary and one vehicle's MAVLink client. No input or output of its own."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -9,9 +9,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.autopilot import Autopilot
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.items import yaw_left_open
+from autopilot_bridge.items import MissionItem
 from autopilot_bridge.orders import Dropper
 from autopilot_bridge.rates import RatesHz
+from autopilot_bridge.stacks import Stack
 from mission_service.commands import (
     AnyCommand,
     ChangeSpeed,
@@ -31,6 +32,7 @@ from mission_service.events import (
     FixTold,
     LinkLost,
     LinkRestored,
+    MissionHeld,
     MissionProgress,
     ModeChanged,
     Telemetry,
@@ -40,6 +42,9 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.missions_held import as_uploaded
+
+Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
 # What the core lives on; nothing else is asked for, and nothing is switched off for others.
 RATES_HZ = {
@@ -149,6 +154,23 @@ class Gateway:
         self._least_behind_us = 0
         self._watched_from_us = 0
         self._mission_of_transfer: dict[int, int] = {}
+        self._recognise: Recognise | None = None
+        self._reading: int | None = None  # the client's number of the download
+        self._mode: tuple[int, bool, str] | None = None
+        self._connected = False  # and told so
+        self._lost = False
+
+    def read_back(self, recognise: Recognise, now_us: int) -> None:
+        """Read the mission on board as soon as the vehicle is heard, and tell all of it anew.
+
+        ``recognise`` gives the number of a mission that was read; 0 if it is none of ours.
+        """
+        self._recognise = recognise
+        self._last.clear()
+        stack = self.client.stack
+        if stack is not None and self._connected and not self._lost:
+            self._told.append(_connected(self._clock.now_us, self.name, stack))
+            self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
         """What happened since the last call, in the core's words, on mission time."""
@@ -167,9 +189,7 @@ class Gateway:
         """Carry out one command; what it leads to comes back as events."""
         match command:
             case UploadMission():
-                stack, items = self.client.stack, command.items
-                if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
-                    items = yaw_left_open(items)  # 0 would turn it north
+                items = as_uploaded(command.items, self.client.stack)
                 transfer_id = self.client.upload(items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
             case StartMission():
@@ -246,12 +266,17 @@ class Gateway:
                 stack = event.stack
                 if self._return_height_m is not None:
                     self.client.set_return_height(self._return_height_m, link_us)
-                return VehicleConnected(
-                    now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload
-                )
+                self._connected = True
+                if self._recognise is not None:
+                    self._reading = self.client.download(link_us)
+                return _connected(now_us, name, stack)
             case bridge.LinkLost():
+                self._lost = True
                 return LinkLost(now_us, name, round(event.silent_us / 1e6, 3))
             case bridge.LinkRestored():
+                self._lost = False
+                if self._recognise is not None and self._reading is None:
+                    self._reading = self.client.download(link_us)
                 return LinkRestored(now_us, name)
             case bridge.Rebooted():
                 self._offset_us = None
@@ -260,10 +285,14 @@ class Gateway:
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)
             case bridge.ModeChanged():
-                return ModeChanged(now_us, name, event.custom_mode, event.armed, event.name)
+                self._mode = (event.custom_mode, event.armed, event.name)
+                return ModeChanged(now_us, name, *self._mode)
             case bridge.Wind():
                 speed_m_s, from_deg = round(event.speed_m_s, 2), round(event.from_deg, 1)
                 return WindMeasured(now_us, name, speed_m_s, from_deg)
+            case bridge.TransferFinished(transfer_id=self._reading):
+                self._told += self._held(event.result.items)
+                return None
             case bridge.TransferFinished():
                 mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
                 if mission_id is None:
@@ -285,6 +314,16 @@ class Gateway:
             case _:
                 return None
 
+    def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
+        """What was read back, and the mode, which is else told when it changes."""
+        now_us, stack, recognise = self._clock.now_us, self.client.stack, self._recognise
+        self._reading = self._recognise = None
+        if stack is None or recognise is None:
+            return
+        yield ModeChanged(now_us, self.name, *(self._mode or (0, False, stack.mode_name(0))))
+        known = 0 if items is None else recognise(items, stack)
+        yield MissionHeld(now_us, self.name, known, None if items is None else len(items))
+
     def _news(self, told: BatteryTold | FixTold) -> VehicleEvent | None:
         """What is told, unless it was told before."""
         before = self._last.get(type(told))
@@ -292,6 +331,10 @@ class Gateway:
         if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
             return None
         return told
+
+
+def _connected(now_us: int, name: str, stack: Stack) -> VehicleConnected:
+    return VehicleConnected(now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload)
 
 
 def _command_finished(now_us: int, name: str, event: bridge.CommandFinished) -> CommandFinished:

@@ -6,12 +6,14 @@ that runs on from the line before (the header's stands alone), so that a line th
 lost, added or moved is found and named.
 """
 
+import contextlib
+import os
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 
@@ -19,12 +21,13 @@ from mission_service import __version__
 from mission_service.commands import AnyCommand
 from mission_service.config import Scenario
 from mission_service.errors import JournalError
-from mission_service.events import AnyEvent
+from mission_service.events import AnyEvent, Crew
 
 FORMAT = 1
 _EVENT, _COMMAND, _HEADER = b'{"event":', b'{"command":', b'{"header":'
 _END = b'{"end":'
 _CHECK = b',"crc":"'
+_BUFFERED_BYTES = 1 << 16
 
 _encode = msgspec.json.Encoder().encode
 _decode_event = msgspec.json.Decoder(AnyEvent).decode
@@ -47,15 +50,18 @@ def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[s
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Where a journal goes on: after its last whole line, with that line's checksum."""
+    """A place in a journal: after a whole line of a segment, with that line's checksum."""
 
     at_byte: int
     crc: int
+    segment: int = 1
 
 
 class Journal:
-    """Appends to one journal file. ``durable`` flushes after each input (live flight).
+    """Appends to a journal. With ``durable`` (live flight) each turn is with the system at once.
 
+    Nothing half written stays: what cannot be written whole is taken back, and OSError is raised;
+    the journal is then what it was before, and may be tried again.
     With ``rest`` it goes on with the journal of a run that was cut off; the header is that one's.
     """
 
@@ -63,44 +69,149 @@ class Journal:
         self, path: Path, header: dict[str, Any], durable: bool, rest: Rest | None = None
     ) -> None:
         self.path = path
-        self._durable = durable
-        self._crc = 0 if rest is None else rest.crc
+        self.durable = durable
+        self.rest = rest or Rest(0, 0)
+        self._header = {**header, "live": durable}
+        self._waiting = bytearray()
+        self._torn = False
         try:
-            self._file: IO[bytes] = path.open("wb" if rest is None else "r+b")
+            self._file = _opened(path, new=rest is None)
             if rest is not None:
-                self._file.truncate(rest.at_byte)
-                self._file.seek(rest.at_byte)
+                os.ftruncate(self._file, rest.at_byte)
+            else:
+                self._put([_line(_HEADER + _encode(self._header), 0)[0]], 0)
         except OSError as error:
             raise JournalError(f"{path}: cannot be written: {error.strerror}") from None
-        if rest is None:
-            self._file.write(_line(_HEADER + _encode({**header, "live": durable}), 0)[0])
-            if durable:
-                self._file.flush()
 
     def event(self, event: AnyEvent) -> None:
-        """Write down an input; call it before the input is handled."""
-        self._write(_EVENT + _encode(event))
-        if self._durable:
-            self._file.flush()
+        """Write down an input; call it before the input is handled.
+
+        What people said is on the disk when this returns, so that it may be acknowledged.
+        """
+        self.lines([event_body(event)], to_disk=isinstance(event, Crew))
 
     def commands(self, commands: list[AnyCommand]) -> None:
         """Write down what the last input led to."""
-        for command in commands:
-            self._write(_COMMAND + _encode(command))
-        if self._durable and commands:
-            self._file.flush()
+        if commands:
+            self.lines([command_body(command) for command in commands])
+
+    def lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
+        """Write lines without their checksums, all or none."""
+        crc, lines = self.rest.crc, []
+        for body in bodies:
+            line, crc = _line(body, crc)
+            lines.append(line)
+        self._put(lines, crc, to_disk)
+
+    def take_back(self, before: Rest) -> None:
+        """Have what was written after a place never have been; nothing may have come of it."""
+        self.rest, self._torn = before, True
+        self._mend()
 
     def end(self) -> None:
         """Write down that the run ended in order; nothing may follow."""
-        self._write(_END + b"true")
+        self.lines([_END + b"true"], to_disk=True)
 
     def close(self) -> None:
-        """Write out what is buffered and close the file."""
-        self._file.close()
+        """Write out what is buffered and close the file, once."""
+        if self._file < 0:
+            return
+        try:
+            self._flush()
+        finally:
+            os.close(self._file)
+            self._file = -1
 
-    def _write(self, body: bytes) -> None:
-        line, self._crc = _line(body, self._crc)
-        self._file.write(line)
+    def begin_segment(self) -> Path:
+        """Close this file under a name of its own, and begin the next; returns what was closed.
+
+        On OSError nothing has changed. The caller sees to it that both names reach the disk.
+        """
+        number = self.rest.segment + 1
+        before = {"previous_bytes": self.rest.at_byte, "previous_crc": f"{self.rest.crc:08x}"}
+        told = {"segment": number, **before}
+        line = _line(_HEADER + _encode({**self._header, **told}), 0)[0]
+        new, closed = next_path(self.path), segment_path(self.path, number - 1)
+        file = _opened(new, new=True)
+        try:
+            _write(file, line)
+            os.fsync(file)
+            self.path.rename(closed)
+            try:
+                new.rename(self.path)
+            except OSError:
+                closed.rename(self.path)
+                raise
+        except OSError:
+            os.close(file)
+            new.unlink(missing_ok=True)
+            raise
+        os.close(self._file)
+        self._file, self.rest = file, Rest(len(line), 0, number)
+        return closed
+
+    def _put(self, lines: list[bytes], crc: int, to_disk: bool = False) -> None:
+        data = b"".join(lines)
+        after = Rest(self.rest.at_byte + len(data), crc, self.rest.segment)
+        self._waiting += data
+        if not self.durable and not to_disk and len(self._waiting) < _BUFFERED_BYTES:
+            self.rest = after
+            return
+        try:
+            self._flush()
+            if to_disk:
+                os.fsync(self._file)
+        except OSError:
+            self._torn = True
+            self._waiting = bytearray()
+            with contextlib.suppress(OSError):  # else before it is tried again
+                self._mend()
+            raise
+        self.rest = after
+
+    def _mend(self) -> None:
+        """Take back what was written in part."""
+        if self._torn:
+            os.ftruncate(self._file, self.rest.at_byte)
+            self._torn = False
+
+    def _flush(self) -> None:
+        self._mend()
+        if self._waiting:
+            _write(self._file, self._waiting)
+            self._waiting = bytearray()
+
+
+def _opened(path: Path, new: bool) -> int:
+    return os.open(path, os.O_WRONLY | os.O_APPEND | (os.O_CREAT | os.O_TRUNC if new else 0), 0o644)
+
+
+def _write(file: int, data: bytes | bytearray) -> None:
+    done = 0
+    with memoryview(data) as view:  # let go of on errors too, or the data could not be cleared
+        while done < len(view):
+            with view[done:] as rest:
+                done += os.write(file, rest)
+
+
+def event_body(event: AnyEvent) -> bytes:
+    """The line of an event without its checksum."""
+    return _EVENT + _encode(event)
+
+
+def command_body(command: AnyCommand) -> bytes:
+    """The line of a command without its checksum."""
+    return _COMMAND + _encode(command)
+
+
+def next_path(path: Path) -> Path:
+    """Where the next segment is made of the journal at ``path``."""
+    return path.with_name(f"{path.name}.next")
+
+
+def segment_path(path: Path, number: int) -> Path:
+    """The file of a segment that is closed, of the journal at ``path``."""
+    return path.with_name(f"{path.stem}-{number:06d}{path.suffix}")
 
 
 def _line(body: bytes, crc: int) -> tuple[bytes, int]:
@@ -143,19 +254,25 @@ class JournalReader:
             raise JournalError(
                 f"{path}: journal format {self.header['format']}; this version reads {FORMAT}"
             )
-        self.rest = Rest(len(first), 0)
+        self.segment: int = self.header.get("segment", 1)
+        self.rest = self.begin = Rest(len(first), 0, self.segment)
 
     def __iter__(self) -> Iterator[Entry]:
+        return self.after(self.begin)
+
+    def after(self, place: Rest) -> Iterator[Entry]:
+        """What follows a place; lines are counted from there if it is not the beginning."""
+        self.rest, first = place, 2 if place == self.begin else 1
         with self.path.open("rb") as file:
-            self.rest = Rest(len(file.readline()), 0)
-            for number, raw in enumerate(file, start=2):
+            file.seek(place.at_byte)
+            for number, raw in enumerate(file, start=first):
                 if not raw.endswith(b"\n"):
                     self.cut_at_line = number
                     return
                 if self.ended:
                     raise JournalError(f"{self.path}: line {number} stands after the end")
                 body, intact, crc = _checked(raw[:-1], self.rest.crc)
-                self.rest = Rest(self.rest.at_byte + len(raw), crc)
+                self.rest = Rest(self.rest.at_byte + len(raw), crc, self.segment)
                 if body.startswith(_END) and intact:
                     self.ended = True
                 else:

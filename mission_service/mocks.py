@@ -18,9 +18,9 @@ from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
+from mission_service.clocks import clock_us, wall_us
 from mission_service.config import flying, load_scenario
 from mission_service.config_sections import VehicleSection
-from mission_service.daemon import clock_us, wall_us
 from mission_service.demo import vehicle_of
 from mission_service.errors import MissionServiceError
 from mission_service.fire_setup import landscape_of

@@ -26,8 +26,8 @@ from mission_service.events import (
     VehicleEvent,
 )
 from mission_service.steering import AIRBORNE_M
+from mission_service.track import Track
 
-TRACK_EVERY_US = 1_000_000
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
 
 
@@ -47,7 +47,7 @@ class DropRecord:
 class VehicleRecord:
     """One vehicle's run. A track point is (at_us, lat_deg, lon_deg, altitude_amsl_m)."""
 
-    track: list[tuple[int, float, float, float]] = field(default_factory=list)
+    track: Track = field(default_factory=Track)
     reversals: list[tuple[int, float, float]] = field(default_factory=list)
     decisions: int = 0
     direction: str = ""
@@ -95,8 +95,7 @@ class Record:
                 here = (event.at_us, event.lat_deg, event.lon_deg, event.altitude_amsl_m)
                 vehicle.here = here
                 self._compare(event)
-                if not vehicle.track or here[0] - vehicle.track[-1][0] >= TRACK_EVERY_US:
-                    vehicle.track.append(here)
+                vehicle.track.add(here)
             case Observed():
                 self.observations += 1
             case UploadFinished():

@@ -8,7 +8,7 @@ steps aside, outwards, and loiters there until the other has passed. Metres, x e
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,11 @@ class Track:
     points_m: Floats
     lowest_m: Floats
     highest_m: Floats
+    box_m: tuple[float, float, float, float] = field(init=False)  # west, south, east, north
+
+    def __post_init__(self) -> None:
+        """With many vehicles nearly all tracks are far from each other: the box tells."""
+        object.__setattr__(self, "box_m", box_around(self.points_m))
 
 
 def track_of(
@@ -86,18 +91,32 @@ def along(start: Floats, end: Floats) -> Floats:
     return np.asarray(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
 
 
+def box_around(points_m: Floats) -> tuple[float, float, float, float]:
+    """West, south, east and north of points (n, 2), n > 0."""
+    (west_m, south_m), (east_m, north_m) = points_m.min(axis=0), points_m.max(axis=0)
+    return float(west_m), float(south_m), float(east_m), float(north_m)
+
+
 def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
     """For each point (n, 2) how high the tracks near it may be flown; -inf where none is near."""
     found = np.full(len(points_m), -np.inf)
+    if not len(points_m):
+        return found
+    west_m, south_m, east_m, north_m = box_around(points_m)
     for track in tracks:
-        near = (
-            np.hypot(
-                points_m[:, 0, None] - track.points_m[None, :, 0],
-                points_m[:, 1, None] - track.points_m[None, :, 1],
-            )
-            <= NEAR_M
-        )
-        found = np.maximum(found, np.where(near, track.highest_m[None, :], -np.inf).max(axis=1))
+        box_m = track.box_m
+        if box_m[0] > east_m + NEAR_M or box_m[2] < west_m - NEAR_M:
+            continue
+        if box_m[1] > north_m + NEAR_M or box_m[3] < south_m - NEAR_M:
+            continue
+        x_m, y_m = track.points_m[:, 0], track.points_m[:, 1]
+        around = (x_m >= west_m - NEAR_M) & (x_m <= east_m + NEAR_M)
+        around &= (y_m >= south_m - NEAR_M) & (y_m <= north_m + NEAR_M)
+        if not around.any():
+            continue
+        far_m = np.hypot(points_m[:, 0, None] - x_m[around], points_m[:, 1, None] - y_m[around])
+        highest_m = track.highest_m[around]
+        found = np.maximum(found, np.where(far_m <= NEAR_M, highest_m, -np.inf).max(axis=1))
     return found
 
 

@@ -4,40 +4,68 @@ Journal the event, let the core handle it, journal the commands, carry them out;
 camera look at the fire whenever a position arrives.
 """
 
+import contextlib
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.burn.interlock import Interlock
 from mission_service.burn.mission import has_drop
-from mission_service.commands import AnyCommand, Drop, Say, UploadMission
+from mission_service.commands import Announce, AnyCommand, Drop, Say, UploadMission
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
 from mission_service.core import Core
+from mission_service.errors import NotRecordedError
 from mission_service.events import (
     AnyEvent,
+    CommandFinished,
     Contact,
+    Corrected,
     CrewEvent,
     DropFinished,
+    Erased,
     Heard,
     Lit,
+    Observed,
+    Redone,
     Resumed,
     Telemetry,
+    Undone,
     UploadFinished,
     VehicleEvent,
+    WindTold,
 )
 from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import Gateway
 from mission_service.journal import Journal
+from mission_service.missions_held import MissionsHeld
+from mission_service.picture import Picture
 from mission_service.record import Record
-from mission_service.world import FireWorld, camera_of
+from mission_service.recording import Recording
+from mission_service.world import FireWorld, Window, camera_of
 
+OF_FIRE = (Corrected, Erased, Undone, Redone, WindTold)
 NO_BURN = "the scenario has no burn"
+# What a state holds of a service; all else follows from the scenario.
+KEPT = (
+    "core",
+    "world",
+    "record",
+    "picture",
+    "_missions",
+    "_owed",
+    "_falling",
+    "_interlock",
+    "_said_yes",
+    "_camera_due_us",
+)
 
 
 def unheard(message: AnyMessage) -> None:
@@ -72,11 +100,17 @@ class Service:
         record: Record,
         gateways: dict[str, Gateway],
         say: Callable[[AnyMessage], None] = unheard,
+        picture: Picture | None = None,
     ) -> None:
+        """``say`` tells other processes; ``picture`` is what interfaces show, if there are any."""
         self.core = core
         self.world = world
         self.record = record
-        self._journal = journal
+        self.picture = picture
+        self.recording = Recording(journal)
+        self._missions = MissionsHeld()
+        self._owed: dict[str, Window] = {}  # corrections of the fire that a vehicle is to be told
+        self._down_since_us = 0
         self._gateways = gateways
         self._say = say
         self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
@@ -84,6 +118,7 @@ class Service:
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
         }
         self._camera_due_us = dict.fromkeys(self._cameras, 0)
+        self._said_yes: dict[tuple[str, str], int] = {}
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = interlock_of(scenario.burn, world.landscape)
@@ -94,7 +129,8 @@ class Service:
         for event in events:
             if isinstance(event, Telemetry):
                 self._look(event, now_us)
-            self._handle(event, now_us)
+            if not self._handle(event, now_us) and isinstance(event, Telemetry) and self.picture:
+                self.picture.take(event, [])
 
     def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
         """Handle what a vehicle of another process has said; all here hear it."""
@@ -102,8 +138,30 @@ class Service:
             self._handle(Heard(at_us, name, message), now_us)
 
     def tell(self, event: CrewEvent, now_us: int) -> None:
-        """Handle what a person did or said; it is in the journal when this returns."""
-        self._handle(event, now_us)
+        """Handle what a person did or said; it is in the journal, on the disk, when this returns.
+
+        Raises NotRecordedError if it cannot be, and FireModelError for what cannot be true of the
+        fire; nothing was done then. An abort is carried out whatever happens.
+        """
+        if not self._written(event):
+            raise NotRecordedError(f"not recorded: {self.recording.trouble}; nothing was done")
+        try:
+            window = self._told_of_fire(event)
+        except FireModelError:
+            self.recording.take_back()
+            raise
+        self._follow(event, now_us)
+        self._owe(window)
+        self._pay(event.at_us, now_us)
+
+    def _told_of_fire(self, event: CrewEvent) -> Window | None:
+        """What people say of the fire, before it is written down: what cannot be is refused."""
+        if isinstance(event, OF_FIRE):
+            self.world.advance(event.at_us)
+        found = self.world.told(event)
+        if self.picture is not None and isinstance(event, OF_FIRE):
+            self.picture.fire_changed()
+        return found
 
     def contact(self, there: bool, at_us: int, now_us: int) -> None:
         """Whether other processes can be talked to; for all vehicles here."""
@@ -112,8 +170,13 @@ class Service:
 
     def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """What a journal tells of before: all that follows from it but the orders."""
-        self.record.add(event, commands)
+        self._show(event, commands)
         self.world.advance(event.at_us)
+        if isinstance(event, OF_FIRE):
+            with contextlib.suppress(FireModelError):  # killed before it was taken back
+                self._owe(self._told_of_fire(event))
+        elif isinstance(event, Observed) and event.corrects:
+            self._owed.pop(event.vehicle, None)
         self._burn(event)
         if self._interlock is not None:
             self._interlock.take(event)
@@ -123,9 +186,54 @@ class Service:
 
     def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
         """After the past: write down the last commands that the journal lacks, and handle this."""
-        self._journal.commands(list(missing))
+        self.recording.commands(list(missing))
         self.record.news.clear()  # told before
+        self._begin_again(event, now_us)
+
+    def _begin_again(self, event: Resumed, now_us: int) -> None:
+        """Nothing of before is trusted: each vehicle's mission is read back when it is heard."""
         self._handle(event, now_us)
+        self._pay(event.at_us, now_us)
+        for name, gateway in self._gateways.items():
+            gateway.read_back(partial(self._missions.recognised, name), now_us)
+
+    def mend(self, at_us: int, now_us: int) -> bool:
+        """Try to write again; goes on as after a restart. Whether there is no trouble any more."""
+        if not self.recording.works_again():
+            return False
+        down_us = max(at_us - self._down_since_us, 0)
+        self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
+        return not self.recording.trouble
+
+    def kept(self) -> dict[str, Any]:
+        """What a state holds; with the scenario it is all that there is to know."""
+        return {name: getattr(self, name) for name in KEPT}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Have a state again."""
+        for name in KEPT:
+            setattr(self, name, kept[name])
+
+    def warn(self, vehicle: str, text: str) -> None:
+        """Tell the user of something beside the journal."""
+        self.record.news.append((self.record.at_us, Announce(vehicle, text, "warning")))
+        if self.picture is not None:
+            self.picture.tell(vehicle, text, "warning")
+
+    def _owe(self, window: Window | None) -> None:
+        if window is not None:
+            self._owed = dict.fromkeys(self._gateways, window)
+
+    def _pay(self, at_us: int, now_us: int) -> None:
+        """Tell each vehicle's planner what people have said of the fire."""
+        for name, window in list(self._owed.items()):
+            if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
+                del self._owed[name]
+
+    def answered(self, command: str, since_us: int) -> set[str]:
+        """Vehicles that have said yes to an order since a mission time."""
+        said = self._said_yes.items()
+        return {name for (name, word), at_us in said if word == command and at_us >= since_us}
 
     def status(self) -> dict[str, Any]:
         """What the interlock has of plans, vehicles and the crew."""
@@ -140,15 +248,26 @@ class Service:
         if observed is not None:
             self._handle(observed, now_us)
 
-    def _handle(self, event: AnyEvent, now_us: int) -> None:
-        self._journal.event(event)
+    def _handle(self, event: AnyEvent, now_us: int) -> bool:
+        """One turn; whether there was one. What is not written down did not happen."""
+        if not self._written(event):
+            return False
+        self._follow(event, now_us)
+        return True
+
+    def _written(self, event: AnyEvent) -> bool:
+        if not self.recording.trouble:
+            self._down_since_us = event.at_us
+        return self.recording.event(event)
+
+    def _follow(self, event: AnyEvent, now_us: int) -> None:
         commands = self.core.handle(event)
-        self._journal.commands(commands)
-        self.record.add(event, commands)
+        may_act = self.recording.commands(commands)
+        self._show(event, commands)
         self._burn(event)
         if self._interlock is not None:
             self._interlock.take(event)
-        for command in commands:
+        for command in commands if may_act else ():
             if isinstance(command, Say):
                 self._say(command.message)
             elif (refused := self._refused(command)) is not None:
@@ -160,6 +279,14 @@ class Service:
                 self._interlock.sent([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
+
+    def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        if isinstance(event, CommandFinished) and event.accepted:
+            self._said_yes[event.vehicle, event.command] = event.at_us
+        self._missions.take(event, commands)
+        self.record.add(event, commands)
+        if self.picture is not None:
+            self.picture.take(event, commands)
 
     def _burn(self, event: AnyEvent) -> None:
         """What people light and spheres that fell burn in the simulated fire too."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from autopilot_bridge.signing import Counts, Key, Signing, Timestamps, key_warning, read_key
 from mission_service.errors import MissionServiceError
+from mission_service.hidden import hide
 
 COMMAND_LINK_ID = 255  # of single commands: not those of a service that runs at the same time
 TELL_FROM_FRAMES = 10  # fewer are accidents, or another station passing by
@@ -43,6 +44,8 @@ def signings(
     Raises BridgeError for a key that cannot be read.
     """
     keys = {source: read_key(source) for source in dict.fromkeys(sources) if source is not None}
+    for key in keys.values():
+        hide(key.secret)
     if not keys:
         yield {}
         return

@@ -8,7 +8,7 @@ from autopilot_bridge.connection import Connection
 from autopilot_bridge.signing import Key, Signing, read_key
 from autopilot_bridge.transfer import TransferTiming
 from autopilot_bridge.watch import AUTOPILOT
-from mission_service.daemon import clock_us, wall_us
+from mission_service.clocks import clock_us, wall_us
 from mission_service.errors import MissionServiceError
 from mission_service.signed import refusal
 from mission_service.transfers import Line, connected, within

@@ -16,12 +16,13 @@ from mission_service.config import Scenario
 from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
 from mission_service.events import CrewEvent
-from mission_service.fire_setup import fire_of, landscape_of, weather_of
+from mission_service.fire_setup import landscape_of, weather_of
 from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.journal import Journal, header_of
+from mission_service.picture import Picture
 from mission_service.record import Record
 from mission_service.service import Service
-from mission_service.world import FireWorld
+from mission_service.world import FireWorld, world_of
 
 PROGRESS_EVERY_US = 60_000_000
 
@@ -124,20 +125,23 @@ class Simulation:
         landscape: Landscape,
         crew: Crew | None = None,
         progress: Progress = unshown,
+        picture: Picture | None = None,
     ) -> None:
-        """A burn has a simulated crew if none is given."""
+        """A burn has a simulated crew if none is given; ``picture`` is kept up, if there is one."""
         if crew is None and scenario.burn is not None:
             from mission_service.simulated_crew import SimulatedCrew
 
             crew = SimulatedCrew(scenario.burn).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
-        self.world = FireWorld(fire_of(scenario, landscape), landscape)
+        self.world = world_of(scenario, landscape)
         self.rigs = [Rig(section, scenario, landscape, self.clock) for section in scenario.flown]
         names = tuple(section.name for section in scenario.flown)
         self.record = Record(names, self.clock.now_us)
         self.core = Core(scenario, landscape)
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
-        self.service = Service(scenario, self.core, self.world, journal, self.record, gateways)
+        self.service = Service(
+            scenario, self.core, self.world, journal, self.record, gateways, picture=picture
+        )
         self._crew = crew
         self._progress = progress
         self._report_us = self.clock.now_us

@@ -80,6 +80,8 @@ class Steering:
         match event:
             case Telemetry():
                 return self._moved(presence, event)
+            case Observed(corrects=True):
+                self.planners[name].correct(event)
             case Observed():
                 self.planners[name].observe(event)
             case WindMeasured() if presence.airborne:  # on the ground it is a guess

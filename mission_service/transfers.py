@@ -17,7 +17,7 @@ from autopilot_bridge.signing import Signing
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.transfer import MISSION_TYPES, Kind, TransferResult
-from mission_service.daemon import clock_us, wall_us
+from mission_service.clocks import clock_us, wall_us
 from mission_service.errors import MissionServiceError
 from mission_service.signed import COMMAND_LINK_ID, refusal, signings, unheeded
 

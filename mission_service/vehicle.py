@@ -1,7 +1,7 @@
 """What the core knows of one vehicle, whatever it flies, and what flies it."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import shapely
@@ -26,6 +26,15 @@ class Pending:
 
 
 @dataclass
+class Doubt:
+    """What was so when the service went down, and may be otherwise now."""
+
+    pending: Pending | None
+    recalled: bool
+    starting: bool
+
+
+@dataclass
 class Vehicle:
     """What the core knows of one vehicle."""
 
@@ -37,6 +46,8 @@ class Vehicle:
     deployed: bool = False
     started: bool = False
     holding: bool = False
+    ordered: Literal["", "hold"] = ""  # by a person
+    hold_again_at_s: float | None = None  # until its autopilot has said yes
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
     going_home: bool = False  # led there, because its time in the air is nearly over
@@ -46,6 +57,11 @@ class Vehicle:
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
     due: str = ""  # why a new mission is due at once
+    mode: str = ""  # as told last
+    accepted: Pending | None = None  # the mission that its autopilot has said yes to last
+    start_under_way: bool = False
+    doubt: Doubt | None = None  # since the service was down, until its mission was read back
+    read_back: Literal["", "same", "new", "unknown"] = ""
 
     @property
     def name(self) -> str:

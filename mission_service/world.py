@@ -6,7 +6,8 @@ Nothing but observations leaves this module towards the planners.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,12 @@ from firemodel.fire import Fire
 from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
+from mission_service.corrected_fire import CorrectedFire
 from mission_service.errors import ScenarioError
-from mission_service.events import Observed, Telemetry
-from mission_service.fire_setup import cells_lit, fire_of, landscape_of
+from mission_service.events import CrewEvent, Observed, Telemetry
+from mission_service.fire_setup import begun_again, cells_lit, fire_of, landscape_of
+
+AROUND_CELLS = 3  # of a change that people are told of, so that its edge is seen
 
 Marks = NDArray[np.bool_]
 
@@ -52,12 +56,43 @@ def beyond_rectangle(
     return np.asarray((np.abs(ahead) > half_length) | (np.abs(right) > half_width))
 
 
+class Window(NamedTuple):
+    """Cells as an ``Observed`` has them."""
+
+    row: int
+    col: int
+    cells: tuple[str, ...]
+
+
+def window_of_change(before: Fire, after: Fire) -> Window | None:
+    """The cells around those that burn in one of two fires and not in the other."""
+    burned = after.burned()
+    rows, cols = np.nonzero(burned != before.burned())
+    if not rows.size:
+        return None
+    top, left = (max(int(cells.min()) - AROUND_CELLS, 0) for cells in (rows, cols))
+    below, right = (int(cells.max()) + AROUND_CELLS + 1 for cells in (rows, cols))
+    shown = burned[top:below, left:right]
+    return Window(top, left, in_letters(np.where(shown, ord("b"), ord("u"))))
+
+
+def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
+    """Codes of characters (y, x) as a string a row."""
+    text = codes.astype(np.uint8).tobytes().decode("ascii")
+    width = codes.shape[1]
+    return tuple(text[start : start + width] for start in range(0, len(text), width))
+
+
 class FireWorld:
     """The burning truth and what cameras see of it."""
 
-    def __init__(self, fire: Fire, landscape: Landscape) -> None:
+    def __init__(
+        self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
+    ) -> None:
+        """``corrected`` takes what people say of the fire, where that changes what burns."""
         self.fire = fire
         self.landscape = landscape
+        self._corrected = corrected
 
     def advance(self, at_us: int) -> None:
         """Let the fire burn up to this mission time (never backwards)."""
@@ -67,8 +102,25 @@ class FireWorld:
 
     def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
         """Set fire to what can burn of a point or a line (lat, lon), at the earliest now."""
+        fires = [self.fire] if self._corrected is None else self._corrected.all_of(self.fire)
         for row, col in cells_lit(points, self.landscape):
-            self.fire.light(row, col, max(at_s, self.fire.time_s))
+            for fire in fires:
+                fire.light(row, col, max(at_s, fire.time_s))
+
+    def told(self, event: CrewEvent) -> Window | None:
+        """Take in what a person says of the fire and the wind; the window that burns otherwise.
+
+        Raises FireModelError for what cannot be; nothing is changed then.
+        """
+        if self._corrected is None:
+            return None
+        before = self.fire
+        self.fire = self._corrected.told(event, before)
+        return None if self.fire is before else window_of_change(before, self.fire)
+
+    def corrections(self) -> list[dict[str, Any]]:
+        """What people have drawn and holds."""
+        return [] if self._corrected is None else self._corrected.log.status()
 
     def observe(self, telemetry: Telemetry, camera: Camera) -> Observed | None:
         """What the camera of a vehicle sees from where it is, or nothing outside the landscape."""
@@ -102,10 +154,18 @@ class FireWorld:
             heading_deg = telemetry.heading_deg - land.grid_convergence_deg
             beyond = beyond_rectangle(rows, cols, heading_deg, half_width, half_length)
         codes[beyond] = ord(".")
-        text = codes.tobytes().decode("ascii")
-        width = codes.shape[1]
-        lines = tuple(text[start : start + width] for start in range(0, len(text), width))
-        return Observed(telemetry.at_us, telemetry.vehicle, top, left, lines)
+        return Observed(telemetry.at_us, telemetry.vehicle, top, left, in_letters(codes))
+
+
+def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
+    """The fire of a scenario, to be set right by people.
+
+    In a burn it is the simulated truth: what people say changes what is believed, not what burns.
+    """
+    corrected = None
+    if scenario.planner.rule != "burn":
+        corrected = CorrectedFire(landscape, partial(begun_again, scenario, landscape))
+    return FireWorld(fire_of(scenario, landscape), landscape, corrected)
 
 
 def camera_of(vehicle: VehicleSection) -> Camera:

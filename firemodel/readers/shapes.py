@@ -19,6 +19,8 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape, crs_label
 from firemodel.readers.bands import check_file, refuse
 
+Record = dict[str, Any]
+
 
 def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> list[BaseGeometry]:
     """The geometries of a file's features, in its order, in the landscape's CRS and without z.
@@ -78,6 +80,37 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     if len(names) > 1:
         raise FireModelError(f"{path}: its layers differ in CRS; write each into a file of its own")
     return shapes, next(iter(names), None)
+
+
+def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
+    """Geometries, CRS and attributes of a zipped Shapefile in memory, one of each a feature.
+
+    Dates are numpy.datetime64. Raises FireModelError if it cannot be read.
+    """
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
+
+    path = Path(name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of odd dates and geometries
+            meta, _, geometries, columns = pyogrio.raw.read(data, force_2d=True)
+    except (
+        DataSourceError,
+        DataLayerError,
+        FeatureError,
+        GeometryError,
+        ValueError,
+        LookupError,  # pyogrio 0.13 has these two for some files that are damaged
+        NameError,
+    ) as error:
+        raise FireModelError(f"{name}: cannot be read as shapes ({_first_line(error)})") from None
+    if geometries is None:
+        raise FireModelError(f"{name}: holds no geometries but a table; draw some")
+    shapes = [_from_wkb(path, number, wkb) for number, wkb in enumerate(geometries, start=1)]
+    fields = [str(field) for field in meta["fields"]]
+    records = [dict(zip(fields, values, strict=True)) for values in zip(*columns, strict=True)]
+    return shapes, meta["crs"], records or [{} for _ in shapes]
 
 
 def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:

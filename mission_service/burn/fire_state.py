@@ -2,21 +2,19 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.corrections import PaperCorrected
-from firemodel.drawn import marks_of
 from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
 from firemodel.landscape import Landscape
-from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.marks import Simulation
 from firemodel.seen import SeenFront
 from firemodel.weather import Weather, WeatherStream
-from mission_service.burn.correction_log import CorrectionLog, Held, erases
 from mission_service.config_sections import BurnSection
+from mission_service.correction_log import CorrectionLog, marks_held, marks_of_correction
 from mission_service.events import (
     Corrected,
     Erased,
@@ -41,7 +39,6 @@ LOOKED_EVERY_S = (
     15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
 )
 WHOLE_AFTER = 1.25  # times as many marks as at the last fit from nothing comes another
-STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
 class BelievedFire:
@@ -119,7 +116,8 @@ class BelievedFire:
                 self.ignite(_sources(self._xy(event.points), event.lit_at_us / 1e6))
             case Corrected() | Erased() | Undone() | Redone():
                 if isinstance(event, Corrected):
-                    self._drawn(event)  # what cannot be drawn is not taken
+                    # What cannot be drawn is not taken.
+                    marks_of_correction(event, self._landscape, MARKS_APART_M)
                 self.log.take(event)
                 self._mark()
             case Observed() if self._burn.camera_corrects:
@@ -154,13 +152,8 @@ class BelievedFire:
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """The wind is so from a time on, whatever was forecast for then."""
-        entry = replace(
-            self.weather_at(at_s),
-            at_s=at_s,
-            wind_speed_m_s=speed_m_s,
-            wind_from_deg=from_deg % 360.0,
-        )
-        self._entries = [*(each for each in self._entries if each.at_s < at_s), entry]
+        stream = WeatherStream(tuple(self._entries))
+        self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
         self._whole = 0
         self._changed()
@@ -171,25 +164,15 @@ class BelievedFire:
 
     def _mark(self) -> None:
         """Bring the marks in line with all that was drawn and seen."""
-        drawn = [self._marks_of(held) for held in self.log.held()]
+        drawn = marks_held(self.log.held(), self._landscape, MARKS_APART_M)
         seen = self._seen.marks()
         if len(self.held):  # a camera cannot tell their fires from others near them
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
-        marks = np.vstack([np.empty((0, 4)), *drawn, seen])
+        marks = np.vstack([drawn, seen])
         if not np.array_equal(marks, self._marks):
             self._marks = marks
             self._changed()
-
-    def _marks_of(self, held: Held) -> Floats:
-        marks = self._drawn(held.correction)
-        places = zip(*self._landscape.lat_lon_of(marks[:, 0], marks[:, 1]), strict=True)
-        kept = [not any(erases(each, *place) for each in held.erasures) for place in places]
-        return marks[kept]
-
-    def _drawn(self, told: Corrected) -> Floats:
-        at_s, state = told.marked_at_us / 1e6, STATES[told.state]
-        return marks_of(told.shape, self._xy(told.points), at_s, state, MARKS_APART_M)
 
     def _changed(self) -> None:
         """One fit begins where the last one ended: so none may depend on who has asked when."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
@@ -106,6 +107,23 @@ class BurnState:
         """To a centimetre, as the wire has it."""
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
+
+    def places(self) -> dict[str, Any]:
+        """The unit as people see it: rings (lat, lon), and circles to be kept clear."""
+        unit = self.unit
+        return {
+            "unit": self._rings(unit.area),
+            "no_drop": self._rings(unit.no_drop),
+            "fence": [] if unit.fence is None else self._rings(unit.fence),
+            "people": [
+                (person.name, *self.lat_lon(person.x_m, person.y_m), person.radius_m)
+                for person in unit.people
+            ],
+        }
+
+    def _rings(self, shape: BaseGeometry) -> list[list[tuple[float, float]]]:
+        rings = shapely.get_rings(shapely.get_parts(shape))
+        return [[self.lat_lon(*at) for at in shapely.get_coordinates(ring)] for ring in rings]
 
     def situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
         """What a plan that begins at a time is made on."""

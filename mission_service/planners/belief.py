@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from firemodel.front_rates import FrontRates
 from firemodel.landscape import Landscape
-from mission_service.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
+from mission_service.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED, taken_back
 from mission_service.planners.belief_kernels import (
     BASELINE_CELLS,
     BASELINE_S,
@@ -258,6 +258,26 @@ class Belief:
         self._since[in_view] = 0.0
         self._learn(in_view, at_s)
         return in_view
+
+    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Take in what people say of a window; a front that was moved by them teaches nothing."""
+        self.advance(at_s)
+        centre = (self.centre_row, self.centre_col)
+        not_burned, least = taken_back(row, col, window, centre, self.burned)
+        self.burned[not_burned] = least[not_burned]
+        self.front[not_burned] = np.minimum(self.front[not_burned], least[not_burned] + 0.5)
+        least, most = self._least, self._most
+        watch(window, row, col, *centre, NORTH, EAST, least, most)
+        np.maximum(self.burned, least, out=self.burned)
+        told = (least >= self.burned) & (most <= least + WITHIN_CELLS)
+        self.front[told] = least[told]
+        self._bound(window, told)
+        self.seen_at_s[told] = at_s
+        moved = told | not_burned
+        self._since[moved] = self._modelled[moved] = 0.0
+        self._anchor[moved] = self.front[moved]
+        self._anchor_at_s[moved] = at_s
+        self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
         """The front is not within ground seen burned, nor beyond ground seen unburned."""

@@ -18,13 +18,13 @@ looks seconds apart). ``damped``, the default, adds this and nothing else:
 ``circling`` never turns: the baseline of section VI.E.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.events import Observed
+from mission_service.events import Observed, SettingsTold
 from mission_service.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.planners.first_lap import Lap, Seen, recentred
 from mission_service.planners.following import (
@@ -90,6 +90,19 @@ class PerimeterPlanner:
             self.phase = "initial circle"
         if self.phase == "initial circle" and not self.settings.ignition_known:
             self._observations.append((observed.row, observed.col, window, at_s))
+
+    def correct(self, told: Observed) -> None:
+        """Take in what people say of a window of the fire."""
+        self.map.correct(told.row, told.col, window_codes(told.cells), told.at_us / 1e6)
+
+    def tune(self, told: SettingsTold) -> None:
+        """Other settings from now on."""
+        given = {
+            name: value
+            for name in ("alpha", "reversal_margin", "dwell_s")
+            if (value := getattr(told, name)) is not None
+        }
+        self.settings = replace(self.settings, **given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""

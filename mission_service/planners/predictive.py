@@ -102,6 +102,12 @@ class PredictivePlanner:
                 return
         self.belief.see(*seen)
 
+    def correct(self, told: Observed) -> None:
+        """Take in what people say of a window of the fire."""
+        window = (told.row, told.col, window_codes(told.cells), told.at_us / 1e6)
+        self.map.correct(*window)
+        self.belief.correct(*window)
+
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Take in a wind measured in the air; from true north."""
         self.belief.wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)

@@ -38,6 +38,9 @@ class Steered(Protocol):
     def observe(self, observed: Observed) -> None:
         """Take in what this vehicle's camera saw."""
 
+    def correct(self, told: Observed) -> None:
+        """Take in what people say of a window of the fire, whatever was seen there."""
+
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Take in the wind that this vehicle's autopilot measured; from true north."""
 

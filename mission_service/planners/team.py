@@ -165,6 +165,11 @@ class Seat:
         self._in_view = self._team.see(observed)
         self._found |= bool(self._in_view.any())
 
+    def correct(self, told: Observed) -> None:
+        """Take in what people say of a window of the fire, for all."""
+        window = window_codes(told.cells)
+        self._team.map.correct(told.row, told.col, window, told.at_us / 1e6)
+
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """The rules of teams do not ask for the wind."""
 

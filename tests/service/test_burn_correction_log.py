@@ -5,7 +5,7 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.burn.correction_log import CorrectionLog, Held
+from mission_service.correction_log import CorrectionLog, Held
 from mission_service.events import Corrected, Erased, Present, Redone, Undone
 
 WHO = (1, "ann", "alpha")

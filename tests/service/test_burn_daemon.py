@@ -12,7 +12,7 @@ import pytest
 
 from mission_service.config import Scenario, load_scenario
 from mission_service.control_client import NAME, Control
-from mission_service.daemon import serve
+from mission_service.daemon import Run, serve
 from mission_service.errors import ControlError, JournalError, RequestError
 from mission_service.events import Aborted, Answered, Present, Resumed
 from mission_service.journal import JournalReader
@@ -70,7 +70,9 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
 
     async def both() -> None:
         nonlocal done
-        serving = asyncio.create_task(serve(burned, out / "journal.jsonl", "", progress, watch))
+        serving = asyncio.create_task(
+            serve(Run(burned, out / "journal.jsonl", ""), progress, watch)
+        )
         if talk is not None:
             await asyncio.to_thread(speak)
         done = True
@@ -122,7 +124,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         there.ask(do="abort")
 
     news = run(burned, tmp_path, second, killed=True)
-    assert any("goes on with the burn" in text for text in news)
+    assert any("goes on with the run" in text for text in news)
     told = events(path)
     assert [type(event) for event in told] == [Answered, Resumed, Present, Aborted]
     assert 100.0 <= told[1].down_s < 120.0

@@ -35,6 +35,7 @@ from mission_service.replay import verify
 from mission_service.resume import resumed, unfinished
 from mission_service.service import Service
 from mission_service.simulated_crew import SimulatedCrew
+from mission_service.state_file import Known
 from mission_service.world import FireWorld
 
 NAME, STATION = "kestrel", "firing-boss"
@@ -82,6 +83,9 @@ class Kept:
     def execute(self, command: AnyCommand, now_us: int) -> None:
         self.commands.append(command)
 
+    def read_back(self, recognise: object, now_us: int) -> None:
+        """Nobody is heard."""
+
 
 class Again(NamedTuple):
     service: Service
@@ -95,7 +99,7 @@ def gone_on(flown: Burn, path: Path) -> Again:
     """What the daemon does with a journal that was cut off."""
     scenario, landscape, _ = flown
     digest = landscape.digest()
-    cut_off = unfinished(path, scenario, digest)
+    cut_off = unfinished(path, Known(scenario, landscape), scenario)
     assert cut_off is not None
     journal = Journal(path, header_of(scenario, digest, ""), durable=True, rest=cut_off.rest())
     core, kept = Core(scenario, landscape), Kept()

@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from firemodel.landscape import Landscape
 from mission_service.burn.interlock import Interlock
 from mission_service.commands import Announce, AnyCommand, Command, Propose
 from mission_service.config import Scenario
@@ -17,7 +19,9 @@ from mission_service.events import (
     Telemetry,
 )
 from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.resume import resumed, set_aside, unfinished
+from mission_service.resume import Unfinished, resumed, set_aside
+from mission_service.resume import unfinished as unfinished_by
+from mission_service.state_file import Known
 from tests.service.burn_history import (
     AT_US,
     CORNERS,
@@ -62,6 +66,15 @@ def scenario(**changes: object) -> Scenario:
 
 
 SCENARIO = scenario()
+LAND = Landscape(
+    "EPSG:32616", 0.0, 0.0, 1.0, np.ones((1, 1), np.int16), np.zeros((1, 1), np.float32)
+)
+
+
+def unfinished(path: Path, told: Scenario, digest: str) -> Unfinished | None:
+    known = Known(told, LAND)
+    known.landscape = digest
+    return unfinished_by(path, known, told)
 
 
 def a_core() -> Handle:

@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service import control
-from mission_service.burn.requests import KNOWN, event_of
 from mission_service.control import Desk, claimed, serve_control
 from mission_service.control_client import NAME, Control
 from mission_service.errors import ControlError, MissionServiceError, RequestError
@@ -29,15 +28,21 @@ from mission_service.events import (
     CrewEvent,
     Erased,
     Lit,
+    MissionAccepted,
+    MissionRefused,
+    MissionWanted,
+    Ordered,
     PersonTold,
     PlanWanted,
     Present,
     Redone,
     Rejected,
+    SettingsTold,
     Undone,
     UnitTold,
     WindTold,
 )
+from mission_service.requests import KNOWN, event_of
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")
 WHO = {"by": "ann", "station": "alpha"}
@@ -81,6 +86,14 @@ GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
     ),
     ({"do": "unit", "points": CORNERS}, UnitTold(*EVENT, PLACES)),
     ({"do": "present"}, Present(*EVENT)),
+    ({"do": "hold", "vehicle": "hawk"}, Ordered(*EVENT, "hawk", "hold")),
+    ({"do": "resume"}, Ordered(*EVENT, "", "resume")),
+    ({"do": "return"}, Ordered(*EVENT, "", "return")),
+    ({"do": "start"}, Ordered(*EVENT, "", "start")),
+    ({"do": "renew", "vehicle": "hawk"}, MissionWanted(*EVENT, "hawk")),
+    ({"do": "accept", "vehicle": "hawk", "hash": HASH}, MissionAccepted(*EVENT, "hawk", HASH)),
+    ({"do": "refuse", "vehicle": "hawk", "hash": HASH}, MissionRefused(*EVENT, "hawk", HASH)),
+    ({"do": "settings", "alpha": 2}, SettingsTold(*EVENT, 2.0)),
 ]
 
 
@@ -104,6 +117,10 @@ NAN = float("nan")
         ({"do": "fire"}, "unknown request 'fire'"),
         ({"do": 7}, "unknown request without a word"),
         ({}, "unknown request without a word"),
+        ({"do": "settings"}, "settings: give alpha"),
+        ({"do": "hold", "vehicle": "../x"}, "hold: "),
+        ({"do": "hold", "vehicle": "hawk\n"}, "hold: "),
+        ({"do": "approve", "hash": HASH + "\n"}, "approve: "),
         ({"do": "status"}, "status is answered"),
         ({"do": "approve", "hash": HASH[:12]}, "approve: "),
         ({"do": "approve", "hash": HASH.upper()}, "approve: "),

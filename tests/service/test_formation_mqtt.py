@@ -21,18 +21,15 @@ from mission_service.formation.messages import (
 )
 from mission_service.formation_mqtt import (
     MOST_WAITING,
-    Broker,
     Channel,
     Exchange,
     Inbox,
     Outbox,
     UnfitError,
-    check_prefix,
     decoded,
     encoded,
-    read_broker,
-    site_of,
 )
+from mission_service.mqtt.names import Broker, check_prefix, read_broker, site_of
 
 needs_mosquitto = pytest.mark.skipif(
     MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
@@ -305,7 +302,7 @@ def test_names_of_brokers_and_topics() -> None:
     assert read_broker("broker.local") == Broker("broker.local", 1883)
     assert str(read_broker("127.0.0.1:1884")) == "127.0.0.1:1884"
     assert read_broker("[::1]:1884") == Broker("::1", 1884)
-    for text in ("", "a:b", "a:0", "a:70000", "mqtt://a", "a b"):
+    for text in ("", "a:b", "a:0", "a:70000", "mqtt://a", "a b", "a..b"):
         with pytest.raises(MissionServiceError, match="HOST:PORT"):
             read_broker(text)
     assert check_prefix("uav/east") == "uav/east"

@@ -22,6 +22,7 @@ def later_than(stage: Stage, names: Iterable[str], at_us: int) -> Callable[[], b
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto")
+@pytest.mark.long
 def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
     async def fly() -> None:
         async with formation(tmp_path, len(NAMES), SPEEDUP) as stage:

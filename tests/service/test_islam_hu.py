@@ -172,6 +172,7 @@ def test_the_damped_rule_is_as_far_below_circling_as_the_papers() -> None:
 # The command
 
 
+@pytest.mark.long
 def test_the_command_tells_it_as_json_with_figures_and_the_same_each_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,7 +1,6 @@
 """The daemon and the mock in two processes over UDP."""
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -74,17 +73,17 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
 
     with process(arguments, log) as daemon:
         with mock(port, tmp_path / "mock1.log"):
-            wait_for(said("connected (px4 plane)"), 20)
-            wait_for(said("start mission: accepted"), 20)
+            wait_for(said("connected (px4 plane)"), 60)
+            wait_for(said("start mission: accepted"), 60)
             wait_for(said("phase: monitor"), 60)
         told_after_s = wait_for(said("link lost"), 10)
         assert told_after_s < 5.0
         with mock(port, tmp_path / "mock2.log"):
-            wait_for(said("link restored"), 20)
-            wait_for(said("autopilot restarted"), 20)
-            wait_for(said("start mission: accepted", times=2), 20)
+            wait_for(said("link restored"), 60)
+            wait_for(said("autopilot restarted"), 60)
+            wait_for(said("start mission: accepted", times=2), 60)
             uploads = log.read_text(encoding="utf-8").count("uploads accepted")
-            wait_for(said("uploads accepted", times=uploads + 1), 30)
+            wait_for(said("uploads accepted", times=uploads + 1), 60)
             daemon.send_signal(signal.SIGTERM)
             assert daemon.wait(timeout=20) == 0
     text = log.read_text(encoding="utf-8")
@@ -101,21 +100,9 @@ def test_a_vehicle_that_never_answers_is_named(
     port, arguments = daemon_arguments
     log = tmp_path / "daemon.log"
     with process(arguments, log) as daemon:
-        wait_for(lambda: f"nothing heard on udpin:127.0.0.1:{port}" in log.read_text("utf-8"), 20)
+        wait_for(lambda: f"nothing heard on udpin:127.0.0.1:{port}" in log.read_text("utf-8"), 60)
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=20) == 0
-
-
-def test_a_daemon_killed_at_any_moment_leaves_a_journal_that_verifies(
-    tmp_path: Path, daemon_arguments: tuple[int, list[str]]
-) -> None:
-    port, arguments = daemon_arguments
-    log = tmp_path / "daemon.log"
-    with process(arguments, log) as daemon, mock(port, tmp_path / "mock.log"):
-        wait_for(lambda: "initial circle" in log.read_text(encoding="utf-8"), 60)
-        os.kill(daemon.pid, signal.SIGKILL)
-        daemon.wait(timeout=10)
-    assert verify(tmp_path / "journal.jsonl").difference is None
 
 
 def test_a_port_in_use_is_told_and_an_earlier_journal_survives(

@@ -38,8 +38,8 @@ def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) ->
         )
     try:
         with process(mock, tmp_path / "mock.log"):
-            wait_for(lambda: phase("initial circle"), 30)
-            wait_for(lambda: phase("monitor"), 30)
+            wait_for(lambda: phase("initial circle"), 60)
+            wait_for(lambda: phase("monitor"), 60)
             daemon.send_signal(signal.SIGTERM)
             output, _ = daemon.communicate(timeout=15)
     finally:

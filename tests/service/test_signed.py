@@ -15,8 +15,8 @@ from autopilot_bridge.planfile import write_plan
 from autopilot_bridge.signing import Counts, Key, Signing, Timestamps, key_of
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.transfer import TransferTiming
+from mission_service.clocks import wall_us
 from mission_service.config import SHIPPED, load_scenario, with_signing_key
-from mission_service.daemon import wall_us
 from mission_service.errors import ScenarioError
 from mission_service.signed import Refusals, refusal, signings, timestamps_file
 from mission_service.world import check
@@ -46,7 +46,7 @@ def mock_on(port: int, folder: Path, *more: str) -> Iterator[None]:
     words += ["--speedup", "8"]  # and so eight heartbeats a second
     log = folder / "mock.log"
     with process(words, log):
-        wait_for(lambda: "ardupilot" in log.read_text(encoding="utf-8"), 20)
+        wait_for(lambda: "ardupilot" in log.read_text(encoding="utf-8"), 60)
         yield
 
 
@@ -269,8 +269,8 @@ def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
             key = ["--signing-key", "env:OTHER_KEY" if number == 3 else "env:THE_KEY"]
             mock = ["mock", "--stack", "px4", "--speedup", "5", *link, *key]
             stack.enter_context(process(mock, tmp_path / f"mock{number}.log"))
-        wait_for(lambda: said("v1: connected", "v2: connected", "v3: refused"), 20)
-        wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 20)
+        wait_for(lambda: said("v1: connected", "v2: connected", "v3: refused"), 60)
+        wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=20) == 0
     assert said("with a wrong signature on udpin", "is the key the vehicle's?")

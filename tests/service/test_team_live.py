@@ -45,7 +45,7 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
     ):
         with process(["mock", str(whole), "--vehicle", "swift", *flags], tmp_path / "swift.log"):
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(said(rf"{name}: connected"), 30)
+                wait_for(said(rf"{name}: connected"), 60)
             for name in ("hawk", "kite", "swift", "wren"):
                 wait_for(said(rf"{name}: start mission: accepted"), 60)
             wait_for(said("swift: phase: (initial circle|monitor)"), 60)

@@ -1,4 +1,4 @@
-"""What people may ask of a burn (control socket, simulated crews) as events. Pure.
+"""What people may ask of the service (control socket, HTTP, MQTT) as events. Pure.
 
 A request is a JSON object: ``do`` says what, ``by`` who asks, ``station`` from where; further keys
 by what is asked. Unknown keys are refused: what is not understood is not done in part.
@@ -17,20 +17,26 @@ from mission_service.errors import RequestError
 from mission_service.events import CrewEvent
 
 LONGEST_S = 1e7  # times farther away are a mistake
+ELSEWHERE = "mqtt"  # "mqtt:west": whoever asks over MQTT is at no station, so never present
 LARGEST_M = 10_000.0  # and so are larger circles and longer lines
+LARGEST_FIRE_M = 500_000.0  # round fires that others have mapped
 
 # Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
 Name = Annotated[
     str,
-    Meta(max_length=80, pattern=r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$"),
+    Meta(
+        max_length=80,
+        pattern=r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)",
+    ),
 ]
+VehicleName = Annotated[str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
 Radius = Annotated[float, Meta(ge=0, le=LARGEST_M)]
 Seconds = Annotated[float, Meta(ge=-LONGEST_S, le=LONGEST_S)]
 Spacing = Annotated[float, Meta(ge=1, le=1000)]
-Hash = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+Hash = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$(?!\n)")]
 Places = Annotated[tuple[tuple[Latitude, Longitude], ...], Meta(min_length=1, max_length=1000)]
 
 
@@ -132,6 +138,58 @@ class Present(Request, frozen=True):
     """Somebody watches."""
 
 
+class Hold(Request, frozen=True):
+    """Loiter where it is until somebody says otherwise; all vehicles without a name."""
+
+    vehicle: VehicleName = ""
+
+
+class Resume(Request, frozen=True):
+    """Fly on by the planner, after hold, return or abort."""
+
+    vehicle: VehicleName = ""
+
+
+class Return(Request, frozen=True):
+    """Fly home."""
+
+    vehicle: VehicleName = ""
+
+
+class Start(Request, frozen=True):
+    """Arm and fly the mission on board."""
+
+    vehicle: VehicleName = ""
+
+
+class Renew(Request, frozen=True):
+    """Plan a new mission and send it now."""
+
+    vehicle: VehicleName = ""
+
+
+class Accept(Request, frozen=True):
+    """Let the mission of this hash go to the vehicle."""
+
+    vehicle: VehicleName
+    hash: Hash
+
+
+class Refuse(Request, frozen=True):
+    """Want the mission of this hash not flown."""
+
+    vehicle: VehicleName
+    hash: Hash
+
+
+class Settings(Request, frozen=True):
+    """Another α or first direction of the planner; all that is given holds from now on."""
+
+    alpha: Annotated[float, Meta(ge=0, le=100)] | None = None
+    reversal_margin: Annotated[float, Meta(ge=0, le=100)] | None = None
+    dwell_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] | None = None
+
+
 AnyRequest = (
     Plan
     | Approve
@@ -147,11 +205,26 @@ AnyRequest = (
     | Person
     | Unit
     | Present
+    | Hold
+    | Resume
+    | Return
+    | Start
+    | Renew
+    | Accept
+    | Refuse
+    | Settings
 )
-KNOWN = (
-    "status", "plan", "approve", "reject", "abort", "go", "no-go", "correct", "lit", "erase",
-    "undo", "redo", "wind", "person", "unit", "present",
-)  # fmt: skip
+# Whatever is flown, in burns alone, and in all but burns.
+ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", "present")
+OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
+NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
+KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
+ORDERS: dict[type[Request], events.Order] = {
+    Hold: "hold",
+    Resume: "resume",
+    Return: "return",
+    Start: "start",
+}
 _LEAST_POINTS = {"point": 1, "line": 2, "polygon": 3}
 
 
@@ -161,33 +234,42 @@ def event_of(
     stations: Collection[str],
     items: Collection[str] | None = None,
     on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
+    vehicles: Collection[str] | None = None,
+    words: Collection[str] = KNOWN,
 ) -> CrewEvent:
     """The event that a request stands for, at mission time ``at_us``.
 
-    ``stations`` are the places from which anything may be asked; ``items`` those of the GO list,
-    where they are known; ``on_map`` whether the landscape has a latitude and longitude: nothing can
-    be told of other places. An abort is taken from anybody anywhere, whatever else the request
-    says. Raises RequestError in one line for all that is not right.
+    ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
+    those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and
+    longitude: nothing can be told of other places; ``vehicles`` those there are; ``words`` what may
+    be asked for here. An abort is taken from anybody anywhere, whatever else the request says.
+    Raises RequestError in one line for all that is not right.
     """
     if not isinstance(request, dict):
         raise RequestError('a request is a JSON object, as {"do": "status"}')
     do = request.get("do")
     if do == "abort":
         return events.Aborted(at_us, _told(request, "by"), _told(request, "station"))
-    if not isinstance(do, str) or do not in KNOWN:
+    if not isinstance(do, str) or do not in words:
+        if do in KNOWN:
+            what = "only in a burn" if do in OF_BURNS else "not in a burn"
+            raise RequestError(f"{do}: {what}")
         word = _cut(do) if isinstance(do, str) else "without a word"
-        raise RequestError(f"unknown request {word}: do is one of {', '.join(KNOWN)}")
+        raise RequestError(f"unknown request {word}: do is one of {', '.join(words)}")
     if do == "status":
         raise RequestError("status is answered, it is no event")
     try:
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
     except (msgspec.ValidationError, OverflowError) as error:
         raise RequestError(f"{do}: {error}") from None
-    if asked.station not in stations:
+    if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
     if isinstance(asked, Go | NoGo) and items is not None and asked.item not in items:
         raise RequestError(f"no item {_cut(asked.item)} on the list: {'; '.join(items)}")
+    named = getattr(asked, "vehicle", "")
+    if named and vehicles is not None and named not in vehicles:
+        raise RequestError(f"no vehicle {_cut(named)}; there are {', '.join(vehicles)}")
     for place in _places(asked):
         if not on_map(*place):
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
@@ -203,7 +285,7 @@ def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
     # Twice, and half of it: with the way back to the first corner.
     way = shapely.LineString([(lon, lat) for lat, lon in asked.points * 2])
     length_m = M_PER_DEG * way.length / 2.0
-    if length_m > LARGEST_M:
+    if length_m > (LARGEST_FIRE_M if isinstance(asked, Correct) else LARGEST_M):
         raise RequestError(f"{length_m / 1e3:.0f} km are too long to be meant")
     return asked.points
 
@@ -241,6 +323,19 @@ def _event(asked: AnyRequest, at_us: int) -> CrewEvent:
             return events.UnitTold(*who, asked.points)
         case Present():
             return events.Present(*who)
+        case Hold() | Resume() | Return() | Start():
+            return events.Ordered(*who, asked.vehicle, ORDERS[type(asked)])
+        case Renew():
+            return events.MissionWanted(*who, asked.vehicle)
+        case Accept():
+            return events.MissionAccepted(*who, asked.vehicle, asked.hash)
+        case Refuse():
+            return events.MissionRefused(*who, asked.vehicle, asked.hash)
+        case Settings():
+            given = (asked.alpha, asked.reversal_margin, asked.dwell_s)
+            if given == (None, None, None):
+                raise RequestError("settings: give alpha, reversal_margin or dwell_s")
+            return events.SettingsTold(*who, *given)
 
 
 def _corrected(asked: Correct, who: tuple[int, str, str]) -> events.Corrected:

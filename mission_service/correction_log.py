@@ -1,11 +1,20 @@
 """Which corrections of the fire hold: drawing, erasing, undo and redo. Pure."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.drawn import marks_of
+from firemodel.landscape import Landscape
+from firemodel.marks import BURNED, BURNING, UNBURNED
 from mission_service.distance import distance_m
 from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
 
 Step = Corrected | Erased
+Floats = NDArray[np.float64]
+STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
 class Held(NamedTuple):
@@ -69,6 +78,25 @@ class CorrectionLog:
             }
             for held in self.held()
         ]
+
+
+def marks_of_correction(told: Corrected, landscape: Landscape, spacing_m: float) -> Floats:
+    """Marks (n, 4) x, y, at_s, state of what was drawn. Raises FireModelError."""
+    lat, lon = np.array(told.points, dtype=float).T
+    places = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    at_s, state = told.marked_at_us / 1e6, STATES[told.state]
+    return marks_of(told.shape, places, at_s, state, spacing_m)
+
+
+def marks_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
+    """Marks (n, 4) of all corrections that hold, less what is erased."""
+    found = [np.empty((0, 4))]
+    for each in held:
+        marks = marks_of_correction(each.correction, landscape, spacing_m)
+        places = zip(*landscape.lat_lon_of(marks[:, 0], marks[:, 1]), strict=True)
+        kept = [not any(erases(erasure, *at) for erasure in each.erasures) for at in places]
+        found.append(marks[kept])
+    return np.vstack(found)
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:

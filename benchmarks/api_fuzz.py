@@ -1,0 +1,77 @@
+"""Schemathesis on the whole HTTP API of a run that flies, over a real socket.
+
+    python -m benchmarks.api_fuzz [EXAMPLES] [SCENARIO] [SEED]
+
+EXAMPLES (default 100) are the most for each route; SCENARIO is ``demo`` (default) or ``burn``. The
+exit code is that of schemathesis: 0 if there was no answer from 500 to 599 but what says why
+(503, 507), none with another status, type or form than the description has, none to a request
+without its token, and none that took a wrong method.
+"""
+
+import asyncio
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from mission_service.api.limits import Buckets
+from mission_service.api.server import bound, serving
+from mission_service.service_config import HttpSection
+from tests.api.worlds import SMALL, World, scenario_of, served, world_in
+
+CHECKS = (
+    "not_a_server_error",
+    "status_code_conformance",
+    "content_type_conformance",
+    "response_headers_conformance",
+    "response_schema_conformance",
+    "unsupported_method",
+    "allow_header_conformance",
+    "ignored_auth",
+)
+FLY_EVERY_S, SPEEDUP = 0.1, 10.0
+
+
+async def fuzz(world: World, examples: int, seed: int) -> int:
+    """Run schemathesis against the run while it flies on; returns its exit code."""
+    service = served(world)
+    guard = service.app.asgi
+    for name in ("_reading", "_changing", "_failing"):  # else most answers would be 429
+        setattr(guard, name, Buckets(1e6, 1e6))
+    service.app.api.streams.stopping.set()  # a live stream would never end
+    with bound(HttpSection(listen="127.0.0.1:0")) as listening:
+        async with serving(guard, listening, asyncio.Event(), None):
+            url = f"http://127.0.0.1:{listening.getsockname()[1]}"
+            line = [
+                *(sys.executable, "-m", "schemathesis.cli", "run", f"{url}/api/v1/openapi.json"),
+                *("--url", url, "-H", f"Authorization: Bearer {service.tokens['all']}"),
+                *("--checks", ",".join(CHECKS), "--max-examples", str(examples)),
+                *("--phases", "examples,coverage,fuzzing", "--seed", str(seed)),
+                *("--continue-on-failure", "--no-color", "--warnings", "off"),
+                *("--suppress-health-check", "all", "--request-timeout", "30"),
+            ]
+            # It leaves a cache where it runs.
+            running = await asyncio.create_subprocess_exec(*line, cwd=world.hub.out)
+            ended = asyncio.create_task(running.wait())
+            while not ended.done():
+                await asyncio.wait([ended], timeout=FLY_EVERY_S)
+                world.fly(world.now_s + FLY_EVERY_S * SPEEDUP)
+            return ended.result()
+
+
+def main() -> None:
+    """Make the run, fuzz it, and say how long that took."""
+    given = [*sys.argv[1:], *("100", "demo", "1")[len(sys.argv) - 1 :]]
+    examples, name, seed = int(given[0]), given[1], int(given[2])
+    with tempfile.TemporaryDirectory() as folder:
+        world = world_in(Path(folder), scenario_of(name, SMALL if name == "demo" else ()))
+        world.fly(world.now_s + 100.0)
+        began_s = time.monotonic()
+        code = asyncio.run(fuzz(world, examples, seed))
+        took_s = time.monotonic() - began_s
+        sys.stdout.write(f"{name}: {took_s:.0f} s; {len(world.told)} requests became events\n")
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,461 @@
+"""kill -9 at random moments of live runs, and what the next start makes of it.
+
+    python -m benchmarks.kills [KILLS] [--seed S] [--rule RULE ...]
+
+Mocks live on in a process of their own; the daemon is ``mission-service run``, as users start it.
+People ask for things over the control socket all the time; of a burn one also says GO and approves.
+After each kill the files are looked at, with as little of the project's code as can be, and after
+each restart what was made of them:
+
+- it goes on within 5 s of its start;
+- all that was answered with yes is in the journal, and no line that stood there has changed;
+- no vehicle is sent anything before its mission was read back, and what was recognised is what
+  the mock holds;
+- no drop that nobody approved (the oracle of ``burn_frames``), and none that the journal has not.
+
+At the end of each run the whole journal is replayed: its commands come out bit for bit.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from autopilot_bridge.link import other_end
+from benchmarks.burn_frames import check as unapproved
+from benchmarks.link_shared import free_ports
+from mission_service.config import Scenario, flying, load_run
+from mission_service.control_client import Control
+from mission_service.errors import ControlError, RequestError
+from mission_service.replay import verify
+from mission_service.segments import closed_segments
+
+RULES = {"damped": "demo", "team.balanced": "team", "formation": "virtual-agents", "burn": "burn"}
+GOES_ON_WITHIN_S = 5.0
+KILLS_A_RUN = 25
+TOLD_EVERY = 50
+SPEEDUP = 10.0
+MOST_BYTES = 80_000  # a vehicle, between a start and a kill: some seconds
+CORES = os.cpu_count() or 1
+BOSS = "firing-boss"
+WAITS_S = 180.0
+FIRST_WAITS_S = 900.0  # kernels may have to be compiled
+RELEASES = (1900.0, 0.0)  # servo's PWM; a gripper that opens
+
+
+@dataclass
+class Found:
+    """What came of all kills so far."""
+
+    kills: int = 0
+    asked: int = 0
+    restarts_s: list[float] = field(default_factory=list)
+    cpu_s: list[float] = field(default_factory=list)
+    recognised: int = 0
+    unknown: int = 0
+    drops: int = 0
+    events: int = 0
+    wrong: list[str] = field(default_factory=list)
+    refused: Counter[str] = field(default_factory=Counter)
+
+    def line(self) -> str:
+        """In one line."""
+        ordered = sorted(self.restarts_s) or [0.0]
+        most_cpu_s = max(self.cpu_s, default=0.0)
+        return (
+            f"{self.kills} kills: goes on after {ordered[len(ordered) // 2]:.2f} s (median), "
+            f"{ordered[-1]:.2f} s at most ({most_cpu_s:.2f} s of CPU); "
+            f"{self.asked} requests acknowledged; missions read back: "
+            f"{self.recognised} recognised, {self.unknown} others; {self.drops} drops; "
+            f"{self.events} events replayed; wrong: {len(self.wrong)}"
+        )
+
+
+def changes_of(rule: str, ports: list[int], keep: dict[str, float]) -> tuple[str, ...]:
+    """What a shipped scenario is changed by."""
+    links = [f'vehicles.{n}.link="udpin:127.0.0.1:{port}"' for n, port in enumerate(ports)]
+    kept = [f"service.keep.{name}={value}" for name, value in keep.items()]
+    late = {"damped": 3600.0, "team.balanced": 3590.0}.get(rule)
+    start = [] if late is None else [f"start_s={late}", f"deploy_at_s={late}"]
+    if rule == "burn":
+        start = ["deploy_at_s=1", "landscape.rows=120", "landscape.cols=120"]
+    if rule == "damped":  # the only one of them with a map
+        start.append('service.http.listen="127.0.0.1:0"')
+    return (*links, *kept, *start, "duration_s=1e7")
+
+
+class Mocks:
+    """The vehicles, which live on."""
+
+    def __init__(self, name: str, changes: tuple[str, ...]) -> None:
+        command = [sys.executable, "-m", "benchmarks.kills", "--fly", name, *changes]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.look()
+
+    def look(self) -> dict[str, Any]:
+        """What each of them holds and has dropped."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(b"\n")
+        self._process.stdin.flush()
+        found: dict[str, Any] = json.loads(self._process.stdout.readline())
+        return found
+
+    def end(self) -> None:
+        """Fly no more."""
+        self._process.kill()
+        self._process.communicate()
+
+
+async def fly(name: str, changes: tuple[str, ...]) -> None:
+    """The mocks' own process: for every line that comes in, one goes out."""
+    import asyncio
+
+    from autopilot_bridge.mock.fleet import Fleet
+    from autopilot_bridge.mock.process import serve
+    from mission_service.clocks import clock_us
+    from mission_service.fire_setup import landscape_of
+    from mission_service.sim import mock_of
+
+    scenario = flying(load_run(name, changes)[0])
+    landscape = landscape_of(scenario)
+    mocks = {section.name: mock_of(section, landscape) for section in scenario.vehicles}
+
+    def tell() -> None:
+        if not sys.stdin.readline():
+            asyncio.get_running_loop().stop()
+        found = {
+            each: {
+                "items": [[item.command, item.x, item.y] for item in mock.flight.items],
+                "released": [value for _, _, _, value in mock.outputs],
+            }
+            for each, mock in mocks.items()
+        }
+        sys.stdout.write(json.dumps(found) + "\n")
+        sys.stdout.flush()
+
+    asyncio.get_running_loop().add_reader(sys.stdin, tell)
+    async with asyncio.TaskGroup() as group:
+        for section in scenario.vehicles:
+            fleet = Fleet([mocks[section.name]])
+            group.create_task(serve(fleet, other_end(section.link), SPEEDUP, clock_us))
+
+
+class Watched:
+    """One run that is killed again and again, and what should be in its journal."""
+
+    def __init__(
+        self, rule: str, out: Path, rng: random.Random, found: Found, keep: dict[str, float]
+    ) -> None:
+        name = RULES[rule]
+        ports = free_ports(len(flying(load_run(name, ())[0]).vehicles))
+        changes = changes_of(rule, ports, keep)
+        self.rule, self.out, self.rng, self.found = rule, out, rng, found
+        self.scenario: Scenario = flying(load_run(name, changes)[0])
+        self.path = out / "journal.jsonl"
+        sets = [word for change in changes for word in ("--set", change)]
+        command = [sys.executable, "-m", "mission_service.cli", "run", name, "--out", str(out)]
+        self._command = [*command, *sets]
+        self.mocks = Mocks(name, changes)
+        self._stood: dict[int, bytes] = {}  # what stood in each segment at the last kill
+        self._acknowledged: list[str] = []
+        self._number = 0
+        self._corrections = 0
+        self._read_back = (0, 0)
+        self.cpu_s = 0.0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    # What people do ---------------------------------------------------------------------------
+
+    def start(self) -> float:
+        """Start the daemon; seconds until it answers, which it does once it goes on."""
+        began_s = time.monotonic()
+        with (self.out / "run.log").open("ab") as log:
+            self._process = subprocess.Popen(self._command, stdout=log, stderr=log)
+        while True:
+            with contextlib.suppress(ControlError), Control(self.out) as there:
+                there.ask(do="status")
+                self.cpu_s = cpu_s(self._process.pid)
+                return time.monotonic() - began_s
+            waits_s = WAITS_S if self._stood else FIRST_WAITS_S
+            if self._process.poll() is not None or time.monotonic() - began_s > waits_s:
+                tail = (self.out / "run.log").read_text()[-2000:]
+                raise AssertionError(f"it does not start: {tail}")
+            time.sleep(0.02)
+
+    def ask_for(self, more_bytes: int) -> None:
+        """Ask for this and that until the journal has so many bytes more."""
+        until_s = time.monotonic() + WAITS_S
+        enough = self._bytes() + more_bytes
+        with contextlib.suppress(ControlError), Control(self.out) as there:
+            while self._bytes() < enough and time.monotonic() < until_s:
+                for request in self._wanted(there):
+                    self._ask(there, request)
+                time.sleep(self.rng.uniform(0.0, 0.3))
+
+    def _ask(self, there: Control, request: dict[str, Any]) -> None:
+        self._number += 1
+        by = f"ann-{self._number}"
+        try:
+            there.ask(**request, by=by, station=BOSS if self.rule == "burn" else "desk")
+        except RequestError as error:
+            self.found.refused[f"{request['do']}: {error}"] += 1
+            return
+        self._acknowledged.append(by)
+        self.found.asked += 1
+
+    def _wanted(self, there: Control) -> Iterator[dict[str, Any]]:
+        rng = self.rng
+        if self.rule == "burn":
+            status = there.ask(do="status")["status"]
+            yield {"do": "present"}
+            for item in status["open_items"]:
+                yield {"do": "go", "item": item}
+            leader = status["leader"]
+            if leader["phase"] == "proposed" and leader["plan_hash"]:
+                yield {"do": "approve", "hash": leader["plan_hash"]}
+            if rng.random() < 0.01:
+                yield {"do": "abort"}
+            return
+        vehicle = rng.choice(self.scenario.vehicles)
+        kind = rng.random()
+        if kind < 0.1:
+            yield {"do": "hold", "vehicle": vehicle.name}
+            yield {"do": "resume", "vehicle": vehicle.name}
+        elif kind < 0.2:
+            yield {"do": "renew", "vehicle": vehicle.name}
+        elif kind < 0.25 and self._corrections < 40:
+            self._corrections += 1
+            lit = self.scenario.ignition[0]
+            assert lit.lat_deg is not None
+            place = [lit.lat_deg + rng.uniform(-0.004, 0.004), lit.lon_deg]
+            state = rng.choice(["burned", "unburned"])
+            yield {"do": "correct", "state": state, "shape": "point", "points": [place]}
+        elif kind < 0.3 and self._corrections:
+            yield {"do": "undo"}
+        else:
+            yield {"do": "present"}
+
+    # What is left behind ----------------------------------------------------------------------
+
+    def kill(self) -> None:
+        """Kill it, and look at what it leaves."""
+        assert self._process is not None
+        self._process.kill()
+        self._process.wait()
+        self.found.kills += 1
+        held = self.mocks.look()
+        segments = self._segments()
+        for number, before in self._stood.items():
+            if number in segments and not segments[number].startswith(before):
+                self._is_wrong(f"segment {number} is not what it was")
+        self._stood = {number: text[: text.rfind(b"\n") + 1] for number, text in segments.items()}
+        whole = b"".join(self._stood.values())
+        lost = [by for by in self._acknowledged if f'"by":"{by}"'.encode() not in whole]
+        if lost:
+            self._is_wrong(f"acknowledged and not in the journal: {lost}")
+        if min(segments) > 1:
+            self._acknowledged.clear()  # they may be in what was deleted
+        self._look_at_missions(whole, held)
+        if self.rule == "burn":
+            ordered = whole.count(b'"command":{"type":"Drop"')
+            fell = sum(released(each["released"]) for each in held.values())
+            if fell > ordered:
+                self._is_wrong(f"{fell} releases, {ordered} drops ordered")
+
+    def _bytes(self) -> int:
+        every = [self.path, *closed_segments(self.path).values()]
+        return sum(each.stat().st_size for each in every if each.exists())
+
+    def _segments(self) -> dict[int, bytes]:
+        found = {number: path.read_bytes() for number, path in closed_segments(self.path).items()}
+        if self.path.exists():
+            found[max(found, default=0) + 1] = self.path.read_bytes()
+        return found
+
+    def _look_at_missions(self, whole: bytes, held: dict[str, Any]) -> None:
+        """Line by line: who was sent what, and what was read back of it."""
+        sent: dict[str, dict[int, Any]] = {each.name: {} for each in self.scenario.vehicles}
+        on_board: dict[str, set[int]] = {name: set() for name in sent}
+        unread: set[str] = set()
+        for line in whole.splitlines():
+            if not any(word in line[:60] for word in LOOKED_AT):
+                continue
+            told = json.loads(line)
+            thing = told.get("event") or told.get("command") or {}
+            name, kind = str(thing.get("vehicle")), thing.get("type")
+            match kind:
+                case "Resumed":
+                    unread = set(sent)
+                case "UploadMission" | "StartMission" if name in unread and self.rule != "burn":
+                    self._is_wrong(f"{name}: {kind} before it was read back")
+                case "MissionHeld":
+                    unread.discard(name)
+                    if thing["mission_id"]:
+                        on_board[name] = {thing["mission_id"]}
+                case "UploadFinished" if thing["outcome"] == "accepted":
+                    on_board[name] = {thing["mission_id"]}
+                case "VehicleRebooted":
+                    unread.discard(name)
+                case _:
+                    pass
+            if kind == "UploadMission":
+                sent[name][thing["mission_id"]] = places(thing["items"])
+                on_board[name].add(thing["mission_id"])
+        for name, what in held.items():
+            mine = [[command, x, y] for command, x, y in what["items"]]
+            known = [sent[name][number] for number in on_board[name] if number in sent[name]]
+            under_way = len(on_board[name]) > 1
+            if mine and known and not under_way and not any(same(mine, each) for each in known):
+                self._is_wrong(f"{name} holds {len(mine)} items that the journal does not know")
+        told = whole.count(b'"type":"MissionHeld"')
+        unknown = whole.count(b'"mission_id":0,"items"')
+        self._read_back = (told - unknown, unknown)
+
+    def end(self) -> None:
+        """Replay all of it, and end the mocks."""
+        self.mocks.end()
+        result = verify(self.path)
+        if result.difference is not None:
+            self._is_wrong(f"replay: {result.difference}")
+        self.found.events += result.events
+        self.found.recognised += self._read_back[0]
+        self.found.unknown += self._read_back[1]
+        for closed in list(closed_segments(self.path).values())[-2:]:
+            alone = verify(closed)
+            if alone.difference is not None:
+                self._is_wrong(f"replay of {closed.name} from its state: {alone.difference}")
+        if self.rule == "burn":
+            try:
+                self.found.drops += unapproved(self.path, self.scenario, 0, BOSS)
+            except AssertionError as error:
+                self._is_wrong(str(error))
+
+    def _is_wrong(self, what: str) -> None:
+        self.found.wrong.append(f"{self.rule}, kill {self.found.kills} ({self.out}): {what}")
+
+
+LOOKED_AT = (
+    b'"Resumed"',
+    b'"UploadMission"',
+    b'"StartMission"',
+    b'"MissionHeld"',
+    b'"UploadFinished"',
+    b'"VehicleRebooted"',
+)
+
+
+def cpu_s(process: int) -> float:
+    """What a process has used: on a machine that is busy, less than what has gone by."""
+    words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return float(int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def places(items: list[dict[str, Any]]) -> list[list[int]]:
+    """Of a mission as it stands in the journal."""
+    return [[item["command"], item["x"], item["y"]] for item in items]
+
+
+def same(mine: list[list[int]], sent: list[list[int]]) -> bool:
+    """Whether a mock holds what was sent, perhaps with its home before it."""
+    return any(
+        len(held) == len(sent)
+        and all(
+            a[0] == b[0] and (b[1:] == a[1:] or b[1:] == [0, 0] or a[1:] == [0, 0])
+            for a, b in zip(held, sent, strict=True)
+        )
+        for held in (mine, mine[1:])
+    )
+
+
+def released(values: list[float]) -> int:
+    """How often a dropper was opened."""
+    pairs = zip([None, *values], values, strict=False)
+    return sum(value in RELEASES and before not in RELEASES for before, value in pairs)
+
+
+def run(
+    rule: str, kills: int, seed: int, folder: Path, found: Found, keep: dict[str, float]
+) -> None:
+    """So many kills of one run of a rule, at moments by what has been written since the start."""
+    rng = random.Random(seed)
+    out = folder / f"{rule}-{seed}"
+    out.mkdir()
+    watched = Watched(rule, out, rng, found, keep)
+    try:
+        watched.start()
+        for number in range(kills):
+            most_bytes = MOST_BYTES * len(watched.scenario.vehicles)
+            watched.ask_for(round(rng.uniform(0.0, most_bytes)) if rng.random() < 0.9 else 0)
+            watched.kill()
+            if found.kills % TOLD_EVERY == 0:
+                sys.stdout.write(found.line() + "\n")
+                sys.stdout.flush()
+            if number < kills - 1:
+                taken_s = restarted(watched, rng)
+                found.restarts_s.append(taken_s)
+                found.cpu_s.append(watched.cpu_s)
+                # Where others keep all cores busy, what counts is what it took of them.
+                spent_s = found.cpu_s[-1] if os.getloadavg()[0] > CORES else taken_s
+                if spent_s > GOES_ON_WITHIN_S:
+                    found.wrong.append(f"{rule}, kill {found.kills}: goes on after {spent_s:.1f} s")
+    finally:
+        if watched._process is not None and watched._process.poll() is None:
+            watched._process.kill()
+        watched.end()
+
+
+def restarted(watched: Watched, rng: random.Random) -> float:
+    """Start it again; now and then it is killed while it starts."""
+    if rng.random() < 0.15:
+        with (watched.out / "run.log").open("ab") as log:
+            early = subprocess.Popen(watched._command, stdout=log, stderr=log)
+        time.sleep(rng.uniform(0.5, 3.5))
+        early.kill()
+        early.wait()
+        watched.found.kills += 1
+    return watched.start()
+
+
+def main() -> None:
+    """Print a line per 50 kills; ends with 1 if anything was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kills", type=int, nargs="?", default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--rule", action="append", choices=list(RULES))
+    parser.add_argument("--fly", nargs="+", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.fly:
+        import asyncio
+
+        asyncio.run(fly(given.fly[0], tuple(given.fly[1:])))
+        return
+    rules, found, seed = given.rule or list(RULES), Found(), given.seed
+    folder = tempfile.mkdtemp(prefix="kills-")  # kept, to be looked at
+    while found.kills < given.kills:
+        rule = rules[seed % len(rules)]
+        told = len(found.wrong)
+        keep = {"state_every_s": 2.0, "rotate_mb": 2.0 if seed % 2 else 0.4, "keep_mb": 500.0}
+        run(rule, min(KILLS_A_RUN, given.kills - found.kills), seed, Path(folder), found, keep)
+        for line in found.wrong[told:]:
+            sys.stdout.write(f"WRONG {line}\n")
+        seed += 1
+    sys.stdout.write(f"{found.line()}; files in {folder}\n")
+    for why, count in found.refused.most_common(8):
+        sys.stdout.write(f"  {count} refused: {why}\n")
+    if found.wrong:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

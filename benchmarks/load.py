@@ -1,0 +1,230 @@
+"""What the daemon costs at real-time speed: ``python -m benchmarks.load [--vehicles 8]``.
+
+A daemon, mocks in a process of their own, and a reader of the live stream as a browser is one.
+After a warm-up: CPU as a share of one core, memory (PSS), and the time from the mock's sending of a
+position to its arrival at the reader, both on CLOCK_MONOTONIC and matched by the position itself.
+Exit code 1 beyond a limit. Limits: start to ready 3 s; with 8 vehicles 30 % of a core, 300 MiB,
+200 ms at the 99th percentile; with 100 vehicles 100 % of a core.
+"""
+
+import argparse
+import http.client
+import json
+import math
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from benchmarks.link_shared import free_ports
+from benchmarks.load_mocks import STAMP
+from benchmarks.load_scenario import Load, scenario_text
+
+TICKS = os.sysconf("SC_CLK_TCK")
+READY_S, LATENCY_S, MEMORY_MIB = 3.0, 0.2, 300.0
+READY_WITHIN_S = 240.0  # kernels may have to be compiled first
+
+Seen = tuple[int, int, int, float]  # system id, lat_e7, lon_e7, when
+
+
+def core_share(many: int) -> float:
+    """The limit of CPU, as a share of one core."""
+    return 0.3 if many <= 8 else 1.0
+
+
+def cpu_s(pid: int) -> float:
+    """User and system time of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text("ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def memory_mib(pid: int, what: str = "Pss") -> float:
+    """Its memory, pages shared with others by share."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text("ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(f"{what}:")) / 1024
+
+
+@contextmanager
+def process(*words: str, out: Path | None = None) -> Iterator["subprocess.Popen[bytes]"]:
+    """A Python module as a process, ended in order at the end."""
+    with ExitStack() as stack:
+        said = subprocess.DEVNULL if out is None else stack.enter_context(out.open("wb"))
+        command = [sys.executable, "-m", *words]
+        running = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
+        try:
+            yield running
+        finally:
+            running.send_signal(signal.SIGTERM)
+            try:
+                running.wait(timeout=60)
+            except subprocess.TimeoutExpired:
+                running.kill()
+                running.wait(timeout=10)
+
+
+class Client:
+    """Asks the daemon."""
+
+    def __init__(self, port: int, token: str = "") -> None:
+        self.port = port
+        self.headers = {"Authorization": f"Bearer {token}"} if token else {}
+
+    def get(self, path: str) -> tuple[int, bytes]:
+        """Status and body; (0, b"") while nobody listens."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        try:
+            connection.request("GET", path, headers=self.headers)
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        except OSError:
+            return 0, b""
+        finally:
+            connection.close()
+
+    def stream(self, since: int, until_s: float) -> Iterator[tuple[str, bytes, float]]:
+        """Event, data and when it came, until then."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=15)
+        connection.request("GET", f"/api/v1/live?since={since}", headers=self.headers)
+        answer = connection.getresponse()
+        assert answer.status == 200, answer.status
+        event, rest = "", b""
+        while time.monotonic() < until_s:
+            part = answer.read1(65536)
+            now_s = time.monotonic()
+            *lines, rest = (rest + part).split(b"\n")
+            for line in lines:
+                if line.startswith(b"event:"):
+                    event = line[6:].strip().decode()
+                elif line.startswith(b"data:"):
+                    yield event, line[5:], now_s
+        connection.close()
+
+
+def ready_after_s(client: Client, began_s: float, daemon: "subprocess.Popen[bytes]") -> float:
+    """When /readyz says so; the mocks are heard by then."""
+    while time.monotonic() < began_s + READY_WITHIN_S:
+        if client.get("/readyz")[0] == 200:
+            return time.monotonic() - began_s
+        if daemon.poll() is not None:
+            raise SystemExit(f"the daemon ended with code {daemon.returncode}")
+        time.sleep(0.02)
+    raise SystemExit(f"not ready: {client.get('/readyz')[1].decode()}")
+
+
+def seen_of(client: Client, system_of: dict[str, int], seconds: float) -> list[Seen]:
+    """Positions as they come."""
+    found: list[Seen] = []
+    version = json.loads(client.get("/api/v1/state")[1])["version"]
+    for event, data, at_s in client.stream(version, time.monotonic() + seconds):
+        if event == "telemetry":
+            here = json.loads(data)
+            place = (round(here["lat_deg"] * 1e7), round(here["lon_deg"] * 1e7))
+            found.append((system_of[here["vehicle"]], *place, at_s))
+    return found
+
+
+def latencies_s(stamps: Path, seen: list[Seen]) -> list[float]:
+    """Of all positions that were seen and sent but once."""
+    sent: dict[tuple[int, int, int], float] = {}
+    twice = set()
+    for system, lat_e7, lon_e7, at_us in STAMP.iter_unpack(stamps.read_bytes()):
+        key = (system, lat_e7, lon_e7)
+        if key in sent:
+            twice.add(key)
+        sent[key] = at_us / 1e6
+    return sorted(
+        at_s - sent[key]
+        for system, lat_e7, lon_e7, at_s in seen
+        if (key := (system, lat_e7, lon_e7)) in sent and key not in twice
+    )
+
+
+def measure(given: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Everything, in figures."""
+    port = free_ports(1)[0]
+    path, stamps = folder / "load.toml", folder / "stamps"
+    path.write_text(scenario_text(Load(given.vehicles, given.rule, http_port=port)), "utf-8")
+    out = folder / "out"
+    with process("benchmarks.load_mocks", str(path), str(stamps)) as mocks:
+        time.sleep(3.0)  # they fly by themselves
+        began_s = time.monotonic()
+        command = ("mission_service.cli", "run", str(path), "--out", str(out), "--json")
+        with process(*command, out=folder / "daemon.log") as daemon:
+            client = Client(port)
+            ready_s = ready_after_s(client, began_s, daemon)
+            ready_cpu_s = cpu_s(daemon.pid)
+            client = Client(port, (out / "token").read_text("ascii").strip())
+            time.sleep(given.warm_up)
+            state = json.loads(client.get("/api/v1/state")[1])
+            system_of = {each["vehicle"]: each["system_id"] for each in state["vehicles"]}
+            used_s, mocks_s, began_s = cpu_s(daemon.pid), cpu_s(mocks.pid), time.monotonic()
+            profiler = None
+            if given.profile:
+                words = ["record", "-d", f"{given.seconds:.0f}", "-r", "100", "-f", "raw", "-o"]
+                pid = ["-p", str(daemon.pid)]
+                profiler = subprocess.Popen([given.py_spy, *words, given.profile, *pid])
+            seen = seen_of(client, system_of, given.seconds)
+            took_s = time.monotonic() - began_s
+            share = (cpu_s(daemon.pid) - used_s) / took_s
+            mocks_share = (cpu_s(mocks.pid) - mocks_s) / took_s
+            memory, peak = memory_mib(daemon.pid), memory_mib(daemon.pid, "Rss")
+            state = json.loads(client.get("/api/v1/state")[1])
+            if profiler is not None:
+                profiler.wait(timeout=60)
+    waits_s = latencies_s(stamps, seen) or [math.inf]  # who stands still is always in one place
+    return {
+        "vehicles": given.vehicles,
+        "rule": given.rule,
+        "flying": sum(each["altitude_relative_m"] > 10.0 for each in state["telemetry"]),
+        "decisions": sum(each["decisions"] for each in state["vehicles"]),
+        "ready_s": round(ready_s, 2),
+        "ready_cpu_s": round(ready_cpu_s, 2),
+        "core": round(share, 3),
+        "mocks_core": round(mocks_share, 3),
+        "pss_mib": round(memory, 1),
+        "rss_mib": round(peak, 1),
+        "positions_per_s": round(len(seen) / took_s, 1),
+        "matched": len(waits_s),
+        "p50_ms": round(1e3 * statistics.median(waits_s), 1),
+        "p99_ms": round(1e3 * waits_s[len(waits_s) * 99 // 100], 1),
+        "worst_ms": round(1e3 * waits_s[-1], 1),
+    }
+
+
+def beyond(figures: dict[str, Any]) -> list[str]:
+    """Which limits are passed."""
+    limits = {"ready_s": READY_S, "core": core_share(figures["vehicles"])}
+    if figures["vehicles"] <= 8:
+        limits |= {"pss_mib": MEMORY_MIB, "p99_ms": 1e3 * LATENCY_S}
+    return [
+        f"{name}: {figures[name]} > {most}" for name, most in limits.items() if figures[name] > most
+    ]
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--vehicles", type=int, default=8)
+    parser.add_argument("--rule", default="team.balanced")
+    parser.add_argument("--warm-up", type=float, default=90.0, help="seconds until measured")
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--profile", help="a file for stacks, by py-spy")
+    parser.add_argument("--py-spy", default="py-spy")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        figures = measure(given, Path(folder))
+    sys.stdout.write(json.dumps(figures) + "\n")
+    over = beyond(figures)
+    if over:
+        sys.exit("beyond the limit: " + "; ".join(over))
+
+
+if __name__ == "__main__":
+    main()

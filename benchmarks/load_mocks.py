@@ -1,0 +1,114 @@
+"""The mocks of ``load.py`` as a process: ``python -m benchmarks.load_mocks SCENARIO [STAMPS]``.
+
+Into STAMPS go records of system id, lat_e7, lon_e7 and when that position was sent, in microseconds
+of CLOCK_MONOTONIC. ``--speedup`` is that of ``mission-service mock``; with ``--troubles SECONDS``
+each mock has faults of its own in that time, drawn from ``--seed``: restarts, silence, loss.
+"""
+
+import argparse
+import asyncio
+import contextlib
+import random
+import signal
+import struct
+from pathlib import Path
+from typing import IO
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.mock.faults import parse_faults
+from autopilot_bridge.mock.fleet import Fleet
+from autopilot_bridge.mock.process import serve
+from autopilot_bridge.mock.troubled import Troubled
+from benchmarks.link_shared import clock_us
+from mission_service.mocks import Surroundings, from_scenario
+
+STAMP = struct.Struct("<Biiq")
+POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+PLACE = struct.Struct("<4xii")  # of its payload
+
+
+def troubles(seed: int, seconds: float) -> tuple[str, ...]:
+    """A third of what is sent is lost; twice there is silence, and once a restart."""
+    rng = random.Random(seed)
+    first, second = (rng.uniform(share, share + 0.3) * seconds for share in (0.15, 0.55))
+    silent_s = rng.uniform(20.0, 90.0)
+    return (
+        *("loss=0.3", "delay=0.05", "jitter=0.1", "duplication=0.05"),
+        f"silence@{first:.0f}..{first + silent_s:.0f}",
+        f"silence@{second:.0f}..{second + silent_s:.0f}",
+        f"reboot@{rng.uniform(0.1, 0.85) * seconds:.0f}",
+    )
+
+
+class Stamped:
+    """A fleet whose positions are noted as they are sent."""
+
+    def __init__(self, fleet: Fleet, stamps: IO[bytes]) -> None:
+        self.fleet = fleet
+        self._stamps = stamps
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """To all."""
+        self.fleet.receive_data(data, now_us)
+
+    def next_timer(self) -> int:
+        """Theirs."""
+        return self.fleet.next_timer()
+
+    def handle_timer(self, now_us: int) -> None:
+        """Theirs."""
+        self.fleet.handle_timer(now_us)
+
+    def data_to_send(self) -> list[bytes]:
+        """Whole frames of MAVLink 2."""
+        frames = self.fleet.data_to_send()
+        for frame in frames:
+            if int.from_bytes(frame[7:10], "little") == POSITION:
+                lat_e7, lon_e7 = PLACE.unpack_from(frame, 10)
+                self._stamps.write(STAMP.pack(frame[5], lat_e7, lon_e7, clock_us()))
+        return frames
+
+
+def _heal(peer: Stamped) -> None:
+    """No more faults."""
+    peer.fleet = Fleet(peer.fleet.mocks)
+
+
+async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
+    """All mocks of the scenario until SIGTERM."""
+    task = asyncio.current_task()
+    assert task is not None
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    async with asyncio.TaskGroup() as group:
+        for place, each in enumerate(from_scenario(given.scenario, None, None, Surroundings())):
+            fleet = each.fleet
+            for mock in each.fleet.mocks:
+                if mock.stack.name == "px4":  # the load's missions have no landing
+                    mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
+            if given.troubles:
+                seed = 1000 * given.seed + place
+                faults = parse_faults(troubles(seed, given.troubles))
+                fleet = Fleet([Troubled(mock, faults, seed) for mock in fleet.mocks])
+            peer = Stamped(fleet, stamps)
+            group.create_task(serve(peer, each.link, given.speedup, clock_us))
+            if given.troubles:
+                end_s = given.troubles / given.speedup
+                asyncio.get_running_loop().call_later(end_s, _heal, peer)
+
+
+def main() -> None:
+    """Fly."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenario")
+    parser.add_argument("stamps", nargs="?", type=Path, default=Path("/dev/null"))
+    parser.add_argument("--speedup", type=float, default=1.0)
+    parser.add_argument("--troubles", type=float, default=0.0)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    with given.stamps.open("wb") as stamps, contextlib.suppress(asyncio.CancelledError):
+        asyncio.run(fly(given, stamps))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Answers and bodies: JSON by msgspec, one form for all errors."""
+
+import asyncio
+from typing import Any
+
+import msgspec
+from fastapi import Request, Response
+
+MOST_BODY_BYTES = 1024 * 1024
+MOST_PERIMETER_BYTES = 10 * 1024 * 1024
+BODY_WITHIN_S = 20.0
+
+encode = msgspec.json.Encoder().encode
+
+
+class ApiError(Exception):
+    """Why a request gets nothing: an HTTP status and one line."""
+
+    def __init__(self, status: int, text: str, headers: dict[str, str] | None = None) -> None:
+        super().__init__(text)
+        self.status = status
+        self.headers = headers
+
+
+def error_body(text: str) -> bytes:
+    """The one form of all errors."""
+    return encode({"error": " ".join(text.split())})
+
+
+def error_answer(status: int, text: str, headers: dict[str, str] | None = None) -> Response:
+    """An error as an answer."""
+    return Response(error_body(text), status, headers, "application/json")
+
+
+def answer(content: Any, media_type: str = "application/json") -> Response:
+    """msgspec Structs, dictionaries and lists as JSON."""
+    return Response(encode(content), media_type=media_type)
+
+
+async def body_of(request: Request, most_bytes: int = MOST_BODY_BYTES) -> bytes:
+    """A request's body. Raises ApiError 413 if it is longer, 408 if it does not come in time."""
+    body = bytearray()
+    try:
+        async with asyncio.timeout(BODY_WITHIN_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > most_bytes:
+                    raise ApiError(413, f"the body has more than {most_bytes} bytes")
+    except TimeoutError:
+        raise ApiError(408, f"the body did not come within {BODY_WITHIN_S:g} s") from None
+    return bytes(body)
+
+
+async def asked(request: Request) -> dict[str, Any]:
+    """The JSON object of a request's body; none is the empty one. Raises ApiError."""
+    body = await body_of(request)
+    if not body.strip():
+        return {}
+    try:
+        found = msgspec.json.decode(body)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ApiError(400, f"the body is no JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise ApiError(422, 'the body is a JSON object, as {"by": "Anna"}')
+    return found

@@ -1,0 +1,215 @@
+"""What stands before all routes: who calls from where, how often, how much, how slowly.
+
+Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
+tokens, rates, numbers at once. An abort of a valid token passes all limits.
+"""
+
+import asyncio
+import ipaddress
+import math
+from collections.abc import Callable, Collection
+from typing import Any
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from mission_service.api.answers import MOST_PERIMETER_BYTES, ApiError, error_body
+from mission_service.api.auth import LONGEST_TOKEN, Tokens, Who
+from mission_service.api.limits import Buckets
+from mission_service.api.live import MOST_STREAMS
+
+ABORT = "/api/v1/abort"
+PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
+MOST_AT_ONCE = 64 + MOST_STREAMS  # requests under way, live streams among them
+SEND_WITHIN_S = 30.0  # who does not read for so long is cut off
+CSP = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "font-src 'self'; media-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
+    "manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+HEADERS = {
+    b"content-security-policy": CSP.encode(),
+    b"x-content-type-options": b"nosniff",
+    b"x-frame-options": b"DENY",
+    b"referrer-policy": b"no-referrer",
+    b"cross-origin-resource-policy": b"same-origin",
+    b"cross-origin-opener-policy": b"same-origin",
+}
+
+
+class Guard:
+    """The ASGI application in front of the routes."""
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        tokens: Tokens,
+        hosts: Collection[str],
+        now_s: Callable[[], float],
+    ) -> None:
+        """``hosts``: the names it may be called by, without ports; addresses are always right.
+
+        A page of another site can have its own name lead here, but never an address. By these
+        names a proxy that speaks TLS may stand before the service.
+        """
+        self._app = app
+        self._tokens = tokens
+        self._hosts = {host.lower() for host in (*hosts, "localhost")}
+        self._by_proxy = {f"https://{host.lower()}" for host in hosts}
+        self._now_s = now_s
+        self._at_once = 0
+        self._reading = Buckets(rate_s=100.0, burst=400.0)
+        self._changing = Buckets(rate_s=10.0, burst=40.0)
+        self._failing = Buckets(rate_s=1.0, burst=20.0)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":  # nothing else is served
+            return
+        bounded = _Bounded(scope, send)
+        try:
+            self._let_in(scope)
+        except ApiError as error:
+            await _refuse(bounded, error)
+            return
+        aborts = scope["path"] == ABORT
+        if self._at_once >= MOST_AT_ONCE and not aborts:
+            text = f"{MOST_AT_ONCE} requests are under way already"
+            await _refuse(bounded, ApiError(503, text, {"retry-after": "1"}))
+            return
+        self._at_once += 1
+        try:
+            await self._app(scope, receive, bounded)
+        except TooSlowError:
+            await _cut(scope)
+        finally:
+            self._at_once -= 1
+
+    def _let_in(self, scope: Scope) -> None:
+        """Raises ApiError unless the request may go on; says in its state whose it is."""
+        headers = _headers(scope)
+        host = self._right_host(headers.get(b"host", []))
+        _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
+        path, client = scope["path"], scope["client"][0] if scope.get("client") else ""
+        scope.setdefault("state", {})["who"] = None
+        if path.startswith(PREFIXES_WITH_TOKEN):
+            who = self._whose(headers.get(b"authorization", []), client)
+            scope["state"]["who"] = who
+            client = f"token {who.name}"
+            scope["state"].get("proven", _nothing)()
+        reads = scope["method"] in ("GET", "HEAD")
+        if path != ABORT:
+            self._refuse_often(self._reading if reads else self._changing, client)
+        _refuse_long(headers.get(b"content-length", []))
+
+    def _right_host(self, given: list[bytes]) -> str:
+        host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
+        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+        if name not in self._hosts and not _is_address(name.strip("[]")):
+            raise ApiError(403, "wrong Host: call the service by its address or a name in hosts")
+        return host
+
+    def _whose(self, given: list[bytes], client: str) -> Who:
+        word = {"www-authenticate": "Bearer"}
+        if not given:
+            raise ApiError(401, "a token is needed: Authorization: Bearer TOKEN", word)
+        kind, _, token = given[0].decode("latin-1").strip().partition(" ")
+        token = token.strip()
+        if len(given) == 1 and kind.lower() == "bearer" and len(token) <= LONGEST_TOKEN:
+            who = self._tokens.whose(token)
+            if who is not None:
+                return who
+        self._refuse_often(self._failing, client)
+        raise ApiError(401, "this token is not valid", word)
+
+    def _refuse_often(self, buckets: Buckets, client: str) -> None:
+        wait_s = buckets.take(client, self._now_s())
+        if wait_s > 0.0:
+            again = {"retry-after": str(math.ceil(wait_s))}
+            raise ApiError(429, f"too many requests; ask again in {math.ceil(wait_s)} s", again)
+
+
+class TooSlowError(Exception):
+    """Somebody does not read what they asked for."""
+
+
+class _Bounded:
+    """``send`` with the headers of all answers, and an end for who does not read."""
+
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._send = send
+        self._path = scope["path"]
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", []), *self._headers(message)]}
+        try:
+            async with asyncio.timeout(SEND_WITHIN_S):
+                await self._send(message)
+        except TimeoutError:
+            raise TooSlowError from None
+
+    def _headers(self, message: Message) -> list[tuple[bytes, bytes]]:
+        there = {name.lower() for name, _ in message.get("headers", [])}
+        added = [(name, value) for name, value in HEADERS.items() if name not in there]
+        if b"cache-control" not in there:
+            kept = b"no-store" if self._path.startswith(PREFIXES_WITH_TOKEN) else b"no-cache"
+            added.append((b"cache-control", kept))
+        return added
+
+
+def _nothing() -> None:
+    """For servers that do not ask who is proven."""
+
+
+def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
+    found: dict[bytes, list[bytes]] = {}
+    for name, value in scope["headers"]:
+        found.setdefault(name.lower(), []).append(value)
+    return found
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _origin(scope: Scope, host: str) -> str:
+    return f"{scope.get('scheme', 'http')}://{host}"
+
+
+def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
+    """Browsers say where a request comes from; pages of other sites get nothing."""
+    for origin in headers.get(b"origin", []):
+        if origin.decode("latin-1").lower() not in own:
+            raise ApiError(403, "pages of other origins may not use the service")
+    for site in headers.get(b"sec-fetch-site", []):
+        if site.lower() not in (b"same-origin", b"none"):
+            raise ApiError(403, "pages of other sites may not use the service")
+
+
+def _refuse_long(given: list[bytes]) -> None:
+    for length in given:
+        if length.isdigit() and int(length) > MOST_PERIMETER_BYTES:
+            raise ApiError(413, f"the body has more than {MOST_PERIMETER_BYTES} bytes")
+
+
+async def _refuse(send: Send, error: ApiError) -> None:
+    body = error_body(str(error))
+    headers: list[tuple[bytes, bytes]] = [
+        (b"content-type", b"application/json"),
+        (b"content-length", str(len(body)).encode()),
+        *((name.encode(), value.encode()) for name, value in (error.headers or {}).items()),
+    ]
+    try:
+        await send({"type": "http.response.start", "status": error.status, "headers": headers})
+        await send({"type": "http.response.body", "body": body})
+    except TooSlowError:  # an answer so short is only stuck behind others of this connection
+        return
+
+
+async def _cut(scope: dict[str, Any] | Scope) -> None:
+    """Close a connection though its buffer is not empty, where the server can do that."""
+    scope.get("state", {}).get("cut", _nothing)()
+    await asyncio.sleep(0)  # the server has noticed then

@@ -1,0 +1,70 @@
+"""Lines of a journal that is being written to, found without reading it from its beginning."""
+
+import os
+import threading
+from collections import OrderedDict
+from typing import BinaryIO
+
+EVERY_LINES = 1000
+PART_BYTES = 1 << 20
+MOST_FILES = 4  # whose lines are known; which was asked for longest ago is forgotten first
+
+
+class JournalLines:
+    """Knows where each thousandth line of a file begins. Thread-safe; its callers read."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._files: OrderedDict[tuple[int, int], _Begins] = OrderedDict()
+
+    def after(self, file: BinaryIO, line: int, limit: int, most_bytes: int) -> tuple[bytes, int]:
+        """Whole lines after ``line`` (the header is line 1), and the number of the last of them.
+
+        At most ``limit`` lines, and one that makes it more than ``most_bytes``.
+        """
+        with self._lock:
+            begins = self._known(file)
+            part = min(line // EVERY_LINES, len(begins.at_byte) - 1)
+            file.seek(begins.at_byte[part])
+            found: list[bytes] = []
+            size = 0
+            for number, text in enumerate(file, start=part * EVERY_LINES + 1):
+                if number <= line:
+                    continue
+                if not text.endswith(b"\n") or len(found) >= limit or size > most_bytes:
+                    break
+                found.append(text)
+                size += len(text)
+            return b"".join(found), line + len(found)
+
+    def _known(self, file: BinaryIO) -> "_Begins":
+        stat = os.fstat(file.fileno())
+        named = (stat.st_dev, stat.st_ino)
+        begins = self._files.pop(named, None)
+        if begins is None or stat.st_size < begins.counted_bytes:
+            begins = _Begins()
+        begins.count(file)
+        self._files[named] = begins
+        if len(self._files) > MOST_FILES:
+            self._files.popitem(last=False)
+        return begins
+
+
+class _Begins:
+    """Where lines 1, 1001, 2001, ... of a file begin."""
+
+    def __init__(self) -> None:
+        self.at_byte = [0]
+        self.counted_bytes = 0
+        self._lines = 0
+
+    def count(self, file: BinaryIO) -> None:
+        """Count the lines that have come since."""
+        file.seek(self.counted_bytes)
+        while part := file.read(PART_BYTES):
+            place = -1
+            while (place := part.find(b"\n", place + 1)) >= 0:
+                self._lines += 1
+                if self._lines % EVERY_LINES == 0:
+                    self.at_byte.append(self.counted_bytes + place + 1)
+            self.counted_bytes += len(part)

@@ -1,0 +1,33 @@
+"""How often a client may ask: token buckets. Pure; ``now_s`` is any clock that goes forward."""
+
+from collections import OrderedDict
+
+MOST_CLIENTS = 1024  # remembered; whoever asked longest ago is forgotten first
+
+
+class Buckets:
+    """A bucket a client: ``burst`` requests at once, ``rate_s`` a second in the long run."""
+
+    def __init__(self, rate_s: float, burst: float) -> None:
+        self._rate_s = rate_s
+        self._burst = burst
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
+
+    def wait_s(self, client: str, now_s: float) -> float:
+        """How long ``client`` has to wait before it may ask once: 0 if it may now."""
+        left, at_s = self._left.get(client, (self._burst, now_s))
+        left = min(self._burst, left + (now_s - at_s) * self._rate_s)
+        return 0.0 if left >= 1.0 else (1.0 - left) / self._rate_s
+
+    def take(self, client: str, now_s: float) -> float:
+        """Ask once: 0 if that is allowed, else the seconds to wait, and nothing is taken."""
+        wait_s = self.wait_s(client, now_s)
+        if wait_s == 0.0:
+            left, at_s = self._left.pop(client, (self._burst, now_s))
+            self._left[client] = (
+                min(self._burst, left + (now_s - at_s) * self._rate_s) - 1.0,
+                now_s,
+            )
+            if len(self._left) > MOST_CLIENTS:
+                self._left.popitem(last=False)
+        return wait_s

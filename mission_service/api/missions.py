@@ -1,0 +1,158 @@
+"""Missions: what is on board, what would be sent now, and a person's word on it."""
+
+import tempfile
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+
+from autopilot_bridge.check import check
+from autopilot_bridge.items import Items, MissionItem, Plan
+from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.stacks import stack_named
+from mission_service import requests
+from mission_service.api import examples
+from mission_service.api.answers import ApiError, answer, asked
+from mission_service.api.context import Api
+from mission_service.api.described import V1, body, json, route, struct
+from mission_service.api.mission_difference import difference_of, farthest_m
+from mission_service.api.states import Figures, Preview, Told
+from mission_service.hub import Hub
+from mission_service.picture import Mission, MissionState, mission_hash
+
+WORDS: dict[str, tuple[type[requests.Request], str, dict[str, Any]]] = {
+    "renew": (requests.Renew, "Plan a new mission and send it now.", {}),
+    "accept": (
+        requests.Accept,
+        "Let the proposed mission of this hash go to the vehicle.",
+        {"hash": examples.HASH},
+    ),
+    "refuse": (
+        requests.Refuse,
+        "Have the proposed mission of this hash not flown.",
+        {"hash": examples.HASH},
+    ),
+}
+
+
+def items_of(mission: Mission) -> Items:
+    """The items as they were sent. Raises ApiError 409 if they cannot be told again exactly."""
+    items = tuple(
+        MissionItem(
+            item.command,
+            item.frame,
+            0 if item.lat_deg is None else round(item.lat_deg * 1e7),
+            0 if item.lon_deg is None else round(item.lon_deg * 1e7),
+            item.altitude_m,
+            *item.params,
+        )
+        for item in mission.items
+    )
+    if mission_hash(items) != mission.mission_hash:
+        raise ApiError(409, "this mission has items that only MAVLink can tell; download it there")
+    return items
+
+
+def preview_of(hub: Hub, name: str) -> Preview:
+    """What the vehicle would be sent now. Raises ApiError 409 if there is nothing."""
+    found = hub.preview(name)
+    if found is None:
+        rule = hub.scenario.planner.rule
+        raise ApiError(
+            409, f"{name}: there is nothing to fly yet, or the rule {rule} has no missions"
+        )
+    mission, told = found["mission"], found["figures"]
+    section = hub.core.vehicles[name].section
+    on_board = hub.picture.missions[name].on_board
+    stack = stack_named(section.stack, section.kind)
+    figures = Figures(
+        told["items"],
+        told["length_m"],
+        told["duration_s"],
+        told["least_height_agl_m"],
+        told["least_height_lat_deg"],
+        told["least_height_lon_deg"],
+        told["most_altitude_amsl_m"],
+        farthest_m(mission.items, section.home_lat_deg, section.home_lon_deg),
+        not told["stays_on_map"],
+        [str(problem) for problem in check(items_of(mission), stack)],
+    )
+    difference = difference_of(() if on_board is None else on_board.items, mission.items)
+    named = mission.mission_hash
+    return Preview(hub.clock.now_us, name, named, mission.items, figures, difference)
+
+
+def plan_file(items: Items, hub: Hub, name: str) -> bytes:
+    """A QGroundControl .plan file."""
+    section = hub.core.vehicles[name].section
+    land = hub.landscape
+    x_m, y_m = land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    ground_m = 0.0 if land.elevation_m is None else float(land.elevation_at(x_m, y_m))
+    home = (section.home_lat_deg, section.home_lon_deg, ground_m)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mission.plan"
+        write_plan(path, Plan(items, home=home), stack_named(section.stack, section.kind))
+        return path.read_bytes()
+
+
+def add(routes: APIRouter, api: Api) -> None:
+    """``/vehicles/NAME/mission``."""
+
+    @routes.get(
+        f"{V1}/vehicles/{{name}}/mission",
+        **route(
+            "look",
+            "What is on board, on its way, and waits for a word.",
+            struct(MissionState, examples.MISSION),
+        ),
+    )
+    async def mission(name: str) -> Response:
+        api.vehicle(name)
+        return answer(api.hub.picture.missions[name])
+
+    plan = json({"fileType": "Plan", "version": 1}, what="A QGroundControl .plan file.")
+
+    @routes.get(
+        f"{V1}/vehicles/{{name}}/mission.plan",
+        **route("look", "What is on board, as a .plan file.", plan),
+    )
+    async def mission_plan(name: str) -> Response:
+        api.vehicle(name)
+        on_board = api.hub.picture.missions[name].on_board
+        if on_board is None:
+            raise ApiError(404, f"{name}: no mission is known to be on board")
+        content = await api.aside(partial(plan_file, items_of(on_board), api.hub, name))
+        named = {"content-disposition": f'attachment; filename="{name}.plan"'}
+        return Response(content, headers=named, media_type="application/json")
+
+    @routes.post(
+        f"{V1}/vehicles/{{name}}/mission/preview",
+        **route(
+            "fly",
+            "What would be sent now, its figures, and what is different on board.",
+            struct(Preview, examples.PREVIEW),
+        ),
+    )
+    async def preview(name: str, request: Request) -> Response:
+        await asked(request)
+        api.vehicle(name)
+        return answer(preview_of(api.hub, name))
+
+    def asking(do: str) -> Callable[[str, Request], Awaitable[Response]]:
+        async def ask(name: str, request: Request) -> Response:
+            api.vehicle(name)
+            return await api.ask(request, do, vehicle=name)
+
+        return ask
+
+    for do, (kind, summary, example) in WORDS.items():
+        told = struct(Told, {**examples.TOLD, "event": "MissionAccepted"})
+        routes.add_api_route(
+            f"{V1}/vehicles/{{name}}/mission/{do}",
+            asking(do),
+            methods=["POST"],
+            operation_id=f"mission_{do}",
+            **route("fly", summary, told, body(kind, example, ("vehicle",))),
+        )

@@ -1,0 +1,224 @@
+"""uvicorn inside the daemon: its tasks and signals are the daemon's, and so is its end.
+
+Of uvicorn there is the protocol (h11) and the loop around it. What is ours: the listening socket,
+TLS, when a connection has taken too long, which one goes when there are too many, and the end.
+"""
+
+import asyncio
+import contextlib
+import errno
+import logging
+import socket
+import ssl
+from collections.abc import AsyncIterator, Iterator
+from typing import Any
+
+import uvicorn
+from h11 import ERROR
+from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from mission_service.api.answers import error_body
+from mission_service.api.guard import HEADERS
+from mission_service.errors import MissionServiceError
+from mission_service.service_config import HttpSection
+
+MOST_CONNECTIONS = 256
+REQUEST_WITHIN_S = 10.0  # from its first byte, or the connection's, to the end of its headers
+KEEP_ALIVE_S = 30
+HANDSHAKE_WITHIN_S = 5.0
+STOP_WITHIN_S = 1  # then what is left is cut off
+MOST_HEADER_BYTES = 16 * 1024
+SEND_BUFFER_BYTES = 128 * 1024  # more in the kernel would only be older news
+
+
+@contextlib.contextmanager
+def bound(section: HttpSection) -> Iterator[socket.socket]:
+    """A listening socket. Raises MissionServiceError in one line if there cannot be one."""
+    family = socket.AF_INET6 if ":" in section.host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        listening.bind((section.host, section.port))
+        listening.listen(128)
+        listening.setblocking(False)
+    except OSError as error:
+        listening.close()
+        why = error.strerror or str(error)
+        if error.errno == errno.EADDRINUSE:
+            why = "in use; is another service running? Choose another with service.http.listen"
+        raise MissionServiceError(f"HTTP on {section.listen}: {why}") from None
+    with listening:
+        yield listening
+
+
+def url_of(section: HttpSection, listening: socket.socket) -> str:
+    """Where browsers find it, as http://127.0.0.1:8765."""
+    host = f"[{section.host}]" if ":" in section.host else section.host
+    scheme = "http" if section.tls_certificate is None else "https"
+    return f"{scheme}://{host}:{listening.getsockname()[1]}"
+
+
+def tls_of(section: HttpSection) -> ssl.SSLContext | None:
+    """TLS 1.2 and later; None without a certificate. Raises MissionServiceError."""
+    certificate, key = section.tls_certificate, section.tls_key
+    if certificate is None or key is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        # Else a key with a password would have OpenSSL ask on the terminal.
+        context.load_cert_chain(certificate, key, password=_no_password)
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise MissionServiceError(
+            f"TLS with {certificate} and {key}: {why}; they must be PEM, and belong together"
+        ) from None
+    return context
+
+
+def _no_password() -> str:
+    raise ValueError("the key has a password; give one without")
+
+
+@contextlib.asynccontextmanager
+async def serving(
+    app: ASGIApp, listening: socket.socket, stopping: asyncio.Event, tls: ssl.SSLContext | None
+) -> AsyncIterator[None]:
+    """Serve within this context. ``stopping`` is set at its end, so that streams end in order."""
+    config = uvicorn.Config(
+        app,
+        http=Connection,
+        ws="none",
+        loop="none",
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        timeout_keep_alive=KEEP_ALIVE_S,
+        timeout_graceful_shutdown=STOP_WITHIN_S,
+        h11_max_incomplete_event_size=MOST_HEADER_BYTES,
+    )
+    # It warns of each request that is no HTTP; whoever sends those could fill the disk.
+    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
+    server = _Server(config, listening, tls)
+    running = asyncio.create_task(server.serve())
+    try:
+        await server.ready.wait()
+        yield
+    finally:
+        stopping.set()
+        server.stop.set()
+        await running
+        for connection in list(server.server_state.connections):
+            connection.transport.abort()
+
+
+class _Server(uvicorn.Server):
+    """uvicorn's server on our socket, without its signals, its exit and its ten ticks a second."""
+
+    def __init__(
+        self, config: uvicorn.Config, listening: socket.socket, tls: ssl.SSLContext | None
+    ) -> None:
+        super().__init__(config)
+        self._listening = listening
+        self._tls = tls
+        self.ready = asyncio.Event()
+        self.stop = asyncio.Event()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        loop = asyncio.get_running_loop()
+
+        def connection() -> asyncio.Protocol:
+            return Connection(self.config, self.server_state, {})
+
+        limit = None if self._tls is None else HANDSHAKE_WITHIN_S
+        self.servers = [
+            await loop.create_server(
+                connection, sock=self._listening, ssl=self._tls, ssl_handshake_timeout=limit
+            )
+        ]
+        self.started = True
+        self.ready.set()
+
+    async def main_loop(self) -> None:
+        while not self.stop.is_set():
+            await self.on_tick(0)  # the Date header
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self.stop.wait(), 1.0)
+
+
+class Connection(H11Protocol):
+    """One connection, which may not dawdle over its headers; of too many the unproven goes.
+
+    ``proven``: a request of it had a valid token. Its requests can cut it off (``state``).
+    """
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        super().__init__(*args, **keywords)
+        self.proven = False
+        self.made_at_s = self.loop.time()
+        self._too_late: asyncio.TimerHandle | None = None
+        routes = self.app
+
+        async def app(scope: Scope, receive: Receive, send: Send) -> None:
+            scope["state"] = {"cut": self.transport.abort, "proven": self._prove}
+            await routes(scope, receive, send)
+
+        self.app = app
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        others = [each for each in self.connections if isinstance(each, Connection)]
+        super().connection_made(transport)  # type: ignore[arg-type]
+        self._expect_request()
+        if len(others) >= MOST_CONNECTIONS:
+            # Anybody can open connections; those that had a token stay.
+            unproven = (each for each in others if not each.proven)
+            oldest = min(unproven, key=lambda each: each.made_at_s, default=self)
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._expect_nothing()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        if self._too_late is None and self._idle:
+            self._expect_request()
+        super().data_received(data)
+        if not self._idle:
+            self._expect_nothing()
+
+    def send_400_response(self, msg: str) -> None:
+        """To what is no HTTP: the same form as all errors, and the end of the connection."""
+        if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
+            self.transport.close()
+            return
+        body = error_body("this is no HTTP request, or its headers are too long")
+        lines = [b"HTTP/1.1 400 Bad Request", b"content-type: application/json"]
+        lines += [b"content-length: %d" % len(body), b"connection: close"]
+        lines += [b"cache-control: no-store"]
+        lines += [b"%b: %b" % header for header in HEADERS.items()]
+        self.transport.write(b"\r\n".join([*lines, b"", body]))
+        self.transport.close()
+
+    @property
+    def _idle(self) -> bool:
+        """Whether no request is under way."""
+        return self.cycle is None or self.cycle.response_complete
+
+    def _prove(self) -> None:
+        self.proven = True
+
+    def _expect_request(self) -> None:
+        self._too_late = self.loop.call_later(REQUEST_WITHIN_S, self.transport.abort)
+
+    def _expect_nothing(self) -> None:
+        if self._too_late is not None:
+            self._too_late.cancel()
+            self._too_late = None

@@ -1,0 +1,142 @@
+"""A cellular fire that people set right: pens, eraser, undo, and another wind.
+
+The fire without corrections burns on beside the corrected one, so that an undo brings it back.
+Whatever changes, the corrected fire is begun again at that moment from arrival times set right.
+"""
+
+import copy
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.burning import burning_from_arrival
+from firemodel.errors import FireModelError
+from firemodel.fire import Burning, Fire
+from firemodel.landscape import Landscape
+from firemodel.rasterise import cells_of
+from firemodel.weather import WeatherStream
+from mission_service.correction_log import CorrectionLog, Held, erases, marks_held
+from mission_service.events import (
+    Corrected,
+    CrewEvent,
+    Erased,
+    Redone,
+    Undone,
+    WindTold,
+)
+
+Floats = NDArray[np.float64]
+
+AHEAD_S = 3600.0  # what the fire does so far ahead tells how marks there reach back
+MARKS_APART_CELLS = 1.0
+
+Begin = Callable[[Burning, WeatherStream], Fire]
+
+
+class CorrectedFire:
+    """Folds what people say into fires begun again; ``begin`` makes one from what burns."""
+
+    def __init__(self, landscape: Landscape, begin: Begin) -> None:
+        self.log = CorrectionLog()
+        self._landscape = landscape
+        self._begin = begin
+        self._base: Fire | None = None  # without corrections, while there are some
+
+    def all_of(self, fire: Fire) -> list[Fire]:
+        """The fire, and the one without corrections: what is lit burns in both."""
+        if self._base is None:
+            return [fire]
+        self._base.advance(fire.time_s)
+        return [fire, self._base]
+
+    def told(self, event: CrewEvent, fire: Fire) -> Fire:
+        """The fire from now on; the same object if nothing has changed.
+
+        Raises FireModelError for what cannot be; nothing is changed then.
+        """
+        match event:
+            case WindTold():
+                stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
+                if self._base is None:
+                    return self._begin(burning_now(fire), stream)
+                self._base.advance(fire.time_s)
+                self._base = self._begin(burning_now(self._base), stream)
+                return self._set_right(self._base)
+            case Corrected() | Erased() | Undone() | Redone():
+                log = copy.deepcopy(self.log)
+                if not log.take(event):
+                    return fire
+                kept, self.log = self.log, log
+                try:
+                    base = self.all_of(fire)[-1]
+                    found = self._set_right(base)
+                except FireModelError:
+                    self.log = kept
+                    raise
+                self._base = None if found is base else base
+                return found
+            case _:
+                return fire
+
+    def _set_right(self, base: Fire) -> Fire:
+        spacing_m = MARKS_APART_CELLS * self._landscape.cell_size_m
+        held = self.log.held()
+        marks = marks_held(held, self._landscape, spacing_m)
+        if not len(marks):
+            return base
+        ahead = copy.deepcopy(base)
+        ahead.advance(base.time_s + AHEAD_S)
+        from firemodel.corrected_cells import corrected_arrival  # SciPy takes a while
+
+        arrival_s = corrected_arrival(ahead.arrival_time_s, self._landscape, marks)
+        arrival_s = as_drawn(arrival_s, held, self._landscape)
+        burning = burning_from_arrival(arrival_s, self._landscape, base.time_s)
+        return self._begin(burning, base.weather)
+
+
+def burning_now(fire: Fire) -> Burning:
+    """What burns of a fire at its time."""
+    return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
+
+
+def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:
+    """Arrival times (y, x) with the cells that were drawn as they were drawn, to the letter.
+
+    A fit weighs marks against each other and the model; who has drawn over a cell means that cell.
+    Later strokes are over earlier ones. Of an area that burns only its edge is meant.
+    """
+    found = arrival_s.copy()
+    for each in held:
+        cells = _cells_drawn(each, landscape)
+        at_s, there = each.correction.marked_at_us / 1e6, tuple(cells.T)
+        match each.correction.state:
+            case "unburned":
+                found[there] = np.maximum(found[there], np.nextafter(at_s, np.inf))
+            case "burned":
+                found[there] = np.minimum(found[there], at_s)
+            case _:
+                found[there] = at_s
+    return found
+
+
+def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
+    """The cells (n, 2) of a stroke, less those that were erased."""
+    told = held.correction
+    lat, lon = np.array(told.points, dtype=float).T
+    places = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    shape: BaseGeometry = shapely.Point(places[0])
+    if told.shape == "line":
+        shape = shapely.LineString(places)
+    elif told.shape == "polygon":
+        area = shapely.Polygon(places)
+        shape = area.exterior if told.state == "burning" else area
+    cells = cells_of([shape], landscape)
+    if not held.erasures:
+        return cells
+    x_m, y_m = landscape.xy_of(cells[:, 0].astype(float), cells[:, 1].astype(float))
+    centres = zip(*landscape.lat_lon_of(x_m, y_m), strict=True)
+    kept = [not any(erases(erasure, *at) for erasure in held.erasures) for at in centres]
+    return cells[kept]

@@ -1,0 +1,144 @@
+"""What people order of vehicles along a front or in formation: events to commands. Pure."""
+
+from collections.abc import Callable
+
+from mission_service.approvals import MissionApprovals
+from mission_service.commands import AnyCommand, Hold, Return, StartMission
+from mission_service.config import Scenario
+from mission_service.events import (
+    Aborted,
+    CrewEvent,
+    MissionAccepted,
+    MissionRefused,
+    MissionWanted,
+    Order,
+    Ordered,
+)
+from mission_service.planning import FORMATION
+from mission_service.steering import Steering
+from mission_service.vehicle import Vehicle, say
+
+HOLD_AGAIN_S = 3.0
+START_AFTER_S = 2.0
+REFUSED_FOR_S = 30.0  # no other mission is proposed for so long
+
+Start = Callable[[Vehicle, float], list[AnyCommand]]
+
+
+class CrewOrders:
+    """Orders by people; what they make of a vehicle is in its ``Vehicle``."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        steering: Steering,
+        vehicles: dict[str, Vehicle],
+        start: Start,
+        approvals: MissionApprovals | None,
+    ) -> None:
+        self.scenario = scenario
+        self.steering = steering
+        self.vehicles = vehicles
+        self._start = start
+        self._approvals = approvals
+
+    def take(self, event: CrewEvent) -> list[AnyCommand]:
+        """Orders to vehicles that follow a front or fly in formation."""
+        match event:
+            case Ordered():
+                return self._to_each(
+                    event.vehicle,
+                    lambda vehicle: self._order(vehicle, event.order, event.by, event.at_us / 1e6),
+                )
+            case Aborted():
+                return self._to_each(
+                    "", lambda vehicle: self._hold(vehicle, event.by, event.at_us / 1e6, "aborted")
+                )
+            case MissionWanted():
+                return self._to_each(event.vehicle, lambda vehicle: self._want(vehicle, event.by))
+            case MissionAccepted() | MissionRefused():
+                return self._decided_on(event)
+            case _:
+                return []
+
+    def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
+        named = [self.vehicles[name]] if name else self.vehicles.values()
+        return [command for vehicle in named for command in order(vehicle)]
+
+    def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
+        match order:
+            case "hold":
+                return self._hold(vehicle, by, at_s, "told to hold")
+            case "return":
+                vehicle.ordered, vehicle.hold_again_at_s = "", None
+                if not vehicle.presence.airborne:
+                    return [say(vehicle, f"told to return by {by}, but it is on the ground")]
+                self.steering.recall(vehicle.name, at_s)
+                vehicle.sent_home, vehicle.holding = True, False
+                vehicle.return_again_at_s = None if vehicle.presence.online else at_s
+                words = say(vehicle, f"told to return by {by}")
+                return [words, Return(vehicle.name)] if vehicle.presence.online else [words]
+            case "resume":
+                return self._resume(vehicle, by)
+            case "start":
+                if vehicle.ordered:
+                    return [say(vehicle, "told to hold: resume it first", warning=True)]
+                vehicle.started = True
+                if vehicle.flown_line is None or not vehicle.presence.online:
+                    vehicle.start_again_at_s = at_s + START_AFTER_S
+                    return [say(vehicle, f"start by {by}: as soon as it has a mission")]
+                return [say(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
+
+    def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
+        """Loiter until somebody says otherwise; told again until the autopilot has said yes."""
+        vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
+        vehicle.start_again_at_s = vehicle.return_again_at_s = None
+        words = say(vehicle, f"{why} by {by}", warning=True)
+        if not vehicle.presence.online:
+            vehicle.hold_again_at_s = at_s
+            return [words]
+        return [words, Hold(vehicle.name)]
+
+    def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
+        in_formation = self.scenario.planner.rule == FORMATION
+        if in_formation and vehicle.presence.airborne and not vehicle.presence.online:
+            return [say(vehicle, "not heard: resume it when it is", warning=True)]
+        vehicle.ordered, vehicle.hold_again_at_s = "", None
+        vehicle.presence.recalled = vehicle.sent_home = vehicle.going_home = False
+        vehicle.return_again_at_s = None
+        if in_formation and vehicle.presence.airborne:
+            # Into its mission, which ends at the fire's edge: from there it is led again.
+            return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
+        if vehicle.presence.airborne:  # by a new mission: the front has moved on
+            vehicle.holding, vehicle.flown_line = True, None
+        elif vehicle.started:
+            vehicle.flown_line = None
+            vehicle.started = False
+        return [say(vehicle, f"resumed by {by}")]
+
+    def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
+        vehicle.due = f"asked for by {by}"
+        return []
+
+    def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
+        vehicle = self.vehicles.get(event.vehicle)
+        if self._approvals is None or vehicle is None:
+            return []
+        if isinstance(event, MissionAccepted):
+            mission = self._approvals.accepted(vehicle.name, event.mission_hash)
+            if mission is not None:
+                words = f"mission {mission.mission_id} accepted by {event.by}"
+                return [say(vehicle, words), mission]
+        elif self._approvals.refused(vehicle.name, event.mission_hash):
+            vehicle.pending = None
+            vehicle.not_before_s = event.at_us / 1e6 + REFUSED_FOR_S
+            return [say(vehicle, f"mission refused by {event.by}")]
+        return [say(vehicle, "no such mission is proposed; look again", warning=True)]
+
+
+def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """Tell a held one once more when it is time, until its autopilot has said yes."""
+    if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
+        return []
+    vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
+    return [Hold(vehicle.name)]

@@ -1,0 +1,1 @@
+"""What other programs are sent in their own formats."""

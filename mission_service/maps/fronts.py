@@ -1,0 +1,101 @@
+"""Fronts, forecast contours and bands of uncertainty as GeoJSON (RFC 7946)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.fire import StartArea, with_start
+from firemodel.front import front_polygons
+from firemodel.landscape import Landscape
+from firemodel.writers import M2_PER_ACRE, area_geometry
+
+LEVELS = (0.1, 0.5, 0.9)
+
+Floats = NDArray[np.float64]
+
+
+def burned_area(
+    arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
+) -> Any:
+    """Area burned at a time, shapely MultiPolygon in the landscape's CRS.
+
+    Arrival times (y, x), infinity where fire never comes; those after ``at_s`` say where between
+    two cells the front is. ``start_area`` is that of a fire taken over (``Fire.start_area``).
+    """
+    return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
+
+
+def front_geojson(
+    arrival_s: Floats,
+    landscape: Landscape,
+    at_s: float,
+    now_s: float,
+    *,
+    start_area: StartArea | None = None,
+    **props: Any,
+) -> dict[str, Any]:
+    """One Feature: the area burned at a time (see ``burned_area``), with ``props`` besides.
+
+    Without coordinates where nothing has burned.
+    """
+    area = burned_area(arrival_s, landscape, at_s, start_area)
+    return _feature(area, landscape, at_s, now_s, props)
+
+
+def contours_geojson(
+    arrival_s: Floats,
+    landscape: Landscape,
+    times_s: Sequence[float],
+    now_s: float,
+    *,
+    start_area: StartArea | None = None,
+    **props: Any,
+) -> dict[str, Any]:
+    """A FeatureCollection of ``front_geojson`` at each time, latest first: to be drawn in order."""
+    return _collection(
+        [
+            front_geojson(arrival_s, landscape, at_s, now_s, start_area=start_area, **props)
+            for at_s in sorted(set(times_s), reverse=True)
+        ]
+    )
+
+
+def probability_geojson(
+    probability: Floats,
+    landscape: Landscape,
+    at_s: float,
+    now_s: float,
+    levels: Sequence[float] = LEVELS,
+    **props: Any,
+) -> dict[str, Any]:
+    """A FeatureCollection: where it has burned by a time with each probability or a higher one.
+
+    The least first (the largest area): to be drawn in order. Shares (y, x) from 0 to 1.
+    """
+    features = []
+    for level in sorted(set(levels)):
+        area = front_polygons(1.0 - probability, 1.0 - level, landscape)
+        features.append(_feature(area, landscape, at_s, now_s, {"probability": level, **props}))
+    return _collection(features)
+
+
+def _feature(
+    area: Any, landscape: Landscape, at_s: float, now_s: float, props: dict[str, Any]
+) -> dict[str, Any]:
+    properties = {
+        "at_s": at_s,
+        "at_us": round(at_s * 1e6),
+        "in_s": at_s - now_s,
+        "area_ha": round(area.area / 1e4, 3),
+        "area_acres": round(area.area / M2_PER_ACRE, 2),
+        "perimeter_m": round(area.length, 1),
+        **props,
+    }
+    geometry = area_geometry(area, landscape)
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def _collection(features: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"type": "FeatureCollection", "features": features}

@@ -1,0 +1,84 @@
+"""Web Mercator (EPSG:3857), in which browsers draw maps, and a landscape's grid in it."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+
+RADIUS_M = 6378137.0  # EPSG:3857 is on a sphere
+WORLD_M = 2.0 * math.pi * RADIUS_M
+# The projections are worked out at so many places along each side and drawn straight between: over
+# 100 km that is wrong by 2 m, and by less than a thousandth of a pixel of 256.
+NODES = 33
+
+Floats = NDArray[np.float64]
+Box = tuple[float, float, float, float]  # west, south, east, north
+
+
+def mercator_of(lon_deg: Any, lat_deg: Any) -> tuple[Any, Any]:
+    """x, y in metres of Web Mercator."""
+    y_m = RADIUS_M * np.arctanh(np.sin(np.deg2rad(lat_deg)))
+    return RADIUS_M * np.deg2rad(lon_deg), y_m
+
+
+def lon_lat_of(x_m: Any, y_m: Any) -> tuple[Any, Any]:
+    """Longitude and latitude in degrees."""
+    lat_deg = np.rad2deg(np.arcsin(np.tanh(np.asarray(y_m) / RADIUS_M)))
+    return np.rad2deg(np.asarray(x_m) / RADIUS_M), lat_deg
+
+
+def outline_of(landscape: Landscape) -> Floats:
+    """Longitudes and latitudes (n, 2) along the edge of a landscape, clockwise from the NW."""
+    rows, cols = landscape.shape
+    along = np.linspace(0.0, 1.0, NODES)[:-1]
+    row = np.concatenate([along * 0, along, along * 0 + 1, 1 - along]) * rows - 0.5
+    col = np.concatenate([along, along * 0 + 1, 1 - along, along * 0]) * cols - 0.5
+    lat, lon = landscape.lat_lon_of(*landscape.xy_of(row, col))
+    return np.stack([lon, lat], axis=1)
+
+
+def mercator_box(landscape: Landscape) -> Box:
+    """What the landscape reaches over, in metres of Web Mercator."""
+    x_m, y_m = mercator_of(*outline_of(landscape).T)
+    return float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max())
+
+
+def bounds_deg(box: Box) -> list[float]:
+    """A box in metres of Web Mercator as west, south, east, north in degrees."""
+    lon, lat = lon_lat_of(box[0::2], box[1::2])
+    return [float(lon[0]), float(lat[0]), float(lon[1]), float(lat[1])]
+
+
+def cell_mercator_m(landscape: Landscape) -> float:
+    """How long a cell's side is in Web Mercator, in the middle of the landscape."""
+    rows, cols = landscape.shape
+    lat, _ = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
+    return landscape.cell_size_m / math.cos(math.radians(lat))
+
+
+def grid_positions(
+    landscape: Landscape, box: Box, width: int, height: int
+) -> tuple[Floats, Floats]:
+    """Float rows and columns of the landscape's grid, each (height, width).
+
+    They are those of the centres of a box's pixels; the first row of pixels is the northern one.
+    """
+    west, south, east, north = box
+    x_m = np.linspace(west, east, NODES)
+    y_m = np.linspace(north, south, NODES)
+    lon, lat = lon_lat_of(*np.meshgrid(x_m, y_m))
+    row, col = landscape.row_col_of(*landscape.xy_of_lat_lon(lat, lon))
+    found = [_between(_between(values, height).T, width).T for values in (row, col)]
+    return np.ascontiguousarray(found[0]), np.ascontiguousarray(found[1])
+
+
+def _between(values: Floats, pixels: int) -> Floats:
+    """Values at NODES along the first axis, in the middle of each of so many pixels."""
+    at = (np.arange(pixels) + 0.5) / pixels * (NODES - 1)
+    low = np.minimum(at.astype(np.int64), NODES - 2)
+    share = (at - low)[:, None]
+    found: Floats = values[low] * (1.0 - share) + values[low + 1] * share
+    return found

@@ -1,0 +1,333 @@
+"""Shapes and their attributes from a file's bytes, sent by anybody: nothing of it is trusted.
+
+GeoJSON and KML are read here and never by GDAL, which would also take files that name others. Of
+archives only the bytes of few members are used, never their paths.
+"""
+
+import io
+import json
+import re
+import struct
+import zipfile
+import zlib
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import shapely
+from pyproj.exceptions import ProjError
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.readers.shapes import into_crs, records_of
+
+LARGEST_BYTES = 8_000_000  # of an upload
+MOST_UNPACKED_BYTES = 32_000_000
+MOST_MEMBERS = 1000  # of an archive
+MOST_FEATURES = 5000
+MOST_VERTICES = 200_000
+DEEPEST = 64  # elements of KML inside each other
+WGS84 = "EPSG:4326"
+# Names of longitude and latitude in the crs member of older GeoJSON; NAD83 is within 2 m of it.
+LON_LAT = re.compile(r"(urn:ogc:def:crs:OGC:.*:CRS84|(urn:ogc:def:crs:)?EPSG:+(4326|4269))$")
+EPSG = re.compile(r"(?:urn:ogc:def:crs:)?EPSG:+(\d{4,6})$")
+SHAPEFILE, POLYGONS = 9994, (5, 15, 25)  # what a .shp begins with; its types of polygons
+SHAPEFILE_PARTS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+
+
+class Drawn(NamedTuple):
+    """One feature: longitude and latitude."""
+
+    shape: BaseGeometry
+    attributes: dict[str, Any]
+
+
+def features_in(data: bytes, name: str) -> list[Drawn]:
+    """All features of a GeoJSON, KML, KMZ or zipped Shapefile, told by what is in it.
+
+    Shapes as they are: perhaps empty, not valid, or no polygons. ``name`` is for messages. Raises
+    FireModelError, one line, for what is too large or cannot be read.
+    """
+    if len(data) > LARGEST_BYTES:
+        raise FireModelError(
+            f"{name}: {len(data)} bytes; {LARGEST_BYTES} at most are taken: send this fire alone, "
+            "or fewer vertices"
+        )
+    start = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:4]
+    if start.startswith(b"PK"):
+        found = _from_archive(_unpacked(data, name), name)
+    elif start.startswith(b"{"):
+        found = _from_geojson(data, name)
+    elif start.startswith(b"<"):
+        found = _from_kml(data, name)
+    else:
+        raise FireModelError(
+            f"{name}: is neither GeoJSON, KML, KMZ nor a zipped Shapefile; export it as one"
+        )
+    if not found:
+        raise FireModelError(f"{name}: has no features; send a file with at least one polygon")
+    _check_count(len(found), MOST_FEATURES, "features", name)
+    count = sum(int(shapely.get_num_coordinates(drawn.shape)) for drawn in found)
+    _check_count(count, MOST_VERTICES, "vertices", name)
+    return found
+
+
+def _check_count(count: int, most: int, what: str, name: str) -> None:
+    if count > most:
+        raise FireModelError(
+            f"{name}: {count} {what}; {most} at most are taken: send this fire alone, simplified"
+        )
+
+
+def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
+    """What an archive holds of use, by file name in lower case (without folders)."""
+    found: dict[str, bytes] = {}
+    left = MOST_UNPACKED_BYTES
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _check_count(len(archive.infolist()), MOST_MEMBERS, "files in the archive", name)
+            for member in archive.infolist():
+                inside = member.filename.replace("\\", "/").rsplit("/", 1)[-1].lower()
+                wanted = (*SHAPEFILE_PARTS, ".kml", ".geojson", ".json")
+                if not inside.endswith(wanted) or inside.startswith("._"):  # macOS
+                    continue
+                if member.flag_bits & 1 or member.compress_type not in (0, zipfile.ZIP_DEFLATED):
+                    raise FireModelError(
+                        f"{name}: {inside} is encrypted or packed in an unusual way; zip it plainly"
+                    )
+                # Sizes in an archive may be false: so much is read and no more.
+                with archive.open(member) as file:
+                    found.setdefault(inside, file.read(left + 1))
+                left -= len(found[inside])
+                if left < 0:
+                    raise FireModelError(
+                        f"{name}: unpacks to more than {MOST_UNPACKED_BYTES} bytes; send this fire "
+                        "alone"
+                    )
+    except (
+        zipfile.BadZipFile,
+        NotImplementedError,
+        RuntimeError,
+        zlib.error,
+        EOFError,
+        OSError,
+        ValueError,
+        struct.error,
+    ) as error:
+        raise FireModelError(
+            f"{name}: is not a whole ZIP archive ({_one_line(error)}); send it again"
+        ) from None
+    return found
+
+
+def _from_archive(members: dict[str, bytes], name: str) -> list[Drawn]:
+    shp = [inside for inside in members if inside.endswith(".shp")]
+    others = sorted(inside for inside in members if not inside.endswith(SHAPEFILE_PARTS))
+    if "doc.kml" in others:
+        others = ["doc.kml"]  # the root of a KMZ
+    if len(shp) + len(others) != 1:
+        raise FireModelError(
+            f"{name}: the archive holds {len(shp) + len(others)} files of shapes; zip one "
+            "Shapefile (.shp, .shx, .dbf, .prj), KML or GeoJSON"
+        )
+    if others:
+        inside = others[0]
+        read = _from_kml if inside.endswith(".kml") else _from_geojson
+        return read(members[inside], f"{name}: {inside}")
+    return _from_shapefile(members, shp[0].removesuffix(".shp"), name)
+
+
+def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Drawn]:
+    for suffix in (".shx", ".prj"):
+        if stem + suffix not in members:
+            raise FireModelError(
+                f"{name}: {stem}{suffix} is missing; zip all files of the Shapefile (.shp, .shx, "
+                ".dbf, .prj)"
+            )
+    shp = members[stem + ".shp"]
+    for suffix in (".shp", ".shx"):
+        if members[stem + suffix][:4] != struct.pack(">i", SHAPEFILE) or len(shp) < 100:
+            raise FireModelError(f"{name}: {stem}{suffix} is not of a Shapefile; export it again")
+    if (kind := struct.unpack("<i", shp[32:36])[0]) not in POLYGONS:
+        raise FireModelError(
+            f"{name}: {stem}.shp is of type {kind}, not of polygons; send the perimeter's polygons"
+        )
+    # Packed anew, under names of ours, so that GDAL sees nothing but these.
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for suffix in SHAPEFILE_PARTS:
+            if stem + suffix in members:
+                archive.writestr(f"perimeter{suffix}", members[stem + suffix])
+    shapes, crs, records = records_of(packed.getvalue(), name)
+    if crs is None:
+        raise FireModelError(f"{name}: {stem}.prj names no CRS that is known; export it in WGS84")
+    return [
+        Drawn(_in_wgs84(shape, crs, name), record)
+        for shape, record in zip(shapes, records, strict=True)
+    ]
+
+
+def _from_geojson(data: bytes, name: str) -> list[Drawn]:
+    try:
+        content = json.loads(data.decode("utf-8-sig"), parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise FireModelError(
+            f"{name}: is not JSON in UTF-8 ({_one_line(error)}); export it again"
+        ) from None
+    if not isinstance(content, dict):
+        raise FireModelError(f"{name}: is JSON but no GeoJSON; export it as GeoJSON")
+    crs = _crs_of(content, name)
+    features = content.get("features", []) if content.get("type") == "FeatureCollection" else None
+    if features is None:
+        features = [content]
+    if not isinstance(features, list):
+        raise FireModelError(f"{name}: its features are no list; export it as GeoJSON")
+    found = []
+    for number, feature in enumerate(features, start=1):
+        if not isinstance(feature, dict):
+            raise FireModelError(f"{name}: feature {number} is no object; export it as GeoJSON")
+        is_feature = feature.get("type") == "Feature"
+        geometry = feature.get("geometry") if is_feature else feature
+        attributes = feature.get("properties") if is_feature else None
+        shape = _geometry(geometry, f"{name}: feature {number}")
+        shape = shape if crs is None else _in_wgs84(shape, crs, name)
+        found.append(Drawn(shape, attributes if isinstance(attributes, dict) else {}))
+    return found
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _geometry(geometry: Any, where: str) -> BaseGeometry:
+    if geometry is None:
+        return shapely.Point()
+    try:
+        return shapely.force_2d(shapely.from_geojson(json.dumps(geometry)))
+    except (shapely.errors.ShapelyError, ValueError, TypeError, RecursionError) as error:
+        raise FireModelError(
+            f"{where} is not a geometry of GeoJSON ({_one_line(error)}); export it again"
+        ) from None
+
+
+def _crs_of(content: dict[str, Any], name: str) -> str | None:
+    """The CRS of older GeoJSON that says so, None for longitude and latitude."""
+    member = content.get("crs")
+    if member is None:
+        return None
+    properties = member.get("properties") if isinstance(member, dict) else None
+    said = properties.get("name") if isinstance(properties, dict) else None
+    if isinstance(said, str) and LON_LAT.match(said):
+        return None
+    if not (isinstance(said, str) and (code := EPSG.match(said))):
+        raise FireModelError(
+            f"{name}: its crs member is not understood ({json.dumps(member)[:80]}); export it in "
+            "longitude and latitude (RFC 7946)"
+        )
+    return f"EPSG:{code[1]}"
+
+
+def _in_wgs84(shape: BaseGeometry, crs: str, name: str) -> BaseGeometry:
+    try:
+        return into_crs(shape, crs, WGS84)
+    except ProjError as error:
+        raise FireModelError(
+            f"{name}: CRS {crs[:40]} is not known ({_one_line(error)}); export it in WGS84"
+        ) from None
+
+
+def _from_kml(data: bytes, name: str) -> list[Drawn]:
+    _check_xml(data, name)
+    root = ElementTree.fromstring(data)
+    if _local(root) != "kml":
+        raise FireModelError(f"{name}: is XML but no KML ({_local(root)[:40]}); export it as KML")
+    return [
+        Drawn(_kml_shape(placemark, f"{name}: placemark {number}"), _kml_attributes(placemark))
+        for number, placemark in enumerate(_all(root, "Placemark"), start=1)
+    ]
+
+
+def _check_xml(data: bytes, name: str) -> None:
+    """Refuse what XML can do to its readers: entities of all kinds need a document type."""
+    depth = 0
+
+    def begins(_name: str, _attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            raise FireModelError(f"{name}: elements more than {DEEPEST} deep; export it as KML")
+
+    def ends(_name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def has_type(*_: Any) -> None:
+        raise FireModelError(f"{name}: has a DOCTYPE, which KML has not; export it again")
+
+    parser = expat.ParserCreate(namespace_separator="}")
+    parser.StartElementHandler, parser.EndElementHandler = begins, ends
+    parser.StartDoctypeDeclHandler = has_type
+    try:
+        parser.Parse(data, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise FireModelError(
+            f"{name}: is not well-formed XML ({_one_line(error)}); export it again"
+        ) from None
+
+
+def _local(element: Any) -> str:
+    return str(element.tag).rsplit("}", 1)[-1]
+
+
+def _all(element: Any, tag: str) -> list[Any]:
+    """All elements of a name below, whatever the namespace: KML has had several."""
+    return [below for below in element.iter() if _local(below) == tag]
+
+
+def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
+    """The polygons of a placemark; empty where there are none."""
+    polygons = []
+    for polygon in _all(placemark, "Polygon"):
+        outer = [_ring(ring, where) for ring in _rings(polygon, "outerBoundaryIs")]
+        if len(outer) != 1:
+            raise FireModelError(f"{where} has a polygon of {len(outer)} outlines; draw it anew")
+        inner = [_ring(ring, where) for ring in _rings(polygon, "innerBoundaryIs")]
+        polygons.append(shapely.Polygon(outer[0], inner))
+    return shapely.MultiPolygon(polygons)
+
+
+def _rings(polygon: Any, side: str) -> list[Any]:
+    return [ring for edge in _all(polygon, side) for ring in _all(edge, "coordinates")]
+
+
+def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:
+    found = []
+    for text in (coordinates.text or "").split():
+        parts = text.split(",")
+        try:
+            found.append((float(parts[0]), float(parts[1])))
+        except (ValueError, IndexError):
+            raise FireModelError(
+                f"{where}: {text[:40]!r} is not lon,lat; export it again"
+            ) from None
+    if len(found) < 3:
+        raise FireModelError(f"{where} has an outline of {len(found)} points; draw it anew")
+    return found
+
+
+def _kml_attributes(placemark: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for child in placemark.iter():
+        tag, text = _local(child), (child.text or "").strip()
+        if tag in ("name", "when", "begin", "end"):
+            found.setdefault(tag, text)
+        elif tag == "SimpleData":
+            found[str(child.get("name"))] = text
+        elif tag == "Data":
+            values = _all(child, "value")
+            found[str(child.get("name"))] = (values[0].text or "").strip() if values else ""
+    return found
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

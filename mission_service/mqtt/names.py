@@ -1,0 +1,58 @@
+"""Where a broker is, and how topics begin."""
+
+import re
+from dataclasses import dataclass
+
+from mission_service.errors import MissionServiceError
+
+PREFIX = "mission-service"
+VERSION = "v1"
+PORT, TLS_PORT = 1883, 8883
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    """Where an MQTT broker is."""
+
+    host: str
+    port: int = PORT
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker:
+    """HOST or HOST:PORT. Raises MissionServiceError, which names ``option``."""
+    found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\])(?::(\d{1,5}))?", text)
+    number = int(found[2] or port) if found else 0
+    if found is None or not 0 < number < 65536 or not is_host(found[1]):
+        raise MissionServiceError(f"{option} {text}: write it as HOST or HOST:PORT")
+    return Broker(found[1].strip("[]"), number)
+
+
+def is_host(text: str) -> bool:
+    """Whether a name may be looked up; Python raises UnicodeError for some that are none."""
+    try:
+        text.encode("idna")
+    except UnicodeError:
+        return False
+    return True
+
+
+def check_prefix(prefix: str, option: str = "--prefix") -> str:
+    """The prefix of all topics. Raises MissionServiceError for what is no topic."""
+    if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
+        raise MissionServiceError(
+            f"{option} {prefix}: it is the beginning of topics, as in uav/east"
+        )
+    return prefix
+
+
+def site_of(scenario_name: str) -> str:
+    """The name of a scenario as one level of a topic."""
+    return re.sub(r"[^\w-]+", "-", scenario_name).strip("-") or "site"
+
+
+def site_topic(prefix: str, site: str) -> str:
+    """What all topics of a site begin with."""
+    return f"{prefix}/{VERSION}/{site}"

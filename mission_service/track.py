@@ -1,0 +1,54 @@
+"""Where a vehicle was, at most so many points however long it flies: then every other one goes."""
+
+from collections.abc import Iterator, Sequence
+from typing import overload
+
+import numpy as np
+
+MOST_POINTS = 20_000
+EVERY_US = 1_000_000
+
+Point = tuple[int, float, float, float]
+
+
+class Track(Sequence[Point]):
+    """Points (at_us, lat_deg, lon_deg, altitude_amsl_m), a second apart, later two, four ..."""
+
+    def __init__(self) -> None:
+        self._points = np.empty((64, 4))  # microseconds are exact in it for centuries
+        self._count = 0
+        self._every_us = EVERY_US
+
+    def add(self, point: Point) -> None:
+        """Take in where it is now, if the last point is long enough ago."""
+        if self._count and point[0] - self._points[self._count - 1, 0] < self._every_us:
+            return
+        if self._count == MOST_POINTS:
+            self._count = MOST_POINTS // 2
+            self._points[: self._count] = self._points[::2].copy()
+            self._every_us *= 2
+        elif self._count == len(self._points):
+            room = np.empty((min(2 * self._count, MOST_POINTS), 4))
+            room[: self._count] = self._points
+            self._points = room
+        self._points[self._count] = point
+        self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, place: int) -> Point: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Point]: ...
+    def __getitem__(self, place: int | slice) -> Point | list[Point]:
+        found = self._points[: self._count][place]
+        return _point(found) if isinstance(place, int) else [_point(each) for each in found]
+
+    def __iter__(self) -> Iterator[Point]:
+        return map(_point, self._points[: self._count])
+
+
+def _point(row: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Point:
+    at_us, lat_deg, lon_deg, altitude_m = row.tolist()
+    return int(at_us), lat_deg, lon_deg, altitude_m

@@ -1,0 +1,149 @@
+// Alarms: a banner until they are acknowledged or gone, and a sound. Severe ones sound again every
+// few seconds; muting lasts two minutes for them. The lost service is an alarm of the page's own.
+
+import { byId, fill, h, setText } from "./dom.ts";
+import { shortcut } from "./keys.ts";
+import { beep, canSound, readySound } from "./sound.ts";
+import type { Store } from "./store.ts";
+import type { Alarm } from "./types.ts";
+import { clock, duration } from "./units.ts";
+
+const AGAIN_MS = 5000;
+const MUTED_MS = 120_000;
+const LOST_S = 3; // a short break is not an alarm
+const STILL_S = 20; // heard, but mission time stands
+const MOST_SHOWN = 3;
+
+export class Alarms {
+  readonly button = h("button", { id: "sound", type: "button" });
+  private known = new Set<string>(); // acknowledged: alarm and since when
+  private sounded = new Set<string>();
+  private muted = false;
+  private mutedAt = 0;
+  private lostAt = 0;
+  private shown = "";
+
+  constructor(private readonly store: Store) {
+    readySound(() => this.nameButton());
+    this.button.addEventListener("click", () => this.mute(!this.muted));
+    shortcut("m", "Mute or unmute alarms (severe ones for two minutes)", () => this.mute(!this.muted));
+    shortcut("k", "Acknowledge all alarms", () => this.acknowledge(this.current()));
+    store.on(["alarms", "link"], () => this.renew());
+    setInterval(() => this.renew(), 1000);
+    setInterval(() => this.soundSevere(), AGAIN_MS);
+    this.nameButton();
+  }
+
+  /** All that is wrong now, the worst and latest first. */
+  current(): Alarm[] {
+    const told = (this.store.state?.alarms ?? []).filter((alarm) => alarm.cleared_at_us === null);
+    return [...this.own(), ...told].sort(
+      (a, b) => Number(b.severity === "severe") - Number(a.severity === "severe") || b.at_us - a.at_us,
+    );
+  }
+
+  /** The page's own alarms: the service is not heard, or mission time stands still. */
+  private own(): Alarm[] {
+    const { store } = this;
+    if (store.linked) this.lostAt = 0;
+    else if (!this.lostAt) this.lostAt = performance.now();
+    const lostS = this.lostAt ? (performance.now() - this.lostAt) / 1000 : 0;
+    const base = { vehicle: "", severity: "severe", cleared_at_us: null } as const;
+    if (store.state && lostS > LOST_S) {
+      const text = `Service lost (${store.why}). The picture is ${duration(store.ageS)} old`;
+      return [{ ...base, alarm: "page/service", at_us: Math.round(this.lostAt), text }];
+    }
+    if (store.state && store.linked && store.stillS > STILL_S) {
+      const text = `No news of fire and vehicles for ${duration(store.stillS)}`;
+      return [{ ...base, alarm: "page/still", at_us: 0, text, severity: "warning" }];
+    }
+    return [];
+  }
+
+  private renew(): void {
+    const current = this.current();
+    const keys = new Set(current.map(keyOf));
+    for (const key of this.known) if (!keys.has(key)) this.known.delete(key);
+    for (const key of this.sounded) if (!keys.has(key)) this.sounded.delete(key);
+    const open = current.filter((alarm) => !this.known.has(keyOf(alarm)));
+    const fresh = open.find((alarm) => !this.sounded.has(keyOf(alarm)));
+    if (fresh) {
+      for (const alarm of open) this.sounded.add(keyOf(alarm));
+      if (this.mayBeep(fresh.severity === "severe")) beep(fresh.severity);
+    }
+    this.paint(open, current);
+  }
+
+  private paint(open: Alarm[], current: Alarm[]): void {
+    const element = byId("alarms");
+    const keys = JSON.stringify([open.map(keyOf), current.length]);
+    if (keys !== this.shown) {
+      this.shown = keys;
+      fill(element, ...open.slice(0, MOST_SHOWN).map((alarm) => this.row(alarm)));
+      const more = open.length - MOST_SHOWN;
+      if (more > 0) element.append(h("p", {}, `and ${more} more: see the log`));
+      if (open.length > 1) {
+        const all = h("button", { type: "button", onclick: () => this.acknowledge(open) }, "All (K)");
+        all.setAttribute("aria-label", "Acknowledge all");
+        element.firstElementChild?.append(all);
+      }
+      const quiet = current.length - open.length;
+      element.classList.toggle("quiet", open.length === 0 && quiet > 0);
+      if (!open.length && quiet) {
+        element.append(h("p", {}, `Still wrong: ${current.map((alarm) => alarm.text).join("; ")}`));
+      }
+    }
+    // The age of the picture runs on without the banner being made anew.
+    for (const [i, alarm] of open.slice(0, MOST_SHOWN).entries()) {
+      const words = element.children[i]?.querySelector("span");
+      if (words) setText(words, wordsOfAlarm(alarm));
+    }
+  }
+
+  private row(alarm: Alarm): HTMLElement {
+    return h(
+      "div",
+      { class: `alarm ${alarm.severity}` },
+      h("strong", {}, alarm.severity === "severe" ? "ALARM" : "WARNING"),
+      h("span", {}, wordsOfAlarm(alarm)),
+      h("button", { type: "button", onclick: () => this.acknowledge([alarm]) }, "Acknowledge"),
+    );
+  }
+
+  private acknowledge(alarms: Alarm[]): void {
+    for (const alarm of alarms) this.known.add(keyOf(alarm));
+    this.renew();
+  }
+
+  private soundSevere(): void {
+    const open = this.current().some(
+      (alarm) => alarm.severity === "severe" && !this.known.has(keyOf(alarm)),
+    );
+    if (open && this.mayBeep(true)) beep("severe");
+    if (this.muted) this.nameButton();
+  }
+
+  private mayBeep(severe: boolean): boolean {
+    return !this.muted || (severe && performance.now() - this.mutedAt > MUTED_MS);
+  }
+
+  private mute(muted: boolean): void {
+    this.muted = muted;
+    this.mutedAt = performance.now();
+    this.nameButton();
+  }
+
+  private nameButton(): void {
+    const severeOnly = this.muted && performance.now() - this.mutedAt > MUTED_MS;
+    const words = !canSound() ? "Sound off: touch" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
+    setText(this.button, words);
+    this.button.title = "Mute alarms (M); severe ones sound again after two minutes";
+    this.button.setAttribute("aria-pressed", String(this.muted));
+  }
+}
+
+const keyOf = (alarm: Alarm): string => `${alarm.alarm}@${alarm.at_us}`;
+
+function wordsOfAlarm(alarm: Alarm): string {
+  return alarm.alarm.startsWith("page/") ? alarm.text : `${alarm.text} (since ${clock(alarm.at_us / 1e6)})`;
+}

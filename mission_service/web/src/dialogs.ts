@@ -1,0 +1,66 @@
+// The door (a token is asked for) and the list of keys.
+
+import { byId, fill, h } from "./dom.ts";
+import { allShortcuts } from "./keys.ts";
+import { keepToken } from "./token.ts";
+
+/** Close the list of keys; whether it was open. */
+export function closeHelp(): boolean {
+  const help = byId("help") as HTMLDialogElement;
+  const was = help.open;
+  help.close();
+  return was;
+}
+
+/** Ask for a token; `entered` when there is one. */
+export function askForToken(why: string, entered: () => void): void {
+  const door = byId("door") as HTMLDialogElement;
+  if (door.open) return;
+  const field = h("input", { type: "password", id: "token", autocomplete: "off", required: true });
+  const form = h(
+    "form",
+    { method: "dialog" },
+    h("h2", {}, "Token"),
+    h("p", {}, why),
+    h("label", { for: "token" }, "The token that the service printed, or that you were given"),
+    field,
+    h("button", { class: "primary" }, "Open the map"),
+  );
+  form.addEventListener("submit", () => {
+    keepToken(field.value);
+    entered();
+  });
+  fill(door, form);
+  door.oncancel = (event) => event.preventDefault();
+  door.showModal();
+}
+
+const BUILT_IN: [string, string][] = [
+  ["Tab, Shift+Tab", "From control to control"],
+  ["Arrow keys, + and −", "Move and zoom the map while it has the focus"],
+  ["Space, Enter, Escape", "With a pen: a corner at the cross, end the stroke, leave it"],
+];
+
+export function showHelp(): void {
+  const help = byId("help") as HTMLDialogElement;
+  if (help.open) {
+    help.close();
+    return;
+  }
+  const rows = [
+    ...allShortcuts().map(({ keys, does }): [string, string] => [keys, does]),
+    ...BUILT_IN,
+  ];
+  const close = h("button", { type: "button", class: "primary", onclick: () => help.close() }, "Close");
+  fill(
+    help,
+    h("div", { class: "row" }, h("h2", {}, "Keys"), close),
+    h(
+      "table",
+      {},
+      ...rows.map(([keys, does]) => h("tr", {}, h("th", { scope: "row" }, h("kbd", {}, keys)), h("td", {}, does))),
+    ),
+  );
+  help.show(); // not modal: the abort button stays in reach
+  close.focus();
+}

@@ -1,0 +1,241 @@
+// The fire: now, at the slider's time, when it comes where, how sure that is, +30 and +60 minutes.
+
+import type { ExpressionSpecification, ImageSource, Map as MapView } from "maplibre-gl";
+import { BASE, get } from "./api.ts";
+import { coalesced } from "./coalesce.ts";
+import { collection, empty, feature, FONT, type Layers, line, point, show } from "./map.ts";
+import type { Store } from "./store.ts";
+import type { Correction, LonLat } from "./types.ts";
+
+export interface ArrivalScale {
+  corners: [LonLat, LonLat, LonLat, LonLat]; // NW, NE, SE, SW
+  scale: { at_s: number; colour: string }[];
+}
+
+const STATE_COLOURS: [string, string][] = [
+  ["burned", "#5a1a00"],
+  ["burning", "#d40000"],
+  ["unburned", "#00529b"],
+];
+export const fireLayers: Layers = {
+  sources: {
+    uncertainty: empty(),
+    "front-now": empty(),
+    "front-then": empty(),
+    contours: empty(),
+    corrections: empty(),
+  },
+  layers: [
+    {
+      id: "uncertainty",
+      type: "fill",
+      source: "uncertainty",
+      layout: { visibility: "none" },
+      paint: { "fill-color": "#5b2a9d", "fill-opacity": 0.12 },
+    },
+    {
+      id: "uncertainty-line",
+      type: "line",
+      source: "uncertainty",
+      layout: { visibility: "none" },
+      paint: {
+        "line-color": "#4a148c",
+        "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5],
+      },
+    },
+    {
+      id: "uncertainty-name",
+      type: "symbol",
+      source: "uncertainty",
+      layout: {
+        visibility: "none",
+        ...FONT,
+        "symbol-placement": "line",
+        "text-field": ["concat", ["to-string", ["round", ["*", 100, ["get", "probability"]]]], " %"],
+        "text-size": 14,
+      },
+      paint: { "text-color": "#2e0a5e", "text-halo-color": "#fff", "text-halo-width": 2 },
+    },
+    {
+      id: "front-now",
+      type: "fill",
+      source: "front-now",
+      paint: { "fill-color": "#d7301f", "fill-opacity": 0.42 },
+    },
+    {
+      id: "front-now-line",
+      type: "line",
+      source: "front-now",
+      paint: { "line-color": "#8b0000", "line-width": 3 },
+    },
+    {
+      id: "contours",
+      type: "line",
+      source: "contours",
+      layout: { visibility: "none" },
+      paint: { "line-color": "#7a3b00", "line-width": 2.5, "line-dasharray": [3, 2] },
+    },
+    {
+      id: "contours-name",
+      type: "symbol",
+      source: "contours",
+      layout: {
+        visibility: "none",
+        ...FONT,
+        "symbol-placement": "line",
+        "text-field": ["concat", "+", ["to-string", ["*", 5, ["round", ["/", ["get", "in_s"], 300]]]], " min"],
+        "text-size": 14,
+      },
+      paint: { "text-color": "#4a2400", "text-halo-color": "#fff", "text-halo-width": 2 },
+    },
+    {
+      id: "front-then",
+      type: "fill",
+      source: "front-then",
+      paint: { "fill-color": "#ff8c00", "fill-opacity": 0.25 },
+    },
+    {
+      id: "front-then-line",
+      type: "line",
+      source: "front-then",
+      paint: { "line-color": "#b34700", "line-width": 3, "line-dasharray": [2, 1] },
+    },
+    {
+      id: "corrections-area",
+      type: "fill",
+      source: "corrections",
+      filter: ["==", ["geometry-type"], "Polygon"],
+      paint: { "fill-color": stateColour(), "fill-opacity": 0.15 },
+    },
+    {
+      id: "corrections-line",
+      type: "line",
+      source: "corrections",
+      filter: ["!=", ["geometry-type"], "Point"],
+      paint: { "line-color": stateColour(), "line-width": 3 },
+    },
+    {
+      id: "corrections-point",
+      type: "circle",
+      source: "corrections",
+      filter: ["==", ["geometry-type"], "Point"],
+      paint: {
+        "circle-color": stateColour(),
+        "circle-radius": 6,
+        "circle-stroke-color": "#fff",
+        "circle-stroke-width": 2,
+      },
+    },
+  ],
+};
+
+function stateColour(): ExpressionSpecification {
+  return ["match", ["get", "state"], ...STATE_COLOURS.flat(), "#333"] as never;
+}
+
+export const FIRE_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
+  arrival: { words: "Time of arrival", layers: ["arrival"], shown: false },
+  uncertainty: {
+    words: "How sure (10, 50, 90 %)",
+    layers: ["uncertainty", "uncertainty-line", "uncertainty-name"],
+    shown: false,
+  },
+  contours: { words: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
+  corrections: {
+    words: "Corrections drawn",
+    layers: ["corrections-area", "corrections-line", "corrections-point"],
+    shown: true,
+  },
+  hillshade: { words: "Hills", layers: ["hillshade"], shown: true },
+};
+
+/** Keeps the fire's sources up to date; what is not shown is not asked for. */
+export function followFire(
+  map: MapView,
+  store: Store,
+  shown: (group: string) => boolean,
+  onScale: (scale: ArrivalScale | null) => void,
+): { refresh: () => void } {
+  const now = coalesced(async () => {
+    show(map, "front-now", await get<GeoJSON.GeoJSON>("fire/front"));
+  }, 1000);
+
+  const then = coalesced(async () => {
+    const inMin = store.inMin;
+    const data = inMin
+      ? await get<GeoJSON.GeoJSON>(`fire/front?in_s=${inMin * 60}`)
+      : collection();
+    if (inMin === store.inMin) show(map, "front-then", data);
+  }, 150);
+
+  const unsure = coalesced(async () => {
+    if (!shown("uncertainty")) return;
+    const inMin = store.inMin > 0 ? store.inMin : 60;
+    show(map, "uncertainty", await get<GeoJSON.GeoJSON>(`fire/uncertainty?in_min=${inMin}`));
+  }, 1000);
+
+  const contours = coalesced(async () => {
+    if (!shown("contours")) return;
+    show(map, "contours", await get<GeoJSON.GeoJSON>("fire/contours?in_min=30&in_min=60"));
+  }, 1000);
+
+  const arrival = coalesced(async () => {
+    if (!shown("arrival")) return onScale(null);
+    const until = Math.round(store.nowS + Math.max(60, store.inMin) * 60);
+    const scale = await get<ArrivalScale>(`fire/arrival.json?until_s=${until}`);
+    overlay(map, `${BASE}fire/arrival.png?until_s=${until}`, scale.corners);
+    onScale(scale);
+  }, 2000);
+
+  const drawn = (): void =>
+    show(map, "corrections", collection((store.state?.fire.corrections ?? []).map(markOf)));
+
+  store.on(["fire"], () => {
+    now();
+    if (store.inMin) then();
+    unsure();
+    contours();
+    arrival();
+    drawn();
+  });
+  store.on(["moment"], () => {
+    then();
+    unsure();
+    arrival();
+  });
+  return {
+    refresh: () => {
+      unsure();
+      contours();
+      arrival();
+    },
+  };
+}
+
+/** The picture of arrival times, below the fire. */
+function overlay(map: MapView, url: string, coordinates: ArrivalScale["corners"]): void {
+  const there = map.getSource("arrival") as ImageSource | undefined;
+  if (there) {
+    there.updateImage({ url, coordinates });
+    return;
+  }
+  map.addSource("arrival", { type: "image", url, coordinates });
+  map.addLayer(
+    {
+      id: "arrival",
+      type: "raster",
+      source: "arrival",
+      paint: { "raster-opacity": 0.75, "raster-fade-duration": 0, "raster-resampling": "nearest" },
+    },
+    "front-now",
+  );
+}
+
+/** A correction as a map feature. */
+export function markOf(mark: Correction): GeoJSON.Feature {
+  const places = mark.points.map(([lat, lon]): [number, number] => [lon, lat]);
+  const properties = { state: mark.state };
+  if (mark.shape === "point") return feature(point(places[0]!), properties);
+  if (mark.shape === "line") return feature(line(places), properties);
+  return feature({ type: "Polygon", coordinates: [[...places, places[0]!]] }, properties);
+}

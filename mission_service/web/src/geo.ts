@@ -1,0 +1,134 @@
+// A little geodesy on a sphere: good to a metre or so over a fire.
+
+import type { LonLat } from "./types.ts";
+
+const M_PER_DEG = 111194.9266;
+const RAD = Math.PI / 180;
+
+/** The place `distanceM` away on `bearingDeg` (clockwise from north). */
+export function away(from: LonLat, bearingDeg: number, distanceM: number): LonLat {
+  const north = Math.cos(bearingDeg * RAD) * distanceM;
+  const east = Math.sin(bearingDeg * RAD) * distanceM;
+  return [
+    from[0] + east / (M_PER_DEG * Math.cos(from[1] * RAD)),
+    from[1] + north / M_PER_DEG,
+  ];
+}
+
+/** Metres between two places. */
+export function between(a: LonLat, b: LonLat): number {
+  const north = (b[1] - a[1]) * M_PER_DEG;
+  const east = (b[0] - a[0]) * M_PER_DEG * Math.cos(((a[1] + b[1]) / 2) * RAD);
+  return Math.hypot(north, east);
+}
+
+/** A closed ring around a place; `squeeze` and `axisDeg` make it an ellipse. */
+export function circle(middle: LonLat, radiusM: number, corners = 48): LonLat[] {
+  const ring: LonLat[] = [];
+  for (let i = 0; i <= corners; i++) ring.push(away(middle, (360 * (i % corners)) / corners, radiusM));
+  return ring;
+}
+
+/** West, south, east, north around all of it, at least `leastM` wide and high; null of nothing. */
+export function around(places: LonLat[], leastM: number): [number, number, number, number] | null {
+  if (!places.length) return null;
+  const [lons, lats] = [places.map(([lon]) => lon), places.map(([, lat]) => lat)];
+  const [west, south] = [Math.min(...lons), Math.min(...lats)];
+  const [east, north] = [Math.max(...lons), Math.max(...lats)];
+  const middle: LonLat = [(west + east) / 2, (south + north) / 2];
+  const [left, low] = away(middle, 225, leastM * Math.SQRT1_2);
+  const [right, high] = away(middle, 45, leastM * Math.SQRT1_2);
+  return [Math.min(west, left), Math.min(south, low), Math.max(east, right), Math.max(north, high)];
+}
+
+/** All places of some map features. */
+export function placesOf(data: GeoJSON.GeoJSON): LonLat[] {
+  const found: LonLat[] = [];
+  const take = (value: unknown): void => {
+    if (!Array.isArray(value)) return;
+    if (typeof value[0] === "number") found.push([value[0], value[1] as number]);
+    else for (const part of value) take(part);
+  };
+  if (data.type === "FeatureCollection") for (const one of data.features) found.push(...placesOf(one));
+  else if (data.type === "Feature") return data.geometry ? placesOf(data.geometry) : [];
+  else if (data.type === "GeometryCollection") for (const one of data.geometries) found.push(...placesOf(one));
+  else take(data.coordinates);
+  return found;
+}
+
+/** The same line with fewer corners, none moved by more than `tolerance` (Douglas and Peucker). */
+export function simplified(points: [number, number][], tolerance: number): [number, number][] {
+  if (points.length < 3) return points;
+  const keep = new Uint8Array(points.length);
+  keep[0] = keep[points.length - 1] = 1;
+  const open: [number, number][] = [[0, points.length - 1]];
+  for (let span = open.pop(); span; span = open.pop()) {
+    const [first, last] = span;
+    let farthest = 0;
+    let at = -1;
+    for (let i = first + 1; i < last; i++) {
+      const off = offLine(points[i]!, points[first]!, points[last]!);
+      if (off > farthest) [farthest, at] = [off, i];
+    }
+    if (farthest > tolerance) {
+      keep[at] = 1;
+      open.push([first, at], [at, last]);
+    }
+  }
+  return points.filter((_, i) => keep[i]);
+}
+
+/**
+ * A drawn loop without crossings: hands overshoot where they began. Of two parts that a crossing
+ * leaves the larger is kept.
+ */
+export function uncrossed(loop: [number, number][]): [number, number][] {
+  for (let ring = loop; ; ) {
+    const crossing = firstCrossing(ring);
+    if (!crossing) return ring;
+    const [i, j, at] = crossing;
+    const inner: [number, number][] = [at, ...ring.slice(i + 1, j + 1)];
+    const outer: [number, number][] = [...ring.slice(0, i + 1), at, ...ring.slice(j + 1)];
+    ring = Math.abs(areaOf(inner)) > Math.abs(areaOf(outer)) ? inner : outer;
+  }
+}
+
+/** The sides i and j (i < j, not neighbours) of a closed loop that meet first, and where. */
+function firstCrossing(ring: [number, number][]): [number, number, [number, number]] | null {
+  const n = ring.length;
+  for (let i = 0; i < n - 2; i++) {
+    for (let j = i + 2; j < n - (i === 0 ? 1 : 0); j++) {
+      const at = meeting(ring[i]!, ring[i + 1]!, ring[j]!, ring[(j + 1) % n]!);
+      if (at) return [i, j, at];
+    }
+  }
+  return null;
+}
+
+type Corner = [number, number];
+
+/** Where two sides meet, their ends too; null if they do not. */
+function meeting(a: Corner, b: Corner, c: Corner, d: Corner): Corner | null {
+  const [rx, ry, sx, sy] = [b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]];
+  const cross = rx * sy - ry * sx;
+  if (cross === 0) return null;
+  const t = ((c[0] - a[0]) * sy - (c[1] - a[1]) * sx) / cross;
+  const u = ((c[0] - a[0]) * ry - (c[1] - a[1]) * rx) / cross;
+  return t >= 0 && t <= 1 && u >= 0 && u <= 1 ? [a[0] + t * rx, a[1] + t * ry] : null;
+}
+
+function areaOf(ring: Corner[]): number {
+  let sum = 0;
+  for (const [i, [x, y]] of ring.entries()) {
+    const next = ring[(i + 1) % ring.length]!;
+    sum += x * next[1] - next[0] * y;
+  }
+  return sum / 2;
+}
+
+function offLine(p: [number, number], a: [number, number], b: [number, number]): number {
+  const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+  const length2 = dx * dx + dy * dy;
+  const t = length2 ? Math.max(0, Math.min(1, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length2)) : 0;
+  return Math.hypot(p[0] - a[0] - t * dx, p[1] - a[1] - t * dy);
+}

@@ -1,0 +1,133 @@
+// The map: terrain from the service, then layers from below to above. Everything else only sets
+// the data of sources. Labels are drawn with the machine's own fonts; nothing comes from elsewhere.
+
+import "maplibre-gl/dist/maplibre-gl.css";
+import {
+  AttributionControl,
+  type GeoJSONSource,
+  type LayerSpecification,
+  Map as MapView,
+  NavigationControl,
+  ScaleControl,
+  setWorkerUrl,
+  type SourceSpecification,
+} from "maplibre-gl";
+import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?worker&url";
+import { BASE, get, headers } from "./api.ts";
+import type { Landscape } from "./types.ts";
+
+setWorkerUrl(workerUrl);
+
+export interface Layers {
+  sources: Record<string, SourceSpecification>;
+  layers: LayerSpecification[];
+}
+
+/** A set of map features that is drawn as it is given. */
+export function collection(features: GeoJSON.Feature[] = []): GeoJSON.FeatureCollection {
+  return { type: "FeatureCollection", features };
+}
+
+export function feature(
+  geometry: GeoJSON.Geometry,
+  properties: Record<string, unknown> = {},
+): GeoJSON.Feature {
+  return { type: "Feature", geometry, properties };
+}
+
+export const line = (coordinates: [number, number][]): GeoJSON.LineString => ({
+  type: "LineString",
+  coordinates,
+});
+export const point = (coordinates: [number, number]): GeoJSON.Point => ({
+  type: "Point",
+  coordinates,
+});
+
+/** An empty source to be filled later. */
+export const empty = (): SourceSpecification => ({ type: "geojson", data: collection() });
+
+/** Fonts of the machine: with no glyph server the browser draws all letters itself. */
+export const FONT = { "text-font": ["sans-serif"] };
+
+export function show(map: MapView, source: string, data: GeoJSON.GeoJSON): void {
+  (map.getSource(source) as GeoJSONSource | undefined)?.setData(data);
+}
+
+interface TileJson {
+  tiles?: string[];
+  minzoom?: number;
+  maxzoom?: number;
+  bounds?: [number, number, number, number];
+  tileSize?: number;
+}
+
+/** Make the map in `container`; resolves when layers can be filled. */
+export async function makeMap(
+  container: HTMLElement,
+  landscape: Landscape,
+  view: [number, number, number, number],
+  parts: Layers[],
+): Promise<MapView> {
+  const terrain = await get<TileJson>("terrain.json").catch(() => null);
+  const ground = terrain?.tiles?.length ? groundOf(terrain, landscape) : { sources: {}, layers: [] };
+  const all = [ground, ...parts];
+  const map = new MapView({
+    container,
+    bounds: view,
+    fitBoundsOptions: { padding: 30 },
+    attributionControl: false,
+    dragRotate: false,
+    pitchWithRotate: false,
+    maxPitch: 0,
+    maxZoom: 19,
+    fadeDuration: 0,
+    transformRequest: (url) => (url.startsWith(BASE) ? { url, headers: headers() } : { url }),
+    style: {
+      version: 8,
+      sources: Object.assign({}, ...all.map((part) => part.sources)),
+      layers: [
+        { id: "paper", type: "background", paint: { "background-color": "#efece3" } },
+        ...all.flatMap((part) => part.layers),
+      ],
+    },
+  });
+  map.touchZoomRotate.disableRotation();
+  map.keyboard.disableRotation();
+  map.addControl(new NavigationControl({ showCompass: false }), "top-right");
+  map.addControl(new ScaleControl({ unit: "metric" }), "bottom-left");
+  map.addControl(new ScaleControl({ unit: "imperial" }), "bottom-left");
+  map.addControl(new AttributionControl({ compact: true, customAttribution: "MapLibre" }));
+  map.getCanvas().setAttribute("aria-label", "Map: arrow keys move it, + and − zoom");
+  await map.once("style.load");
+  return map;
+}
+
+function groundOf(terrain: TileJson, landscape: Landscape): Layers {
+  return {
+    sources: {
+      terrain: {
+        type: "raster-dem",
+        encoding: "terrarium",
+        tiles: [`${BASE}terrain/{z}/{x}/{y}.png`],
+        tileSize: terrain.tileSize ?? 256,
+        minzoom: terrain.minzoom ?? 8,
+        maxzoom: terrain.maxzoom ?? 15,
+        bounds: terrain.bounds ?? landscape.bounds,
+      },
+    },
+    layers: [
+      {
+        id: "hillshade",
+        type: "hillshade",
+        source: "terrain",
+        paint: {
+          "hillshade-exaggeration": 0.5,
+          "hillshade-shadow-color": "#5b5348",
+          "hillshade-highlight-color": "#ffffff",
+          "hillshade-accent-color": "#8a8170",
+        },
+      },
+    ],
+  };
+}

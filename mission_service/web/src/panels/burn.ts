@@ -1,0 +1,213 @@
+// A prescribed burn: the GO list, the plan with its safety figures, who watches.
+
+import { attempt, lacking } from "../actions.ts";
+import { post } from "../api.ts";
+import { fill, h, setReason, setText } from "../dom.ts";
+import type { Store } from "../store.ts";
+import type { Burn, IgnitionPlan, ListItem } from "../types.ts";
+import { clock, compass, duration, metres, speed } from "../units.ts";
+import { button, figures, section } from "./parts.ts";
+
+const PRESENT_MS = 5000;
+const CONFIRM_MS = 8000;
+
+export class BurnPanel {
+  readonly element = h("div", { class: "panel" });
+  private state = h("p", { class: "big" });
+  private station = h("select", { id: "station" });
+  private watch = h("input", { type: "checkbox", id: "watching" });
+  private list = h("ul", { class: "go-list" });
+  private listState = h("p", { class: "words" });
+  private plan = h("div");
+  private line = h("input", { type: "number", min: 1, max: 1000, id: "line-spacing", placeholder: "as before" });
+  private drop = h("input", { type: "number", min: 1, max: 1000, id: "drop-spacing", placeholder: "as before" });
+  private planNow = button("Plan the next line", () => void this.wanted(), "", "primary");
+  private shown = "";
+
+  constructor(private readonly store: Store) {
+    this.element.append(
+      this.state,
+      h("div", { class: "row" }, h("label", { for: "station" }, "My station"), this.station),
+      h(
+        "label",
+        { class: "check" },
+        this.watch,
+        "I am here and watch: without somebody watching nothing is dropped",
+      ),
+      section("Plan", this.plan),
+      section("GO / NO-GO", this.listState, this.list),
+      section(
+        "Next line",
+        h("div", { class: "fields" },
+          h("label", { for: "line-spacing" }, "Between lines (m)"), this.line,
+          h("label", { for: "drop-spacing" }, "Between drops (m)"), this.drop),
+        this.planNow,
+      ),
+    );
+    setInterval(() => {
+      if (this.watch.checked && !lacking(store, "approve")) {
+        void post("burn/present", this.who()).catch(() => undefined);
+      }
+    }, PRESENT_MS);
+    store.on(["burn"], () => this.renew());
+  }
+
+  private who(): { station?: string } {
+    return this.station.value ? { station: this.station.value } : {};
+  }
+
+  private tell(words: string, what: string, body: object = {}): void {
+    void attempt(words, () => post(`burn/${what}`, { ...body, ...this.who() }));
+  }
+
+  private async wanted(): Promise<void> {
+    const body: Record<string, number> = {};
+    if (this.line.value) body.line_spacing_m = this.line.valueAsNumber;
+    if (this.drop.value) body.drop_spacing_m = this.drop.valueAsNumber;
+    this.tell("Plan the next line", "plan", body);
+  }
+
+  private renew(): void {
+    const burn = this.store.state?.burn;
+    if (!burn) return;
+    const { leader } = burn;
+    setText(
+      this.state,
+      leader.complete ? "Burn complete" : `Line ${leader.line}: ${leader.phase}; ${leader.spheres_left} spheres left`,
+    );
+    this.stations(burn);
+    const known = burn.plans.find((each) => each.plan_hash === burn.plan_hash);
+    const key = JSON.stringify([
+      leader.checklist, burn.plan_hash, known, leader.phase, this.store.state?.roles,
+      burn.drops.length, burn.drops.at(-1)?.outcome,
+    ]);
+    for (const control of [this.planNow, this.line, this.drop]) setReason(control, lacking(this.store, "fly"));
+    setReason(this.watch, lacking(this.store, "approve"));
+    if (key === this.shown) return;
+    this.shown = key;
+    this.showList(burn);
+    fill(this.plan, ...this.planParts(burn));
+  }
+
+  private stations(burn: Burn): void {
+    const names = burn.stations.map((station) => station.name);
+    if (names.join() === [...this.station.options].map((option) => option.value).join()) return;
+    fill(this.station, ...names.map((name) => h("option", { value: name }, name)));
+  }
+
+  private showList({ leader: { checklist } }: Burn): void {
+    setText(
+      this.listState,
+      checklist.complete ? "All GO" : `${checklist.open} of ${checklist.items.length} not GO: nothing flies`,
+    );
+    const focus = (document.activeElement as HTMLElement | null)?.dataset.key;
+    fill(this.list, ...checklist.items.map((item) => this.listRow(item)));
+    if (focus) this.list.querySelector<HTMLElement>(`[data-key="${CSS.escape(focus)}"]`)?.focus();
+  }
+
+  private listRow(item: ListItem): HTMLElement {
+    const answer = (words: string, what: string, kind: string): HTMLButtonElement => {
+      const made = button(words, () => this.tell(`${words}: ${item.item}`, what, { item: item.item }), "", kind);
+      made.setAttribute("aria-pressed", String(item.answer === what));
+      made.dataset.key = `${what} ${item.item}`;
+      setReason(made, lacking(this.store, "approve"));
+      return made;
+    };
+    const by = item.by ? ` (${item.by}${item.station ? ` at ${item.station}` : ""})` : "";
+    return h(
+      "li",
+      { class: item.answer },
+      h("span", {}, `${item.item}${by}`),
+      answer("GO", "go", "go"),
+      answer("NO-GO", "no-go", "no-go"),
+    );
+  }
+
+  private planParts(burn: Burn): Node[] {
+    const { plan, plan_hash, leader } = burn;
+    if (!plan) return [h("p", {}, "No plan is proposed.")];
+    const known = burn.plans.find((each) => each.plan_hash === plan_hash);
+    const parts: Node[] = [safetyFigures(plan, plan_hash)];
+    if (leader.approved_by) {
+      parts.push(h("p", { class: "good" }, `Approved by ${leader.approved_by}`));
+      parts.push(this.outcomes(burn));
+    } else {
+      parts.push(h("p", { class: "words" }, `Not approved${known?.why_not ? `: ${known.why_not}` : ""}`));
+    }
+    const reject = button("Reject", () => this.tell("Reject", "reject", { hash: plan_hash }), "Have this plan not flown", "no-go");
+    const approve = this.approveButton(plan_hash);
+    setReason(reject, lacking(this.store, "approve"));
+    if (leader.approved_by) parts.push(h("div", { class: "row" }, reject));
+    else parts.push(h("div", { class: "row" }, approve, reject));
+    parts.push(planFigures(plan), dropLegend());
+    return parts;
+  }
+
+  /** Approving takes two presses: what falls cannot be taken back. */
+  private approveButton(hash: string): HTMLButtonElement {
+    let sure = false;
+    const made = button("Approve", () => {
+      if (sure) {
+        this.tell("Approve", "approve", { hash });
+        return;
+      }
+      sure = true;
+      made.textContent = `Approve ${hash.slice(0, 8)}? Press again`;
+      setTimeout(() => {
+        sure = false;
+        made.textContent = "Approve";
+      }, CONFIRM_MS);
+    }, "Approve exactly this plan", "go");
+    setReason(made, lacking(this.store, "approve"));
+    return made;
+  }
+
+  private outcomes({ drops, plan, plan_hash }: Burn): HTMLElement {
+    const mine = drops.filter((drop) => drop.plan_hash === plan_hash);
+    const count = (outcome: string): number => mine.filter((drop) => drop.outcome === outcome).length;
+    const words = ["done", "refused", "unknown", "ordered"].filter(count).map((each) => `${count(each)} ${each}`);
+    return h("p", {}, `Drops: ${words.join(", ") || "none yet"} of ${plan?.drops.length ?? 0}`);
+  }
+}
+
+/** What is to be known before anybody says yes. */
+function safetyFigures(plan: IgnitionPlan, hash: string): HTMLElement {
+  const skipped = plan.skipped.length ? `; ${plan.skipped.length} more skipped as unsafe` : "";
+  return figures([
+    ["Line", `${plan.line}, ${plan.vehicle}`],
+    ["Least time to fire", `${duration(plan.least_time_margin_s)} (wanted ${duration(plan.time_margin_s)})`],
+    ["Distance kept from fire", `at least ${metres(plan.distance_margin_m)}`],
+    ["Drops", `${plan.drops.length}${skipped}`],
+    ["Duration", duration(plan.duration_s)],
+    ["Hash", hash.slice(0, 12)],
+  ]);
+}
+
+function planFigures(plan: IgnitionPlan): HTMLElement {
+  return figures([
+    ["Begins", clock(plan.begin_us / 1e6)],
+    ["To be approved by", clock(plan.valid_until_us / 1e6)],
+    ["Drop height", `${metres(plan.drop_height_m)} above ground`],
+    ["Safe height", `${metres(plan.safe_height_m)} above ground`],
+    ["Speed", speed(plan.speed_m_s)],
+    ["Wind", `from ${plan.wind_from_deg.toFixed(0)}° (${compass(plan.wind_from_deg)}), ${speed(plan.wind_speed_m_s)}`],
+    ["Spheres left after", String(plan.spheres_left)],
+  ]);
+}
+
+function dropLegend(): HTMLElement {
+  const kinds: [string, string][] = [
+    ["planned", "planned"],
+    ["skipped", "skipped as unsafe"],
+    ["ordered", "ordered"],
+    ["done", "done"],
+    ["unknown", "unknown"],
+    ["refused", "refused"],
+  ];
+  return h(
+    "div",
+    { class: "legend" },
+    h("strong", {}, "Drops on the map:"),
+    ...kinds.map(([key, words]) => h("span", {}, h("i", { class: `dot ${key}` }), words)),
+  );
+}

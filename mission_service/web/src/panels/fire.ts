@@ -1,0 +1,165 @@
+// The fire in figures, what of it is shown, the wind dial, and perimeters from files.
+
+import { attempt, lacking, say } from "../actions.ts";
+import { ask, get, post } from "../api.ts";
+import { coalesced } from "../coalesce.ts";
+import { fill, h, setReason, setText } from "../dom.ts";
+import type { ArrivalScale } from "../fire_layer.ts";
+import type { Store } from "../store.ts";
+import { area, clock, compass, speed } from "../units.ts";
+import { type Wind, windDial } from "../wind_dial.ts";
+import { button, section } from "./parts.ts";
+
+export interface Group {
+  words: string;
+  layers: string[];
+  shown: boolean;
+}
+
+interface Weather {
+  weather: { wind_speed_m_s: number; wind_from_deg: number };
+  wind_told: { speed_m_s: number; from_deg: number } | null;
+}
+
+const KEY_COLOURS: [string, string][] = [
+  ["now", "Burned by now"],
+  ["then", "Burned at the slider's time"],
+  ["burned", "Drawn: burned"],
+  ["burning", "Drawn: burning"],
+  ["unburned", "Drawn: unburned"],
+];
+
+export class FirePanel {
+  readonly element = h("div", { class: "panel" });
+  private size = h("p", { class: "big" });
+  private legend = h("div", { class: "legend" });
+  private dial = windDial((wind) => this.want(wind));
+  private now: Wind | null = null;
+  private wanted: Wind | null = null;
+  private from = h("input", { type: "number", min: 0, max: 360, step: 5, id: "wind-from" });
+  private fast = h("input", { type: "number", min: 0, max: 60, step: 0.5, id: "wind-speed" });
+  private told = h("p", { class: "words" });
+  private confirm = button("Set this wind", () => void this.setWind(), "From now on, for the fire's forecast", "primary");
+  private file = h("input", { type: "file", id: "perimeter", accept: ".geojson,.json,.kml,.kmz,.zip" });
+
+  constructor(
+    private readonly store: Store,
+    groups: Record<string, Group>,
+    toggle: (group: string, shown: boolean) => void,
+  ) {
+    const boxes = Object.entries(groups).map(([key, { words, shown }]) =>
+      h(
+        "label",
+        { class: "check", "data-group": key },
+        h("input", {
+          type: "checkbox",
+          checked: shown,
+          id: `show-${key}`,
+          onchange: (event: Event) => toggle(key, (event.target as HTMLInputElement).checked),
+        }),
+        words,
+      ),
+    );
+    for (const input of [this.from, this.fast]) input.addEventListener("input", () => this.typed());
+    this.file.addEventListener("change", () => void this.upload(this.file.files?.[0]));
+    this.element.append(
+      this.size,
+      section("Shown on the map", h("div", { class: "checks" }, ...boxes), this.legend),
+      section(
+        "Wind",
+        this.told,
+        h("div", { class: "wind" }, this.dial.element, h("div", { class: "fields" },
+          h("label", { for: "wind-from" }, "From (°)"), this.from,
+          h("label", { for: "wind-speed" }, "Speed (m/s)"), this.fast,
+          this.confirm)),
+      ),
+      section(
+        "Perimeter from a file",
+        h("label", { for: "perimeter" }, "GeoJSON, KML, KMZ or zipped Shapefile; or drop it on the map"),
+        this.file,
+      ),
+    );
+    const weather = coalesced(async () => {
+      const { weather: air, wind_told: told } = await get<Weather>("weather");
+      this.now = told ?? { from_deg: air.wind_from_deg, speed_m_s: air.wind_speed_m_s };
+      this.renew();
+    }, 2000);
+    store.on(["fire"], weather);
+    store.on(["fire", "moment"], () => this.renew());
+    store.on(["burn"], () => {
+      for (const box of this.element.querySelectorAll<HTMLElement>("label[data-group]")) {
+        const ofBurns = box.dataset.group === "unit" || box.dataset.group === "drops";
+        box.hidden = ofBurns && !store.state?.burn;
+      }
+    });
+    this.showScale(null);
+  }
+
+  private want(wind: Wind): void {
+    this.wanted = wind;
+    this.from.value = String(wind.from_deg);
+    this.fast.value = String(wind.speed_m_s);
+    this.renew();
+  }
+
+  private typed(): void {
+    const [from, fast] = [this.from.valueAsNumber, this.fast.valueAsNumber];
+    this.wanted = Number.isFinite(from) && Number.isFinite(fast) ? { from_deg: from, speed_m_s: fast } : null;
+    this.renew();
+  }
+
+  private async setWind(): Promise<void> {
+    const wind = this.wanted;
+    if (!wind) return;
+    const words = `Wind from ${wind.from_deg}° (${compass(wind.from_deg)}), ${speed(wind.speed_m_s)}`;
+    if (await attempt(words, () => post("wind", wind))) this.wanted = null;
+    this.renew();
+  }
+
+  /** Send a perimeter of a file. */
+  async upload(file: File | undefined): Promise<void> {
+    if (!file) return;
+    const reason = lacking(this.store, "correct");
+    if (reason) return say(reason, true);
+    await attempt(`Perimeter ${file.name}`, async () => {
+      const type = { "Content-Type": file.type || "application/octet-stream" };
+      const answer = await ask("fire/perimeter", { method: "POST", body: file, headers: type });
+      const { told } = (await answer.json()) as { told: { said: string[] }[] };
+      return { said: [`${told.length} outlines taken`, ...told.flatMap((each) => each.said)] };
+    });
+    this.file.value = "";
+  }
+
+  private renew(): void {
+    const { fire } = this.store.state ?? {};
+    if (!fire) return;
+    setText(this.size, `${area(fire.area_ha * 1e4)} burned`);
+    const by = fire.wind_told_by ? `, told by ${fire.wind_told_by}` : "";
+    const words = this.now
+      ? `Now from ${this.now.from_deg.toFixed(0)}° (${compass(this.now.from_deg)}), ${speed(this.now.speed_m_s)}${by}`
+      : "Not known";
+    setText(this.told, words);
+    this.dial.show(this.now, this.wanted);
+    const reason = lacking(this.store, "correct");
+    for (const input of [this.from, this.fast, this.file]) setReason(input, reason);
+    setReason(this.confirm, reason || (this.wanted ? "" : "Draw or type a wind first"));
+    setText(
+      this.confirm,
+      this.wanted ? `Set: from ${this.wanted.from_deg}°, ${speed(this.wanted.speed_m_s)}` : "Set this wind",
+    );
+  }
+
+  /** The legend; with the colours of arrival times where they are shown. */
+  showScale(scale: ArrivalScale | null): void {
+    fill(this.legend, ...KEY_COLOURS.map(([key, words]) => h("span", {}, h("i", { class: `key ${key}` }), words)));
+    if (!scale) return;
+    // Colours of data are set by script: the page's policy allows no style in markup.
+    const bar = h("span", { class: "scale" });
+    for (const { at_s, colour } of scale.scale) {
+      const step = h("i");
+      step.style.background = colour;
+      bar.append(h("span", {}, step, clock(at_s)));
+    }
+    this.legend.append(h("strong", {}, "Fire arrives at (h:min)"), bar);
+  }
+}

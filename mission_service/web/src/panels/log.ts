@@ -1,0 +1,37 @@
+// What was said, the latest first, and alarms that hold.
+
+import { fill, h } from "../dom.ts";
+import type { Store } from "../store.ts";
+import { clock } from "../units.ts";
+import { section } from "./parts.ts";
+
+const MOST_LINES = 100;
+
+export function logPanel(store: Store): HTMLElement {
+  const alarms = h("ul", { class: "log" });
+  const news = h("ol", { class: "log" });
+  const element = h("div", { class: "panel" }, section("Alarms", alarms), section("News", news));
+  store.on(["news", "alarms"], () => {
+    const told = store.state;
+    if (!told) return;
+    const held = told.alarms.map((alarm) =>
+      h("li", { class: alarm.severity }, h("time", {}, clock(alarm.at_us / 1e6)), alarm.text),
+    );
+    fill(alarms, ...(held.length ? held : [h("li", {}, "None.")]));
+    fill(
+      news,
+      ...told.news
+        .slice(-MOST_LINES)
+        .reverse()
+        .map((line) =>
+          h(
+            "li",
+            { class: line.level },
+            h("time", {}, clock(line.at_us / 1e6)),
+            `${line.vehicle ? `${line.vehicle}: ` : ""}${line.text}`,
+          ),
+        ),
+    );
+  });
+  return element;
+}

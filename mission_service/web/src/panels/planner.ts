@@ -1,0 +1,59 @@
+// The planners' settings: those that can be changed in flight, and all others to read.
+
+import { attempt, lacking } from "../actions.ts";
+import { get, post } from "../api.ts";
+import { fill, h, setReason } from "../dom.ts";
+import type { Store } from "../store.ts";
+import type { Planner } from "../types.ts";
+import { button, figures, section } from "./parts.ts";
+
+const TUNABLE: [string, string, number][] = [
+  ["alpha", "α: how uneven the fire is taken to be (0: never turn)", 0.1],
+  ["reversal_margin", "Gain that a turn takes (1 = 100 %)", 0.05],
+  ["dwell_s", "Least time between turns (s)", 5],
+];
+
+export class PlannerPanel {
+  readonly element = h("div", { class: "panel" });
+  private fields = new Map<string, HTMLInputElement>();
+  private rest = h("div");
+  private save = button("Use from now on", () => void this.send(), "", "primary");
+
+  constructor(private readonly store: Store) {
+    const form = h("div", { class: "fields" });
+    for (const [key, words, step] of TUNABLE) {
+      const field = h("input", { type: "number", step, min: 0, id: `planner-${key}` });
+      this.fields.set(key, field);
+      form.append(h("label", { for: `planner-${key}` }, words), field);
+    }
+    this.element.append(section("Planner", form, this.save), section("All settings", this.rest));
+    store.on(["status"], () => this.renew());
+  }
+
+  private async send(): Promise<void> {
+    const planner = this.store.state?.planner ?? {};
+    const body: Record<string, number> = {};
+    for (const [key, field] of this.fields) {
+      if (field.value !== "" && field.valueAsNumber !== planner[key]) body[key] = field.valueAsNumber;
+    }
+    await attempt("Planner", () => post("planner", body, "PATCH"));
+    if (this.store.state) this.store.state.planner = await get<Planner>("planner");
+    this.renew();
+  }
+
+  private renew(): void {
+    const planner = this.store.state?.planner ?? {};
+    const reason = lacking(this.store, "fly");
+    for (const [key, field] of this.fields) {
+      const has = typeof planner[key] === "number";
+      setReason(field, reason || (has ? "" : "This rule has no such setting"));
+      if (document.activeElement !== field) field.value = has ? String(planner[key]) : "";
+    }
+    setReason(this.save, reason);
+    const rows = Object.entries(planner).map(([key, value]): [string, string] => [key, wordsOf(value)]);
+    fill(this.rest, figures(rows));
+  }
+}
+
+const wordsOf = (value: unknown): string =>
+  typeof value === "number" ? String(Number(value.toPrecision(6))) : typeof value === "object" ? JSON.stringify(value) : String(value);

@@ -1,0 +1,173 @@
+// Vehicles: all in a list, the chosen one in full, and orders for one and for all.
+
+import { attempt, lacking } from "../actions.ts";
+import { download, post } from "../api.ts";
+import { fill, h, setReason, setText } from "../dom.ts";
+import { shortcut } from "../keys.ts";
+import type { Store } from "../store.ts";
+import type { Mission, Vehicle } from "../types.ts";
+import { clock, duration, metres, speed } from "../units.ts";
+import { DecisionPart } from "./decision.ts";
+import { button, figures } from "./parts.ts";
+import { MissionPart } from "./mission.ts";
+
+const ORDERS: [string, string, string][] = [
+  ["hold", "Hold", "Circle or hover where it is"],
+  ["resume", "Resume", "Fly on by the planner"],
+  ["return", "Return", "Fly home"],
+  ["start", "Start", "Arm and fly the mission on board"],
+];
+
+export class VehiclesPanel {
+  readonly element = h("div", { class: "panel" });
+  private list = h("ul", { class: "vehicles", "aria-label": "Vehicles" });
+  private rows = new Map<string, { row: HTMLButtonElement; state: HTMLElement; moves: HTMLElement }>();
+  private title = h("h3");
+  private facts = h("div");
+  private orders: HTMLButtonElement[] = [];
+  private decision: DecisionPart;
+  private mission: MissionPart;
+
+  constructor(private readonly store: Store) {
+    this.decision = new DecisionPart(store);
+    this.mission = new MissionPart(store);
+    const all = this.ordersFor(() => "", "all vehicles");
+    const one = this.ordersFor(() => this.store.chosen, "this vehicle");
+    this.element.append(
+      h("div", {}, this.list, h("div", { class: "row all" }, h("span", {}, "All:"), ...all)),
+      h("div", {}, this.title, h("div", { class: "row" }, ...one), this.decision.element),
+      h("div", {}, this.facts),
+      h(
+        "div",
+        {},
+        this.mission.element,
+        button("Download .plan", () => void this.save(), "The mission on board, for QGroundControl"),
+      ),
+    );
+    shortcut("n", "Next vehicle", () => this.step(1));
+    shortcut("p", "Vehicle before", () => this.step(-1));
+    shortcut("h", "Hold the chosen vehicle", () => this.order("hold", store.chosen));
+    shortcut("r", "Let the chosen vehicle fly on", () => this.order("resume", store.chosen));
+    shortcut("H", "Hold all vehicles", () => this.order("hold", ""));
+    store.on(["vehicle", "telemetry", "chosen"], () => this.renew());
+    store.on(["mission", "chosen"], () => this.renew());
+  }
+
+  private ordersFor(vehicle: () => string, whom: string): HTMLButtonElement[] {
+    const made = ORDERS.map(([order, words, title]) =>
+      button(words, () => this.order(order, vehicle()), `${title} (${whom})`),
+    );
+    this.orders.push(...made);
+    return made;
+  }
+
+  /** Order one vehicle, or all of them. */
+  private order(order: string, vehicle: string): void {
+    if (lacking(this.store, "fly")) return;
+    const path = `vehicles/${encodeURIComponent(vehicle || "all")}/${order}`;
+    void attempt(`${order} ${vehicle || "all"}`, () => post(path));
+  }
+
+  private step(by: number): void {
+    const names = [...this.store.vehicles.keys()];
+    if (!names.length) return;
+    const at = names.indexOf(this.store.chosen);
+    this.store.choose(names[(at + by + names.length) % names.length]!);
+  }
+
+  private async save(): Promise<void> {
+    const name = this.store.chosen;
+    await attempt("Download", () => download(`vehicles/${encodeURIComponent(name)}/mission.plan`, `${name}.plan`));
+  }
+
+  private renew(): void {
+    if (!this.element.isConnected || this.element.hidden) return;
+    const { store } = this;
+    const names = [...store.vehicles.keys()];
+    if (names.join() !== [...this.rows.keys()].join()) this.makeRows(names);
+    for (const [name, { row, state, moves }] of this.rows) this.renewRow(name, row, state, moves);
+    const vehicle = store.vehicles.get(store.chosen);
+    setText(this.title, vehicle ? `${vehicle.vehicle} · ${vehicle.stack} ${vehicle.kind}` : "No vehicle");
+    const facts = vehicle ? figures(this.factsOf(vehicle)) : h("p");
+    if (facts.textContent !== this.facts.textContent) fill(this.facts, facts);
+    const reason = lacking(store, "fly");
+    for (const order of this.orders) setReason(order, reason);
+  }
+
+  private makeRows(names: string[]): void {
+    this.rows.clear();
+    fill(
+      this.list,
+      ...names.map((name) => {
+        const [state, moves] = [h("span", { class: "state" }), h("span", { class: "moves" })];
+        const row = h(
+          "button",
+          { type: "button", onclick: () => this.store.choose(name) },
+          h("strong", {}, name),
+          state,
+          moves,
+        );
+        this.rows.set(name, { row, state, moves });
+        return h("li", {}, row);
+      }),
+    );
+  }
+
+  private renewRow(name: string, row: HTMLElement, state: HTMLElement, moves: HTMLElement): void {
+    const vehicle = this.store.vehicles.get(name);
+    const here = this.store.telemetry.get(name);
+    if (!vehicle) return;
+    row.setAttribute("aria-current", String(name === this.store.chosen));
+    row.classList.toggle("lost", vehicle.link === "lost");
+    setText(state, shortState(vehicle));
+    setText(
+      moves,
+      here
+        ? `${metres(here.height_agl_m ?? here.altitude_relative_m)} · ${speed(here.ground_speed_m_s)}`
+        : "no position yet",
+    );
+  }
+
+  private factsOf(vehicle: Vehicle): [string, string | null][] {
+    const { store } = this;
+    const here = store.telemetry.get(vehicle.vehicle);
+    const mission = store.missions.get(vehicle.vehicle);
+    return [
+      [
+        "State",
+        `link ${vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
+      ],
+      ["Ordered", vehicle.order || null],
+      ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
+      ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
+      ["Height", here ? `${metres(here.height_agl_m)} above ground` : "–"],
+      ["Moves", here ? `${speed(here.ground_speed_m_s)}, heading ${here.heading_deg.toFixed(0)}°` : "–"],
+      ["On board", missionWords(mission?.on_board ?? null, vehicle)],
+      ["Being sent", mission?.sending ? missionWords(mission.sending, null) : null],
+      [
+        "Turned last",
+        vehicle.reversed_at_us === null
+          ? vehicle.decisions ? "not yet" : null
+          : `at ${clock(vehicle.reversed_at_us / 1e6)}, ${duration(store.nowS - vehicle.reversed_at_us / 1e6)} ago; ${vehicle.reversals} times`,
+      ],
+      [
+        "Orbit",
+        vehicle.orbit ? `radius ${metres(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}` : null,
+      ],
+    ];
+  }
+}
+
+function shortState(vehicle: Vehicle): string {
+  if (vehicle.link === "lost") return "LINK LOST";
+  if (vehicle.link === "never heard") return "not heard yet";
+  const battery = vehicle.battery_pct === null ? "" : ` · ${vehicle.battery_pct.toFixed(0)} %`;
+  const order = vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "";
+  return `${vehicle.mode || "mode?"}${battery}${order}`;
+}
+
+function missionWords(mission: Mission | null, vehicle: Vehicle | null): string {
+  if (!mission) return "nothing";
+  const current = vehicle?.current_seq === null || !vehicle ? "" : `, flies item ${vehicle.current_seq}`;
+  return `mission ${mission.mission_id}: ${mission.items.length} items${current} (${mission.why})`;
+}

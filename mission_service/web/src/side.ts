@@ -1,0 +1,68 @@
+// The panels beside the map, one at a time.
+
+import { byId, h } from "./dom.ts";
+import { shortcut } from "./keys.ts";
+import type { Store } from "./store.ts";
+
+export interface Tab {
+  key: string;
+  words: string;
+  element: HTMLElement;
+  there: () => boolean;
+}
+
+export function side(store: Store, tabs: Tab[]): void {
+  const buttons = tabs.map(({ key, words }, i) => {
+    const button = h(
+      "button",
+      {
+        type: "button",
+        role: "tab",
+        id: `tab-${key}`,
+        "aria-controls": `panel-${key}`,
+        title: `${words} (Alt+${i + 1})`,
+        onclick: () => open(key),
+      },
+      words,
+    );
+    shortcut(`Alt+${i + 1}`, `Panel: ${words}`, () => {
+      open(key);
+      button.focus();
+    });
+    return button;
+  });
+  const list = h("div", { role: "tablist", class: "tabs" }, ...buttons);
+  list.addEventListener("keydown", (event) => {
+    const by = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
+    const there = buttons.filter((button) => !button.hidden);
+    const at = there.findIndex((button) => button === document.activeElement);
+    if (!by || at < 0) return;
+    const next = there[(at + by + there.length) % there.length];
+    next?.click();
+    next?.focus();
+  });
+  for (const { key, element } of tabs) {
+    element.id = `panel-${key}`;
+    element.setAttribute("role", "tabpanel");
+    element.setAttribute("aria-labelledby", `tab-${key}`);
+    element.tabIndex = 0;
+  }
+  byId("side").append(list, ...tabs.map((tab) => tab.element));
+
+  const open = (key: string): void => {
+    for (const [i, tab] of tabs.entries()) {
+      const chosen = tab.key === key;
+      tab.element.hidden = !chosen;
+      buttons[i]!.setAttribute("aria-selected", String(chosen));
+      buttons[i]!.tabIndex = chosen ? 0 : -1;
+    }
+    store.changed("chosen");
+  };
+  open(tabs[0]!.key);
+  let first = true;
+  store.on(["burn"], () => {
+    for (const [i, tab] of tabs.entries()) buttons[i]!.hidden = !tab.there();
+    if (first && store.state?.burn) open("burn");
+    first = false;
+  });
+}

@@ -1,0 +1,114 @@
+// The next decision as a strip: the front unrolled, the vehicle in the middle, what lies behind it
+// to the left, what lies ahead to the right, as high as it matters; below, both sums.
+
+import { h } from "./dom.ts";
+import type { Importance } from "./types.ts";
+
+const [WIDTH, HEIGHT] = [356, 130];
+const [BARS_TOP, BARS_BASE] = [22, 82];
+const AHEAD = "#0b5d1e";
+const BEHIND = "#8e3b00";
+
+export function makeStrip(): {
+  element: HTMLCanvasElement;
+  show: (told: Importance | null) => void;
+} {
+  const canvas = h("canvas", {
+    class: "strip",
+    role: "img",
+    width: WIDTH * 2,
+    height: HEIGHT * 2,
+    "aria-label": "Importance of the front behind and ahead",
+  });
+  return { element: canvas, show: (told) => paint(canvas, told) };
+}
+
+/** In words, for the label and for who does not see the strip. */
+export function inWords(told: Importance): string {
+  const { importance_back: back, importance_front: front } = told;
+  const next = back > front ? "more behind: it may turn back" : "more ahead: it flies on";
+  return `behind ${short(back)}, ahead ${short(front)}: ${next}`;
+}
+
+/** The nearer half of the front behind and ahead, each from the vehicle outwards. */
+export function sides(told: Importance): [number[], number[]] {
+  const values = told.cells.map(([, , importance]) => importance);
+  const half = Math.ceil(values.length / 2);
+  return [values.slice(0, half), values.slice(half).reverse()];
+}
+
+const short = (value: number): string =>
+  value === 0 ? "0" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3);
+
+function paint(canvas: HTMLCanvasElement, told: Importance | null): void {
+  const pen = canvas.getContext("2d");
+  if (!pen) return;
+  pen.setTransform(2, 0, 0, 2, 0, 0);
+  pen.clearRect(0, 0, WIDTH, HEIGHT);
+  pen.fillStyle = "#111";
+  pen.font = "bold 15px sans-serif";
+  pen.textBaseline = "top";
+  const middle = WIDTH / 2;
+  if (!told) {
+    pen.textAlign = "center";
+    pen.fillText("No decision yet: not at the front", middle, 54);
+    return;
+  }
+  canvas.setAttribute("aria-label", inWords(told));
+  pen.textAlign = "left";
+  pen.fillStyle = BEHIND;
+  pen.fillText("◀ behind", 4, 2);
+  pen.textAlign = "right";
+  pen.fillStyle = AHEAD;
+  pen.fillText("ahead ▶", WIDTH - 4, 2);
+  const [back, front] = sides(told);
+  const cells = Math.max(front.length, back.length, 1);
+  const most = Math.max(...front, ...back, 1e-9);
+  const wide = (middle - 14) / cells;
+  bars(pen, back, (i) => middle - 14 - (i + 1) * wide, wide, most, BEHIND);
+  bars(pen, front, (i) => middle + 14 + i * wide, wide, most, AHEAD);
+  vehicle(pen, middle);
+  sums(pen, told, middle);
+}
+
+function bars(
+  pen: CanvasRenderingContext2D,
+  values: number[],
+  leftOf: (i: number) => number,
+  wide: number,
+  most: number,
+  colour: string,
+): void {
+  pen.fillStyle = colour;
+  for (const [i, value] of values.entries()) {
+    const high = Math.max(1, (Math.max(0, value) / most) * (BARS_BASE - BARS_TOP));
+    pen.fillRect(leftOf(i), BARS_BASE - high, Math.max(wide * 0.92, 0.6), high);
+  }
+}
+
+function vehicle(pen: CanvasRenderingContext2D, x: number): void {
+  pen.fillStyle = "#0b3d91";
+  pen.beginPath();
+  pen.moveTo(x + 11, BARS_BASE - 8);
+  pen.lineTo(x - 9, BARS_BASE - 18);
+  pen.lineTo(x - 4, BARS_BASE - 8);
+  pen.lineTo(x - 9, BARS_BASE + 2);
+  pen.fill();
+}
+
+function sums(pen: CanvasRenderingContext2D, told: Importance, middle: number): void {
+  const { importance_back: back, importance_front: front } = told;
+  const most = Math.max(back, front, 1e-9);
+  const side = middle - 14;
+  pen.fillStyle = BEHIND;
+  pen.fillRect(middle - 14 - (side * Math.max(0, back)) / most, 90, (side * Math.max(0, back)) / most, 14);
+  pen.fillStyle = AHEAD;
+  pen.fillRect(middle + 14, 90, (side * Math.max(0, front)) / most, 14);
+  pen.fillStyle = "#111";
+  pen.textAlign = "left";
+  pen.fillText(`Σ ${short(back)}`, 4, 110);
+  pen.textAlign = "right";
+  pen.fillText(`Σ ${short(front)}`, WIDTH - 4, 110);
+  pen.textAlign = "center";
+  pen.fillText(back > front ? "may turn back" : "flies on", middle, 110);
+}

@@ -1,0 +1,126 @@
+// The pens' buttons: what the fire is there, with which shape, for which time; eraser, undo, redo.
+
+import { attempt, lacking, say } from "./actions.ts";
+import { post } from "./api.ts";
+import { closeHelp } from "./dialogs.ts";
+import { byId, h, setReason, setText } from "./dom.ts";
+import { shortcut } from "./keys.ts";
+import type { Pens, Shape, State, Stroke, Tool } from "./pens.ts";
+import type { Store } from "./store.ts";
+import { moment } from "./units.ts";
+
+const PENS: [State, string, string][] = [
+  ["burned", "Burned", "b"],
+  ["burning", "Burning", "f"],
+  ["unburned", "Unburned", "u"],
+];
+const SHAPES: [Shape, string, string][] = [
+  ["point", "Point", "1"],
+  ["line", "Line", "2"],
+  ["polygon", "Area", "3"],
+];
+const ERASER_PX = 22;
+
+export class Toolbar {
+  private shape: Shape = "line";
+  private pen: State | "eraser" | null = null;
+  private buttons = new Map<string, HTMLButtonElement>();
+  private atSlider = h("input", { type: "checkbox", id: "for-slider" });
+  private when = h("span", {}, "now");
+
+  constructor(
+    private readonly store: Store,
+    private readonly pens: () => Pens | null,
+  ) {
+    const one = (key: string, words: string, title: string, act: () => void): HTMLButtonElement => {
+      const button = h("button", { type: "button", title, class: `pen ${key}`, onclick: act }, words);
+      this.buttons.set(key, button);
+      return button;
+    };
+    byId("tools").append(
+      one("move", "Move", "Move the map (V)", () => this.take(null)),
+      ...PENS.map(([state, words, key]) =>
+        one(state, words, `${words} here (${key.toUpperCase()})`, () => this.take(state)),
+      ),
+      h("hr"),
+      ...SHAPES.map(([shape, words, key]) => one(shape, words, `${words} (${key})`, () => this.form(shape))),
+      h("hr"),
+      one("eraser", "Erase", "Take marks away (E)", () => this.take("eraser")),
+      one("undo", "Undo", "Take the last back (Ctrl+Z)", () => this.back("undo")),
+      one("redo", "Redo", "Let it hold again (Ctrl+Y)", () => this.back("redo")),
+      h("label", { class: "when", for: "for-slider", title: "Marks are for the slider's time, not for now" },
+        this.atSlider, this.when),
+    );
+    shortcut("v", "Move the map", () => this.take(null));
+    for (const [state, words, key] of PENS) {
+      shortcut(key, `Pen: ${words.toLowerCase()}; Space puts a corner, Enter ends`, () => this.take(state));
+    }
+    for (const [shape, words, key] of SHAPES) shortcut(key, `Pen draws: ${words.toLowerCase()}`, () => this.form(shape));
+    shortcut("e", "Eraser", () => this.take("eraser"));
+    shortcut("Ctrl+Z", "Undo the last correction", () => this.back("undo"));
+    shortcut("Ctrl+Y", "Redo", () => this.back("redo"));
+    shortcut("Ctrl+Shift+Z", "Redo", () => this.back("redo"));
+    shortcut("Escape", "Close this list, or put the pen away", () => {
+      if (!closeHelp()) this.take(null);
+    });
+    this.atSlider.addEventListener("change", () => this.renew());
+    store.on(["status", "moment"], () => this.renew());
+    this.renew();
+  }
+
+  private take(pen: State | "eraser" | null): void {
+    if (pen && lacking(this.store, "correct")) return say(lacking(this.store, "correct"), true);
+    this.pen = pen;
+    this.hand();
+    if (pen) document.querySelector<HTMLElement>("#map canvas.maplibregl-canvas")?.focus({ preventScroll: true });
+  }
+
+  private form(shape: Shape): void {
+    this.shape = shape;
+    this.hand();
+  }
+
+  private hand(): void {
+    const tool: Tool =
+      this.pen === null
+        ? null
+        : this.pen === "eraser"
+          ? { eraser: true, radiusPx: ERASER_PX }
+          : { pen: this.pen, shape: this.shape };
+    this.pens()?.use(tool);
+    this.renew();
+  }
+
+  private renew(): void {
+    const pressed = new Set<string>([this.pen ?? "move", this.shape]);
+    const reason = lacking(this.store, "correct");
+    for (const [key, button] of this.buttons) {
+      if (key !== "undo" && key !== "redo") button.setAttribute("aria-pressed", String(pressed.has(key)));
+      if (key !== "move") setReason(button, reason);
+    }
+    setReason(this.atSlider, reason || (this.store.inMin === 0 ? "The slider is at now" : ""));
+    setText(this.when, `for ${moment(this.inMin)}`);
+  }
+
+  /** The time that marks are for, in minutes from now. */
+  private get inMin(): number {
+    return this.atSlider.checked ? this.store.inMin : 0;
+  }
+
+  private back(which: "undo" | "redo"): void {
+    const reason = lacking(this.store, "correct");
+    if (reason) return say(reason, true);
+    void attempt(which === "undo" ? "Undo" : "Redo", () => post(`fire/${which}`));
+  }
+
+  /** Send what was drawn. */
+  async send({ tool, points, radiusM }: Stroke): Promise<boolean> {
+    if ("eraser" in tool) {
+      const [lat_deg, lon_deg] = points[0]!;
+      return attempt("Erase", () => post("fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) }));
+    }
+    const words = `Correction (${tool.pen}, ${moment(this.inMin)})`;
+    const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
+    return attempt(words, () => post("fire/corrections", body));
+  }
+}

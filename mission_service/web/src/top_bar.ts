@@ -1,0 +1,44 @@
+// The line above: what is run, mission time, fire, wind, whether the service is heard, and abort.
+
+import { abortButton } from "./abort.ts";
+import type { Alarms } from "./alarms.ts";
+import { byId, h, setText } from "./dom.ts";
+import type { Store } from "./store.ts";
+import { area, clock } from "./units.ts";
+
+const STALE_S = 3;
+
+export function topBar(store: Store, alarms: Alarms, help: () => void): void {
+  const name = h("strong", { class: "name" });
+  const time = h("span", { title: "Mission time, h:min" });
+  const size = h("span", { class: "size" });
+  const link = h("span", { class: "link", role: "status" });
+  const ready = h("span", { class: "ready" });
+  byId("top").append(
+    name,
+    time,
+    size,
+    link,
+    ready,
+    h("span", { class: "gap" }),
+    alarms.button,
+    h("button", { type: "button", title: "Keyboard shortcuts (?)", "aria-label": "Help", onclick: help }, "?"),
+    abortButton(),
+  );
+  const renew = (): void => {
+    const { state } = store;
+    setText(name, state?.status.scenario ?? "Mission service");
+    setText(time, state ? `Time ${clock(store.nowS)}` : "");
+    setText(size, state ? `Fire ${area(state.fire.area_ha * 1e4)}` : "");
+    const old = store.ageS > STALE_S && !store.linked;
+    setText(link, store.linked ? "● live" : `○ NOT LIVE${old ? `, ${Math.round(store.ageS)} s old` : ""}`);
+    link.classList.toggle("lost", !store.linked);
+    const lacks = state?.status.not_ready ?? [];
+    setText(ready, lacks.length ? `Not ready: ${lacks[0]}` : "");
+    ready.title = lacks.join("; ");
+    document.title = state ? `${state.status.scenario} · fire map` : "Fire map";
+  };
+  store.on(["status", "fire", "link", "telemetry"], renew);
+  setInterval(renew, 1000);
+  renew();
+}

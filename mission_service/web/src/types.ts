@@ -1,0 +1,262 @@
+// What the service tells, as docs/api.md and /api/v1/openapi.json have it. Times are mission time.
+
+export type LonLat = [number, number];
+export type Role = "look" | "correct" | "fly" | "approve";
+export type Level = "info" | "warning" | "severe";
+
+export interface Telemetry {
+  at_us: number;
+  vehicle: string;
+  lat_deg: number;
+  lon_deg: number;
+  altitude_amsl_m: number;
+  altitude_relative_m: number;
+  height_agl_m: number | null;
+  heading_deg: number;
+  ground_speed_m_s: number;
+  track_deg: number;
+}
+
+export interface Orbit {
+  lat_deg: number;
+  lon_deg: number;
+  altitude_amsl_m: number;
+  radius_m: number; // negative: anticlockwise
+}
+
+export interface Vehicle {
+  at_us: number;
+  vehicle: string;
+  kind: string;
+  stack: string;
+  system_id: number;
+  home_lat_deg: number;
+  home_lon_deg: number;
+  link: "never heard" | "online" | "lost";
+  mode: string;
+  armed: boolean;
+  current_seq: number | null;
+  battery_pct: number | null;
+  position_good: boolean;
+  position_fix: string;
+  order: string; // a person's that holds: hold, return
+  direction: string;
+  decisions: number;
+  reversals: number;
+  reversed_at_us: number | null;
+  importance_back: number;
+  importance_front: number;
+  front_cells: number;
+  orbit: Orbit | null;
+  ordered_airspeed_m_s: number | null;
+  wind_speed_m_s: number | null;
+  wind_from_deg: number | null;
+}
+
+export interface Item {
+  command: number;
+  name: string;
+  frame: number;
+  lat_deg: number | null;
+  lon_deg: number | null;
+  altitude_m: number;
+  params: [number, number, number, number];
+}
+
+export interface Mission {
+  mission_id: number;
+  at_us: number;
+  why: string;
+  outcome: string; // proposed, sending, accepted, or what went wrong
+  reason: string;
+  mission_hash: string;
+  items: Item[];
+}
+
+export interface MissionState {
+  at_us: number;
+  vehicle: string;
+  on_board: Mission | null;
+  sending: Mission | null;
+  proposed: Mission | null;
+}
+
+export interface Alarm {
+  alarm: string;
+  at_us: number;
+  vehicle: string;
+  severity: "warning" | "severe";
+  text: string;
+  cleared_at_us: number | null;
+}
+
+export interface NewsLine {
+  id: number;
+  at_us: number;
+  vehicle: string;
+  level: string;
+  text: string;
+}
+
+export interface Fire {
+  at_us: number;
+  version: number; // grows when people change the fire
+  area_ha: number;
+  wind_speed_m_s: number | null;
+  wind_from_deg: number | null;
+  wind_told_by: string;
+  corrections: Correction[];
+}
+
+export interface Correction {
+  state: string;
+  shape: string;
+  points: [number, number][]; // lat, lon
+  marked_at_s: number;
+  at_s: number;
+  by: string;
+}
+
+export interface Drop {
+  at_us: number;
+  vehicle: string;
+  plan_hash: string;
+  number: number;
+  lat_deg: number;
+  lon_deg: number;
+  outcome: string; // ordered, done, refused, unknown
+}
+
+export interface PlanPoint {
+  lat_deg: number;
+  lon_deg: number;
+  altitude_amsl_m: number;
+  height_m: number;
+  after_s: number;
+}
+
+export interface IgnitionPlan {
+  vehicle: string;
+  line: number;
+  begin_us: number;
+  valid_until_us: number;
+  path: PlanPoint[];
+  drops: { number: number; lat_deg: number; lon_deg: number; after_s: number }[];
+  skipped: [number, number][];
+  duration_s: number;
+  speed_m_s: number;
+  drop_height_m: number;
+  safe_height_m: number;
+  wind_speed_m_s: number;
+  wind_from_deg: number;
+  time_margin_s: number;
+  distance_margin_m: number;
+  least_time_margin_s: number;
+  spheres_left: number;
+}
+
+export interface ListItem {
+  item: string;
+  answer: "go" | "no-go" | "open";
+  by?: string;
+  station?: string;
+}
+
+export type Ring = [number, number][]; // lat, lon; the last corner is the first
+
+export interface KnownPlan {
+  plan_hash: string;
+  approved: { by: string; station: string } | null;
+  why_not: string | null;
+}
+
+export interface Burn {
+  at_us: number;
+  plans: KnownPlan[]; // as the second lock has them
+  open_items: string[];
+  leader: {
+    phase: string;
+    line: number;
+    complete: boolean;
+    approved_by: string | null;
+    drops_planned: number;
+    drops_done: number;
+    spheres_left: number;
+    checklist: { complete: boolean; open: number; items: ListItem[] };
+    unit: Ring[];
+    no_drop: Ring[];
+    fence: Ring[];
+    people: [string, number, number, number][]; // name, lat, lon, radius in metres
+  };
+  plan: IgnitionPlan | null;
+  plan_hash: string;
+  drops: Drop[];
+  stations: { name: string; lat_deg: number; lon_deg: number }[];
+}
+
+export interface Status {
+  at_us: number;
+  time_unix_us: number;
+  scenario: string;
+  rule: string;
+  duration_s: number;
+  not_ready: string[];
+  stopping: boolean;
+  formation?: unknown;
+}
+
+/** What would be sent to a vehicle now, and how it differs from what it has. */
+export interface Preview {
+  at_us: number;
+  vehicle: string;
+  mission_hash: string;
+  items: Item[];
+  figures: {
+    items: number;
+    length_m: number;
+    least_height_agl_m: number | null;
+    highest_amsl_m: number | null;
+    farthest_from_home_m: number;
+    outside_landscape: boolean;
+    problems: string[];
+  };
+  difference: { alike_first: number; added: number; removed: number; farthest_moved_m: number };
+}
+
+/** What the planner compares: cells (lat, lon, importance) from the vehicle backwards all round. */
+export interface Importance {
+  at_us: number;
+  vehicle: string;
+  rule: string;
+  importance_back: number;
+  importance_front: number;
+  cells: [number, number, number][];
+}
+
+export interface Landscape {
+  bounds: [number, number, number, number]; // west, south, east, north
+  corners_lon_lat: LonLat[];
+  cell_size_m: number;
+  rows: number;
+  cols: number;
+}
+
+export type Planner = Record<string, unknown>;
+
+/** What /state answers: everything for a new page. */
+export interface State {
+  version: number;
+  status: Status;
+  roles: Role[];
+  by: string;
+  vehicles: Vehicle[];
+  telemetry: Telemetry[];
+  missions: MissionState[];
+  fire: Fire;
+  burn: Burn | null;
+  alarms: Alarm[];
+  news: NewsLine[];
+  landscape: Landscape;
+  rule: string;
+  planner: Planner;
+}

@@ -1,0 +1,277 @@
+// Vehicles, their tracks, missions and orbits: one source each for all of them, however many.
+
+import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
+import { get } from "./api.ts";
+import { coalesced } from "./coalesce.ts";
+import { circle } from "./geo.ts";
+import { collection, empty, feature, FONT, type Layers, line, point, show } from "./map.ts";
+import { type Store, TRACK_S, type TrackPoint } from "./store.ts";
+import type { Item, LonLat, Mission, Telemetry, Vehicle } from "./types.ts";
+import { feet } from "./units.ts";
+
+const LOITER_UNLIMITED = 17;
+const LOITER_RADIUS_PARAM: Record<number, number> = { 17: 2, 18: 2, 19: 2, 31: 1 };
+const DEFAULT_RADIUS_M = 80;
+const FULL_LABELS = 16; // with more vehicles labels have the name only
+// How often each is drawn anew at most: a hundred vehicles must not keep the browser busy.
+const [PLACES_MS, MISSIONS_MS, TRACKS_MS] = [200, 300, 1000];
+const COLOURS = { online: "#111111", lost: "#c40000", chosen: "#0b3d91" };
+
+export const vehicleLayers: Layers = {
+  sources: { tracks: empty(), missions: empty(), orbits: empty(), vehicles: empty() },
+  layers: [
+    {
+      id: "tracks",
+      type: "line",
+      source: "tracks",
+      paint: {
+        "line-color": ["case", ["get", "chosen"], "#0b3d91", "#444444"],
+        "line-width": ["case", ["get", "chosen"], 2, 1],
+        "line-opacity": 0.75,
+      },
+    },
+    {
+      id: "orbits",
+      type: "line",
+      source: "orbits",
+      paint: { "line-color": "#006064", "line-width": 2 },
+    },
+    {
+      id: "mission-halo",
+      type: "line",
+      source: "missions",
+      filter: ["all", ["==", ["get", "part"], "way"], ["get", "chosen"]],
+      paint: { "line-color": "#ffffff", "line-width": 7 },
+    },
+    {
+      id: "mission-way",
+      type: "line",
+      source: "missions",
+      filter: ["==", ["get", "part"], "way"],
+      paint: {
+        "line-color": missionColour(),
+        "line-width": ["case", ["get", "chosen"], 4, 2],
+        "line-opacity": ["case", ["get", "chosen"], 1, 0.6],
+      },
+    },
+    {
+      id: "mission-place",
+      type: "circle",
+      source: "missions",
+      filter: ["==", ["get", "part"], "place"],
+      paint: {
+        "circle-color": ["case", ["get", "current"], "#ffd600", "#ffffff"],
+        "circle-radius": ["case", ["get", "current"], 9, 5],
+        "circle-stroke-color": missionColour(),
+        "circle-stroke-width": ["case", ["get", "current"], 4, 2],
+      },
+    },
+    {
+      id: "mission-number",
+      type: "symbol",
+      source: "missions",
+      minzoom: 12,
+      filter: ["==", ["get", "part"], "place"],
+      layout: {
+        ...FONT,
+        "text-field": ["get", "number"],
+        "text-size": 13,
+        "text-offset": [0.9, -0.9],
+        "text-optional": true,
+      },
+      paint: { "text-color": "#0b3d91", "text-halo-color": "#fff", "text-halo-width": 2 },
+    },
+    {
+      id: "vehicles",
+      type: "symbol",
+      source: "vehicles",
+      layout: {
+        ...FONT,
+        "icon-image": ["get", "icon"],
+        "icon-rotate": ["get", "heading"],
+        "icon-rotation-alignment": "map",
+        "icon-allow-overlap": true,
+        "icon-ignore-placement": true,
+        "text-field": ["get", "label"],
+        "text-size": 14,
+        "text-justify": "auto",
+        "text-variable-anchor": ["left", "right", "top", "bottom"],
+        "text-radial-offset": 1.6,
+        "text-optional": true,
+        "text-max-width": 30,
+        "symbol-sort-key": ["case", ["get", "chosen"], 0, 1],
+      },
+      paint: { "text-color": "#000", "text-halo-color": "#fff", "text-halo-width": 2.5 },
+    },
+  ],
+};
+
+function missionColour(): ExpressionSpecification {
+  return ["match", ["get", "kind"], "on board", "#0b3d91", "sending", "#6a1b9a", "#ad1457"];
+}
+
+export const VEHICLE_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
+  tracks: { words: "Tracks", layers: ["tracks"], shown: true },
+  missions: {
+    words: "Missions",
+    layers: ["mission-halo", "mission-way", "mission-place", "mission-number"],
+    shown: true,
+  },
+  orbits: { words: "Orbits", layers: ["orbits"], shown: true },
+};
+
+/** Keeps the vehicles' sources up to date; a click on one chooses it. */
+export function followVehicles(map: MapView, store: Store): void {
+  for (const kind of ["plane", "copter"]) {
+    for (const [state, colour] of Object.entries(COLOURS)) {
+      map.addImage(`${kind}-${state}`, icon(kind, colour), { pixelRatio: 2 });
+    }
+  }
+  const places = coalesced(async () => {
+    show(map, "vehicles", collection([...store.telemetry.values()].map((here) => mark(store, here))));
+  }, PLACES_MS);
+  const tracks = coalesced(async () => {
+    show(map, "tracks", collection(tracksOf(store)));
+  }, TRACKS_MS);
+  const missions = coalesced(async () => {
+    show(map, "missions", collection(missionsOf(store)));
+    show(map, "orbits", collection(orbitsOf(store)));
+  }, MISSIONS_MS);
+  store.on(["telemetry", "vehicle", "chosen"], places);
+  store.on(["telemetry", "chosen"], tracks);
+  store.on(["mission", "vehicle", "chosen"], missions);
+  map.on("click", "vehicles", ({ features }) => {
+    const name: unknown = features?.[0]?.properties.vehicle;
+    if (typeof name === "string") store.choose(name);
+  });
+}
+
+interface FlownTrack {
+  geometry: GeoJSON.LineString | null;
+  properties: { at_us: number[] };
+}
+
+/** Tracks flown before this page was there. */
+export async function fetchTracks(store: Store): Promise<void> {
+  const MOST = 20;
+  for (const name of [...store.vehicles.keys()].slice(0, MOST)) {
+    const afterUs = Math.round((store.nowS - TRACK_S) * 1e6);
+    const told = await get<FlownTrack>(`vehicles/${name}/track?after_us=${afterUs}&limit=400`);
+    const flown = (told.geometry?.coordinates ?? []).map(([lon, lat], i): TrackPoint => [
+      lon!,
+      lat!,
+      (told.properties.at_us[i] ?? 0) / 1e6,
+    ]);
+    const since = store.tracks.get(name) ?? [];
+    const until = since[0]?.[2] ?? Infinity;
+    store.tracks.set(name, [...flown.filter(([, , atS]) => atS < until), ...since]);
+  }
+  store.changed("telemetry");
+}
+
+function mark(store: Store, here: Telemetry): GeoJSON.Feature {
+  const vehicle = store.vehicles.get(here.vehicle);
+  const chosen = store.chosen === here.vehicle;
+  const lost = vehicle?.link !== "online";
+  const state = lost ? "lost" : chosen ? "chosen" : "online";
+  return feature(point([here.lon_deg, here.lat_deg]), {
+    vehicle: here.vehicle,
+    heading: here.heading_deg,
+    chosen,
+    icon: `${vehicle?.kind === "copter" ? "copter" : "plane"}-${state}`,
+    label: labelOf(here, vehicle, store.telemetry.size <= FULL_LABELS || chosen),
+  });
+}
+
+/** Name, height above the ground (or home) and speed, and what is wrong. */
+export function labelOf(here: Telemetry, vehicle: Vehicle | undefined, full: boolean): string {
+  if (vehicle && vehicle.link === "lost") return `${here.vehicle}\nLINK LOST`;
+  if (!full) return here.vehicle;
+  const height = here.height_agl_m ?? here.altitude_relative_m;
+  const speed = `${here.ground_speed_m_s.toFixed(0)} m/s`;
+  return `${here.vehicle}\n${height.toFixed(0)} m (${feet(height).toFixed(0)} ft)  ${speed}`;
+}
+
+function tracksOf(store: Store): GeoJSON.Feature[] {
+  return [...store.tracks]
+    .filter(([, places]) => places.length > 1)
+    .map(([name, places]) =>
+      feature(line(places.map(([lon, lat]): LonLat => [lon, lat])), { chosen: name === store.chosen }),
+    );
+}
+
+function missionsOf(store: Store): GeoJSON.Feature[] {
+  return [...store.missions.values()].flatMap((mission) => {
+    const chosen = mission.vehicle === store.chosen;
+    const seq = store.vehicles.get(mission.vehicle)?.current_seq ?? null;
+    return [
+      ...parts(mission.on_board, "on board", chosen, seq),
+      ...(chosen ? parts(mission.sending, "sending", chosen, null) : []),
+      ...(chosen ? parts(mission.proposed, "proposed", chosen, null) : []),
+    ];
+  });
+}
+
+/** A mission as features: its way, and for the chosen vehicle its places. */
+function parts(
+  mission: Mission | null,
+  kind: string,
+  chosen: boolean,
+  currentSeq: number | null,
+): GeoJSON.Feature[] {
+  if (!mission) return [];
+  const way: LonLat[] = [];
+  const told: GeoJSON.Feature[] = [];
+  for (const [seq, item] of mission.items.entries()) {
+    const place = placeOf(item);
+    if (!place) continue;
+    way.push(place);
+    const radius = radiusOf(item);
+    if (radius) told.push(feature(line(circle(place, radius)), { part: "way", kind, chosen }));
+    if (chosen) {
+      const current = seq === currentSeq;
+      told.push(feature(point(place), { part: "place", kind, chosen, current, number: `${seq}` }));
+    }
+    // What is behind an endless loiter (a landing) is not flown by itself.
+    if (item.command === LOITER_UNLIMITED) break;
+  }
+  if (way.length > 1) told.unshift(feature(line(way), { part: "way", kind, chosen }));
+  return told;
+}
+
+export function placeOf(item: Item): LonLat | null {
+  return item.lat_deg === null || item.lon_deg === null ? null : [item.lon_deg, item.lat_deg];
+}
+
+function radiusOf(item: Item): number | null {
+  const param = LOITER_RADIUS_PARAM[item.command];
+  if (param === undefined) return null;
+  return Math.abs(item.params[param] ?? 0) || DEFAULT_RADIUS_M;
+}
+
+function orbitsOf(store: Store): GeoJSON.Feature[] {
+  return [...store.vehicles.values()].flatMap((vehicle) => {
+    if (!vehicle.orbit) return [];
+    const { lat_deg, lon_deg, radius_m } = vehicle.orbit;
+    return [feature(line(circle([lon_deg, lat_deg], Math.abs(radius_m))))];
+  });
+}
+
+/** A plane or a copter that flies up, with a white rim so that it is seen on everything. */
+function icon(kind: string, colour: string): ImageData {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 72;
+  const pen = canvas.getContext("2d")!;
+  const shape = new Path2D(
+    kind === "plane"
+      ? "M36 4 L42 26 L68 40 L68 48 L42 42 L40 58 L50 64 L50 69 L36 65 L22 69 L22 64 L32 58 L30 42 L4 48 L4 40 L30 26 Z"
+      : "M36 2 L48 20 L40 18 L40 30 L54 18 L62 26 L48 40 L62 54 L54 62 L36 48 L18 62 L10 54 L24 40 L10 26 L18 18 L32 30 L32 18 L24 20 Z",
+  );
+  pen.lineJoin = "round";
+  pen.lineWidth = 6;
+  pen.strokeStyle = "#ffffff";
+  pen.stroke(shape);
+  pen.fillStyle = colour;
+  pen.fill(shape);
+  return pen.getImageData(0, 0, 72, 72);
+}

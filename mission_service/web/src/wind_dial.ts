@@ -1,0 +1,113 @@
+// A dial to draw the wind: the arrow comes from where the wind comes from, its length is the speed.
+
+import { h } from "./dom.ts";
+
+const SIZE = 180;
+const MIDDLE = SIZE / 2;
+const RIM = 78; // pixels at the greatest speed
+export const MOST_M_S = 20;
+
+export interface Wind {
+  from_deg: number;
+  speed_m_s: number;
+}
+
+/** The wind that a drag to (x, y) from the middle means, y down; to 5° and half a metre a second. */
+export function windOf(x: number, y: number): Wind {
+  const deg = (Math.atan2(x, -y) * 180) / Math.PI;
+  const share = Math.min(1, Math.hypot(x, y) / RIM);
+  return {
+    from_deg: (Math.round(deg / 5) * 5 + 360) % 360,
+    speed_m_s: Math.round(share * MOST_M_S * 2) / 2,
+  };
+}
+
+/** Where the arrow's tail is for a wind, from the middle, y down. */
+export function tailOf(wind: Wind): [number, number] {
+  const length = (Math.min(wind.speed_m_s, MOST_M_S) / MOST_M_S) * RIM;
+  const angle = (wind.from_deg * Math.PI) / 180;
+  return [Math.sin(angle) * length, -Math.cos(angle) * length];
+}
+
+/** A dial; `changed` is called while the arrow is drawn. `show` sets both winds. */
+export function windDial(changed: (wind: Wind) => void): {
+  element: HTMLCanvasElement;
+  show: (now: Wind | null, wanted: Wind | null) => void;
+} {
+  const canvas = h("canvas", {
+    width: SIZE * 2,
+    height: SIZE * 2,
+    class: "dial",
+    role: "img",
+    "aria-label": "Wind dial: drag from the middle towards where the wind comes from",
+  });
+  const draw = (event: PointerEvent): void => {
+    const box = canvas.getBoundingClientRect();
+    const scale = SIZE / box.width;
+    changed(
+      windOf(
+        (event.clientX - box.left) * scale - MIDDLE,
+        (event.clientY - box.top) * scale - MIDDLE,
+      ),
+    );
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    draw(event);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (canvas.hasPointerCapture(event.pointerId)) draw(event);
+  });
+  return { element: canvas, show: (now, wanted) => paint(canvas, now, wanted) };
+}
+
+function paint(canvas: HTMLCanvasElement, now: Wind | null, wanted: Wind | null): void {
+  const pen = canvas.getContext("2d");
+  if (!pen) return;
+  pen.setTransform(2, 0, 0, 2, 0, 0);
+  pen.clearRect(0, 0, SIZE, SIZE);
+  pen.translate(MIDDLE, MIDDLE);
+  pen.strokeStyle = "#666";
+  pen.fillStyle = "#111";
+  pen.lineWidth = 1;
+  for (const speed of [5, 10, 15, 20]) {
+    pen.beginPath();
+    pen.arc(0, 0, (speed / MOST_M_S) * RIM, 0, 2 * Math.PI);
+    pen.stroke();
+  }
+  pen.font = "11px sans-serif";
+  for (const speed of [10, 20]) {
+    const off = (speed / MOST_M_S) * RIM * Math.SQRT1_2 - 4;
+    pen.fillText(String(speed), off, off);
+  }
+  pen.font = "bold 13px sans-serif";
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
+  for (const [name, x, y] of [["N", 0, -1], ["E", 1, 0], ["S", 0, 1], ["W", -1, 0]] as const) {
+    pen.fillText(name, x * (RIM - 9), y * (RIM - 9));
+  }
+  if (now) arrow(pen, now, "#1a4fa0", 3);
+  if (wanted) arrow(pen, wanted, "#b00020", 5);
+}
+
+/** From the tail (where the wind comes from) to the middle. */
+function arrow(pen: CanvasRenderingContext2D, wind: Wind, colour: string, width: number): void {
+  const [x, y] = tailOf(wind);
+  const length = Math.hypot(x, y);
+  pen.strokeStyle = pen.fillStyle = colour;
+  pen.lineWidth = width;
+  pen.beginPath();
+  pen.arc(x, y, width + 3, 0, 2 * Math.PI);
+  pen.fill();
+  if (length < 4) return;
+  const [ux, uy] = [x / length, y / length];
+  pen.beginPath();
+  pen.moveTo(x, y);
+  pen.lineTo(ux * 12, uy * 12);
+  pen.stroke();
+  pen.beginPath();
+  pen.moveTo(0, 0);
+  pen.lineTo(ux * 16 - uy * 8, uy * 16 + ux * 8);
+  pen.lineTo(ux * 16 + uy * 8, uy * 16 - ux * 8);
+  pen.fill();
+}

@@ -1,0 +1,144 @@
+"""Tokens: made, kept, read, taken back; and how often one may ask."""
+
+import re
+import stat
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mission_service.api.auth import ROLES, Tokens, own_token, read_tokens, sum_of
+from mission_service.api.limits import MOST_CLIENTS, Buckets
+from mission_service.api.token_file import added
+from mission_service.cli import main
+from mission_service.errors import MissionServiceError
+
+GOOD = f'[[tokens]]\nname = "anna"\nroles = ["fly"]\nstation = "north"\nsha256 = "{"0" * 64}"\n'
+
+
+def test_a_run_has_one_token_that_only_its_user_can_read(tmp_path: Path) -> None:
+    token = own_token(tmp_path)
+    assert len(token) >= 40
+    assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
+    assert own_token(tmp_path) == token  # of a restarted service too
+    tokens = Tokens.of_run(tmp_path)
+    who = tokens.whose(token)
+    assert who is not None
+    assert who.roles == set(ROLES)
+    assert not tokens.named
+    assert tokens.whose(token[:-1]) is None
+    assert tokens.whose("") is None
+
+
+@pytest.mark.parametrize(
+    ("content", "mode", "why"),
+    [("short", 0o600, "holds no token"), ("a" * 43, 0o644, "others may read it")],
+)
+def test_a_token_that_is_none_or_open_to_all_is_refused(
+    tmp_path: Path, content: str, mode: int, why: str
+) -> None:
+    path = tmp_path / "token"
+    path.write_text(content)
+    path.chmod(mode)
+    with pytest.raises(MissionServiceError, match=why):
+        own_token(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("[[tokens", "not valid TOML"),
+        (GOOD.replace("fly", "all"), "Invalid enum value 'all'"),
+        (GOOD.replace("0" * 64, "abc"), "regex"),
+        (GOOD + "colour = 1\n", "unknown field"),
+        (GOOD + GOOD, "two tokens have the name anna"),
+        ("tokens = 7", "tokens"),
+        ("other = 7", "unknown field"),
+    ],
+)
+def test_a_wrong_tokens_file_is_told_in_one_line(tmp_path: Path, text: str, why: str) -> None:
+    path = tmp_path / "tokens.toml"
+    path.write_text(text)
+    with pytest.raises(MissionServiceError, match=re.escape(why)) as told:
+        read_tokens(path)
+    assert str(path) in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_tokens_file_that_changes_is_read_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "tokens.toml"
+    anna = added(path, "anna", ("look", "fly"), "north")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    tokens = Tokens.of_file(path)
+    who = tokens.whose(anna)
+    assert who is not None
+    assert (who.name, who.station, sorted(who.roles)) == ("anna", "north", ["fly", "look"])
+    assert tokens.still(who)
+    ben = added(path, "ben", ("approve",), "")
+    assert tokens.whose(ben) is not None
+    # A slip of the pen shuts nobody out, and is told once.
+    before = path.read_text()
+    path.write_text(before + "[[tokens")
+    for _ in range(3):
+        assert tokens.whose(anna) == who
+    assert caplog.text.count("not valid TOML") == 1
+    assert anna not in caplog.text
+    # Fewer roles are fewer at once, and who is taken out is out.
+    path.write_text(before.replace('["look", "fly"]', '["look"]'))
+    assert not tokens.still(who)
+    path.write_text(before[before.index("[[tokens]]", 5) :])
+    assert tokens.whose(anna) is None
+    assert tokens.whose(ben) is not None
+
+
+def test_what_people_wrote_in_a_tokens_file_stays(tmp_path: Path) -> None:
+    path = tmp_path / "tokens.toml"
+    path.write_text("# the crew of July\n" + GOOD.rstrip())
+    added(path, "neil", ("look",), "")
+    assert path.read_text().startswith("# the crew of July\n" + GOOD)
+    assert [who.name for who in read_tokens(path)] == ["anna", "neil"]
+    assert [each.name for each in tmp_path.iterdir()] == ["tokens.toml"]
+
+
+def test_the_command_prints_a_token_once_and_keeps_its_sum(tmp_path: Path) -> None:
+    path = tmp_path / "tokens.toml"
+    line = ["token", "anna", "--roles", "look,approve", "--station", "north", "--file", str(path)]
+    made = CliRunner().invoke(main, line)
+    assert made.exit_code == 0, made.output
+    token = made.output.strip()
+    assert token not in path.read_text()
+    assert sum_of(token) in path.read_text()
+    again = CliRunner().invoke(main, line)
+    assert again.exit_code == 1
+    assert "has a token for anna already" in again.output
+    for wrong in (["token", "x", "--roles", "king"], ["token", "a\nb"], ["token", 'x"y']):
+        told = CliRunner().invoke(main, [*wrong, "--file", str(path)])
+        assert told.exit_code == 1
+        assert told.output.count("\n") == 1
+    assert len(read_tokens(path)) == 1
+
+
+@given(st.lists(st.tuples(st.floats(0, 5), st.sampled_from("ab")), max_size=60))
+def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, str]]) -> None:
+    buckets, rate_s, burst = Buckets(2.0, 5.0), 2.0, 5.0
+    now_s, taken = 0.0, {"a": 0, "b": 0}
+    for pause_s, client in steps:
+        now_s += pause_s
+        wait_s = buckets.take(client, now_s)
+        taken[client] += wait_s == 0.0
+        assert taken[client] <= burst + rate_s * now_s + 1e-6
+        if wait_s > 0.0:  # it is as long as it says
+            assert buckets.wait_s(client, now_s + wait_s + 1e-9) == 0.0
+            assert buckets.wait_s(client, now_s + 0.9 * wait_s) > 0.0
+
+
+def test_buckets_forget_who_asked_longest_ago() -> None:
+    buckets = Buckets(1.0, 1.0)
+    for number in range(3 * MOST_CLIENTS):
+        buckets.take(str(number), 0.0)
+    assert len(buckets._left) == MOST_CLIENTS
+    assert buckets.take(str(3 * MOST_CLIENTS - 1), 0.0) > 0.0

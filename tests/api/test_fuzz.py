@@ -1,0 +1,68 @@
+"""The whole API by its own description: whatever is sent, the answer is one that it names.
+
+``python -m benchmarks.api_fuzz`` does the same with many more, over a socket.
+"""
+
+import asyncio
+from collections import Counter
+from typing import Any
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, settings
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from mission_service.api.guard import Guard
+from tests.api.worlds import World, client, served
+
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+]
+EXAMPLES = 2
+FEW = settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    database=None,
+    derandomize=True,
+    phases=[Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+
+
+def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Guard, "_refuse_often", lambda *_: None)
+    service = served(flying)
+    service.app.api.streams.stopping.set()  # a live stream would never end
+    schema = schemathesis.openapi.from_dict(service.app.routes.openapi())
+    answers: Counter[int] = Counter()
+    with asyncio.Runner() as runner:
+        http = client(service.app, headers=service.headers(), timeout=30.0)
+
+        def ask(case: Any) -> None:
+            told = case.as_transport_kwargs(base_url="http://127.0.0.1:8765")
+            sent = {key: told[key] for key in ("params", "json", "cookies") if told.get(key)}
+            if "data" in told:
+                sent["content"] = told["data"]
+            headers = {name.lower(): value for name, value in told["headers"].items()}
+            headers |= service.headers()  # instead of one that it made up
+            request = http.build_request(told["method"], told["url"], **sent, headers=headers)
+            response = runner.run(http.send(request))
+            case.validate_response(response, checks=CHECKS)
+            answers[response.status_code] += 1
+
+        for found in schema.get_all_operations():
+            operation = found.ok()  # type: ignore[union-attr]
+            FEW(given(case=operation.as_strategy())(ask))()
+        service.app.api.close()
+        runner.run(http.aclose())
+    assert answers.total() >= EXAMPLES * 45
+    assert answers[200] > 20  # much of it is done,
+    assert answers[401] == answers[403] == 0  # and nothing is only turned away

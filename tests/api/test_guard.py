@@ -1,0 +1,334 @@
+"""Who may do what, from where, how often: for every route that there is."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from mission_service.api import guard
+from mission_service.api.answers import MOST_BODY_BYTES
+from mission_service.api.app import role_of, routes_of
+from mission_service.api.auth import ROLES
+from mission_service.api.guard import Guard
+from mission_service.errors import MissionServiceError
+from mission_service.events import Aborted
+from tests.api.worlds import HOST, Call, Served, World, calls, client, served
+
+V1 = "/api/v1"
+
+
+def asked(world: World, ask: Callable[[Served, httpx.AsyncClient], Awaitable[None]]) -> Served:
+    """Run something against a run's application; its live streams end at once."""
+    service = served(world)
+
+    async def go() -> None:
+        service.app.api.streams.stopping.set()
+        async with client(service.app) as http:
+            await ask(service, http)
+        service.app.api.close()
+
+    asyncio.run(go())
+    return service
+
+
+async def send(http: httpx.AsyncClient, call: Call, headers: dict[str, str]) -> httpx.Response:
+    return await http.request(call.method, call.path, json=call.body, headers=headers)
+
+
+def generous(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Guard, "_refuse_often", lambda *_: None)
+
+
+def test_there_are_routes_and_each_has_a_role(flying: World) -> None:
+    found = calls(served(flying).app)
+    assert len(found) > 45
+    assert {call.role for call in found} == {"nobody", *ROLES}
+    assert {call.path for call in found if call.role == "nobody"} == {"/healthz", "/readyz"}
+
+
+def test_a_route_without_a_role_is_refused() -> None:
+    app = FastAPI()
+
+    @app.get("/secret")
+    async def secret() -> str:
+        return "all"
+
+    (route,) = routes_of(app)
+    with pytest.raises(MissionServiceError, match="/secret: the route has no role"):
+        role_of(route)
+
+
+def test_every_route_takes_its_role_and_no_other(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    generous(monkeypatch)
+
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        for call in calls(service.app):
+            nobody = await send(http, call, {})
+            stranger = await send(http, call, {"authorization": "Bearer " + "x" * 43})
+            if call.role == "nobody":
+                assert nobody.status_code == 200, call
+                assert stranger.status_code == 200, call
+                continue
+            for refused in (nobody, stranger):
+                assert refused.status_code == 401, call
+                assert refused.headers["www-authenticate"] == "Bearer"
+                assert list(refused.json()) == ["error"]
+            for role in (*ROLES, "all"):
+                answer = await send(http, call, service.headers(role))
+                assert answer.status_code < 500, (call, answer.text)
+                if call.role in ("look", role) or role == "all":
+                    assert answer.status_code not in (401, 403), (call, role)
+                else:
+                    assert answer.status_code == 403, (call, role)
+                    assert call.role in answer.json()["error"]
+
+    asked(flying, ask)
+
+
+def test_looking_changes_nothing_but_by_an_abort(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    generous(monkeypatch)
+    before, lines = len(flying.told), flying.hub.journal_path.read_bytes().count(b"\n")
+
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        for call in calls(service.app):
+            for method in ("POST", "PATCH", "PUT", "DELETE"):
+                if call.path != f"{V1}/abort":
+                    tried = Call(method, call.path, call.role, call.body)
+                    await send(http, tried, service.headers("look"))
+        assert len(flying.told) == before
+        assert flying.hub.journal_path.read_bytes().count(b"\n") == lines
+        stop = await http.post(f"{V1}/abort", headers=service.headers("look"))
+        assert stop.status_code == 200
+
+    asked(flying, ask)
+    assert [type(event) for event in flying.told[before:]] == [Aborted]
+
+
+OTHER_SITES = [
+    {"origin": "http://evil.example"},
+    {"origin": "null"},
+    {"origin": f"https://{HOST}"},
+    {"origin": "http://127.0.0.1:9999"},
+    {"sec-fetch-site": "cross-site"},
+    {"sec-fetch-site": "same-site"},
+    {"host": "evil.example"},
+    {"host": "evil.example:8765"},
+    {"host": "127.0.0.1.evil.example"},
+    {"host": ""},
+]
+
+
+@pytest.mark.parametrize("headers", OTHER_SITES, ids=lambda each: " ".join(*each.items()))
+def test_pages_of_other_sites_get_nothing(
+    flying: World, headers: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    generous(monkeypatch)
+    before = len(flying.told)
+
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        for call in [*calls(service.app), Call("GET", "/", "nobody", None)]:
+            for method in (call.method, "OPTIONS"):
+                tried = Call(method, call.path, call.role, call.body)
+                answer = await send(http, tried, {**service.headers(), **headers})
+                assert answer.status_code == 403, (tried, answer.text)
+                assert "access-control-allow-origin" not in answer.headers
+
+    asked(flying, ask)
+    assert len(flying.told) == before
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": f"http://{HOST}", "sec-fetch-site": "same-origin"},
+        {"sec-fetch-site": "none"},
+        {"host": "localhost:8765", "origin": "http://localhost:8765"},
+        {"host": "[::1]:8765"},
+        {"host": "10.1.2.3"},
+    ],
+    ids=str,
+)
+def test_its_own_pages_and_addresses_are_let_in(flying: World, headers: dict[str, str]) -> None:
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        answer = await http.get(f"{V1}/vehicles", headers={**service.headers(), **headers})
+        assert answer.status_code == 200, answer.text
+
+    asked(flying, ask)
+
+
+def test_a_name_of_its_own_may_be_behind_a_proxy_with_tls(flying: World) -> None:
+    http_section = flying.hub.settings.http
+    assert http_section is not None
+    section = http_section.model_copy(update={"hosts": ("fire.example",)})
+
+    async def go() -> list[int]:
+        settings = flying.hub.settings
+        flying.hub.settings = settings.model_copy(update={"http": section})
+        try:
+            service = served(flying)
+        finally:
+            flying.hub.settings = settings
+        found = []
+        async with client(service.app) as http:
+            for origin in ("https://fire.example", "http://fire.example", "https://evil.example"):
+                headers = {**service.headers(), "host": "fire.example", "origin": origin}
+                answer = await http.get(f"{V1}/vehicles", headers=headers)
+                found.append(answer.status_code)
+        return found
+
+    assert asyncio.run(go()) == [200, 200, 403]
+
+
+def test_every_answer_has_the_headers_that_browsers_obey(flying: World) -> None:
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        all_of = service.headers()
+        for path, headers in [
+            ("/healthz", {}),
+            ("/", {}),
+            (f"{V1}/state", all_of),
+            (f"{V1}/state", {}),
+            (f"{V1}/nothing", all_of),
+            (f"{V1}/vehicles/nobody", all_of),
+            (f"{V1}/live", all_of),
+            (f"{V1}/state", {"host": "evil.example"}),
+        ]:
+            told = (await http.get(path, headers=headers)).headers
+            policy = told["content-security-policy"]
+            assert "frame-ancestors 'none'" in policy
+            assert "unsafe" not in policy
+            assert "worker-src 'self' blob:" in policy
+            assert told["x-content-type-options"] == "nosniff"
+            assert told["referrer-policy"] == "no-referrer"
+            wanted = "no-store" if path.startswith("/api/") else "no-cache"
+            assert told["cache-control"] == wanted
+
+    asked(flying, ask)
+
+
+def test_the_page_is_everybodys_and_hides_no_route(flying: World, tmp_path: Path) -> None:
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "index.html").write_text("<p>map</p>")
+    (tmp_path / "assets" / "map.js").write_text("1")
+    (tmp_path.parent / "secret").write_text("secret")
+
+    async def go() -> None:
+        service = served(flying, page=tmp_path)
+        async with client(service.app) as http:
+            page = await http.get("/")
+            assert page.text == "<p>map</p>"
+            assert "script-src 'self'" in page.headers["content-security-policy"]
+            script = await http.get("/assets/map.js")
+            assert script.headers["content-type"].startswith("text/javascript")
+            for path in ("/../secret", "/%2e%2e/secret", "/assets/..%2f..%2fsecret", "/nothing"):
+                assert (await http.get(path)).status_code == 404
+            all_of = service.headers()
+            assert (await http.post("/", headers=all_of)).status_code == 405
+            wrong = await http.get(f"{V1}/abort", headers=all_of)
+            assert (wrong.status_code, wrong.headers["allow"]) == (405, "POST")
+            both = await http.put(f"{V1}/fire/corrections", headers=all_of)
+            assert (both.status_code, both.headers["allow"]) == (405, "GET, POST")
+            assert (await http.get(f"{V1}/nothing", headers=all_of)).status_code == 404
+            assert (await http.get(f"{V1}/nothing")).status_code == 401
+
+    asyncio.run(go())
+
+
+def test_bodies_have_limits(flying: World) -> None:
+    async def parts(size: int) -> Any:
+        for _ in range(size // 65536 + 1):
+            yield b" " * 65536
+
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        path, headers = f"{V1}/wind", service.headers()
+        long = await http.post(path, content=parts(MOST_BODY_BYTES), headers=headers)
+        assert long.status_code == 413
+        told = await http.post(path, content=b"{}", headers={**headers, "content-length": "1" * 9})
+        assert told.status_code == 413
+        deep = await http.post(path, content=b"[" * 100_000, headers=headers)
+        assert deep.status_code == 400
+        bad = await http.post(path, content=b'{"speed_m_s": \xff}', headers=headers)
+        assert bad.status_code == 400
+
+    asked(flying, ask)
+
+
+def test_who_asks_too_often_waits_but_never_with_an_abort(flying: World) -> None:
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        undo = [
+            await http.post(f"{V1}/fire/undo", headers=service.headers("correct"))
+            for _ in range(60)
+        ]
+        assert [each.status_code for each in undo[:30]] == [200] * 30
+        assert undo[-1].status_code == 429
+        assert int(undo[-1].headers["retry-after"]) >= 1
+        # Others are not slowed down, nor is the same person's abort.
+        other = await http.post(f"{V1}/fire/undo", headers=service.headers("all"))
+        assert other.status_code == 200
+        for _ in range(100):
+            stop = await http.post(f"{V1}/abort", headers=service.headers("correct"))
+            assert stop.status_code == 200
+
+    asked(flying, ask)
+
+
+def test_wrong_tokens_are_slowed_down_and_right_ones_are_not(flying: World) -> None:
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        wrong = {"authorization": "Bearer wrong"}
+        found = [(await http.get(f"{V1}/state", headers=wrong)).status_code for _ in range(40)]
+        assert found[0] == 401
+        assert found[-1] == 429
+        right = await http.get(f"{V1}/state", headers=service.headers("look"))
+        assert right.status_code == 200
+
+    asked(flying, ask)
+
+
+def test_with_too_many_at_once_only_an_abort_is_taken(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guard, "MOST_AT_ONCE", 0)
+
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        busy = await http.get(f"{V1}/state", headers=service.headers())
+        assert busy.status_code == 503
+        assert busy.headers["retry-after"] == "1"
+        stop = await http.post(f"{V1}/abort", headers=service.headers("look"))
+        assert stop.status_code == 200
+
+    asked(flying, ask)
+
+
+@pytest.mark.parametrize("body", [b"", b"{}", b"nonsense", b"[" * 70_000, b'{"by": 7}', b"null"])
+def test_an_abort_is_taken_whatever_it_says(flying: World, body: bytes) -> None:
+    before = len(flying.told)
+
+    async def ask(service: Served, http: httpx.AsyncClient) -> None:
+        stop = await http.post(f"{V1}/abort", content=body, headers=service.headers("look"))
+        assert stop.json()["event"] == "Aborted"
+
+    asked(flying, ask)
+    assert len(flying.told) == before + 1
+
+
+def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -> None:
+    async def go() -> None:
+        service = served(flying, named=True)
+        async with client(service.app) as http:
+            path, headers = f"{V1}/fire/undo", service.headers("correct")
+            other = await http.post(path, json={"by": "all"}, headers=headers)
+            assert other.status_code == 403
+            assert (await http.post(path, json={}, headers=headers)).status_code == 200
+            assert flying.told[-1].by == "correct"
+            stop = await http.post(f"{V1}/abort", json={"by": "fly"}, headers=headers)
+            assert stop.status_code == 200
+            assert flying.told[-1].by == "correct"
+
+    asyncio.run(go())

@@ -1,0 +1,281 @@
+"""The live stream: the newest of each, in order, in bounded memory, and an end for who is gone."""
+
+import asyncio
+import gc
+from typing import Any
+
+import msgspec
+import pytest
+
+from mission_service.api import guard, live
+from mission_service.api.live import MOST_STREAMS, LiveStream
+from mission_service.api.server import Connection
+from mission_service.picture import TelemetryState
+from tests.api.worlds import Served, World, client, eventually, listened_to, served, stream_of
+
+
+def events_of(text: bytes) -> list[tuple[str, int, Any]]:
+    """(event, id, data) of each event; comments are left out."""
+    found = []
+    for block in text.decode().split("\n\n"):
+        if block and not block.startswith(":"):
+            event, number, data = (line.split(": ", 1)[1] for line in block.split("\n"))
+            found.append((event, int(number), msgspec.json.decode(data)))
+    return found
+
+
+class Reader:
+    """A client of a stream, without a network: it can stop reading, and go away."""
+
+    def __init__(self, service: Served, since: int = 0) -> None:
+        who = service.app.api.tokens.whose(service.tokens["look"])
+        assert who is not None
+        tokens = service.app.api.tokens
+        self._response = LiveStream(service.app.api.streams, since, lambda: tokens.still(who))
+        self.reads, self.gone = asyncio.Event(), asyncio.Event()
+        self.reads.set()
+        self.batches: list[bytes] = []
+        self.ended = False
+        self.task = asyncio.create_task(self._run())
+
+    async def _run(self) -> None:
+        await self._response({"type": "http"}, self._receive, self._send)
+
+    async def _receive(self) -> dict[str, str]:
+        await self.gone.wait()
+        return {"type": "http.disconnect"}
+
+    async def _send(self, message: Any) -> None:
+        await self.reads.wait()
+        if message["type"] == "http.response.body":
+            self.batches.append(message["body"])
+            self.ended = not message.get("more_body", False)
+
+    @property
+    def events(self) -> list[tuple[str, int, Any]]:
+        return events_of(b"".join(self.batches))
+
+    async def until(self, count: int) -> None:
+        """Wait until so many batches have come."""
+        await eventually(lambda: len(self.batches) >= count)
+
+
+def moves(world: World, lat_deg: float) -> None:
+    """A vehicle is somewhere else."""
+    picture = world.hub.picture
+    before = picture.telemetry["hawk"]
+    fields = {**msgspec.structs.asdict(before), "lat_deg": lat_deg}
+    picture.telemetry["hawk"] = TelemetryState(**fields)
+    picture._touch("telemetry/hawk")
+    world.hub.ring()
+
+
+def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
+    async def go() -> None:
+        reader = Reader(served(flying))
+        await reader.until(1)
+        kinds = {event for event, _, _ in reader.events}
+        assert kinds == {
+            "vehicle", "telemetry", "mission", "fire", "burn", "alarms", "news", "status",
+        }  # fmt: skip
+        numbers = [number for _, number, _ in reader.events]
+        assert numbers == sorted(numbers)
+        moves(flying, 36.5)
+        await reader.until(2)
+        ((event, number, told),) = events_of(reader.batches[1])
+        assert (event, number) == ("telemetry", flying.hub.picture.version)
+        assert told["lat_deg"] == 36.5
+        assert told == msgspec.to_builtins(flying.hub.picture.telemetry["hawk"])
+        reader.gone.set()
+        await reader.task
+
+    asyncio.run(go())
+
+
+def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World) -> None:
+    async def go() -> None:
+        reader = Reader(served(flying), flying.hub.picture.version)
+        await asyncio.sleep(0.01)
+        reader.reads.clear()
+        for step in range(100):
+            moves(flying, 36.0 + step / 1000.0)
+            await asyncio.sleep(0.0005)
+        reader.reads.set()
+        await reader.until(2)
+        await asyncio.sleep(0.02)
+        places = [told["lat_deg"] for _, _, told in reader.events]
+        assert len(places) <= 3  # the one that was under way, and the newest
+        assert places[-1] == 36.099
+        reader.gone.set()
+        await reader.task
+
+    asyncio.run(go())
+
+
+def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> None:
+    async def go() -> None:
+        service, picture = served(flying), flying.hub.picture
+        for word in ("one", "two"):
+            picture.tell("hawk", word)
+        since = picture.version
+        picture.tell("hawk", "three")
+        moves(flying, 36.4)
+        reader = Reader(service, since)
+        await reader.until(1)
+        (news, moved) = reader.events
+        assert [line["text"] for line in news[2]] == ["three"]
+        assert moved[0] == "telemetry"
+        # A service that was started anew counts from the beginning: all is told again.
+        late = Reader(service, picture.version + 1000)
+        await late.until(1)
+        assert len(late.events) > 6
+        for each in (reader, late):
+            each.gone.set()
+            await each.task
+
+    asyncio.run(go())
+
+
+def test_a_silent_stream_is_heard_and_ends_with_its_token(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "TOLD_EVERY_S", 0.02)
+
+    async def go() -> None:
+        service = served(flying)
+        reader = Reader(service, flying.hub.picture.version)
+        await reader.until(3)
+        assert set(reader.batches) == {b": \n\n"}
+        service.app.api.tokens._known = ()
+        await asyncio.wait_for(reader.task, 1.0)
+        assert reader.ended
+        assert service.app.api.streams.count == 0
+
+    asyncio.run(go())
+
+
+def test_a_busy_stream_ends_with_its_token_too(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "TOLD_EVERY_S", 0.05)
+
+    async def go() -> None:
+        service = served(flying)
+        reader = Reader(service, flying.hub.picture.version)
+        service.app.api.tokens._known = ()
+        for step in range(60):
+            moves(flying, 36.0 + step / 1000.0)
+            await asyncio.sleep(0.005)
+        assert reader.ended
+
+    asyncio.run(go())
+
+
+def test_states_are_encoded_once_for_all(flying: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    async def go() -> None:
+        service = served(flying)
+        frames = service.app.api.frames
+        state = frames._state
+
+        def counted(kind: str, name: str) -> Any:
+            made.append(kind)
+            return state(kind, name)
+
+        monkeypatch.setattr(frames, "_state", counted)
+        readers = [Reader(service, flying.hub.picture.version) for _ in range(5)]
+        await asyncio.sleep(0.01)
+        moves(flying, 36.7)
+        for reader in readers:
+            await reader.until(1)
+            reader.gone.set()
+            await reader.task
+
+    asyncio.run(go())
+    assert made == ["telemetry"]
+
+
+def test_there_are_so_many_streams_and_no_more(flying: World) -> None:
+    async def go() -> None:
+        service = served(flying)
+        readers = [Reader(service) for _ in range(MOST_STREAMS)]
+        for reader in readers:
+            await reader.until(1)
+        async with client(service.app) as http:
+            answer = await http.get("/api/v1/live", headers=service.headers())
+        assert answer.status_code == 503
+        assert "32 live streams" in answer.json()["error"]
+        for reader in readers:
+            reader.gone.set()
+            await reader.task
+        assert service.app.api.streams.count == 0
+
+    asyncio.run(go())
+
+
+def test_telemetry_is_there_within_milliseconds(flying: World) -> None:
+    took_ms = []
+
+    async def go() -> None:
+        service = served(flying)
+        async with listened_to(service) as address:
+            reader, writer = await stream_of(service, address)
+            await asyncio.sleep(0.05)
+            loop = asyncio.get_running_loop()
+            for step in range(40):
+                await reader.read(2**20)
+                began_s = loop.time()
+                moves(flying, 36.0 + step / 1000.0)
+                await reader.readuntil(b"telemetry/1")
+                took_ms.append(1e3 * (loop.time() - began_s))
+                await asyncio.sleep(0.002)
+            writer.close()
+
+    asyncio.run(go())
+    assert sorted(took_ms)[len(took_ms) // 2] < 20.0
+
+
+def test_who_does_not_read_is_cut_off_and_holds_no_memory(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guard, "SEND_WITHIN_S", 0.4)
+    most = 0
+
+    async def go() -> None:
+        nonlocal most
+        service = served(flying)
+        streams, news = service.app.api.streams, flying.hub.picture
+        async with listened_to(service) as address:
+            _, writer = await stream_of(service, address, limit=1024)
+            found = [each for each in gc.get_objects() if isinstance(each, Connection)]
+
+            def buffered() -> int:
+                return sum(each.transport.get_write_buffer_size() for each in found)
+
+            writer.transport.pause_reading()  # type: ignore[attr-defined]
+            async with asyncio.timeout(15.0):
+                while streams.count:
+                    for _ in range(20):
+                        news.tell("hawk", "x" * 5000)
+                    flying.hub.ring()
+                    await asyncio.sleep(0.002)
+                    most = max(most, buffered())
+            assert streams.count == 0
+            await eventually(lambda: buffered() == 0)  # what it did not read is forgotten
+            writer.close()
+
+    asyncio.run(go())
+    assert 0 < most < 3_000_000  # news of 500 lines of 5 kB, and what the transport may hold
+
+
+def test_who_is_gone_is_noticed(flying: World) -> None:
+    async def go() -> None:
+        service = served(flying)
+        async with listened_to(service) as address:
+            _, writer = await stream_of(service, address)
+            assert service.app.api.streams.count == 1
+            writer.transport.abort()
+            await eventually(lambda: service.app.api.streams.count == 0)
+
+    asyncio.run(go())

@@ -1,0 +1,481 @@
+"""What the routes answer, of a run that flies."""
+
+import asyncio
+import errno
+import io
+import re
+import zipfile
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import jsonschema
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+
+from autopilot_bridge.planfile import read_plan
+from mission_service.api.app import role_of, routes_of
+from mission_service.api.guard import Guard
+from mission_service.api.journal_lines import JournalLines
+from mission_service.events import Corrected, Ordered, SettingsTold, WindTold
+from mission_service.journal import Journal, JournalReader
+from mission_service.picture import mission_hash
+from tests.api.worlds import Served, World, client, scenario_of, served, world_in
+
+V1 = "/api/v1"
+CENTRE = (36.364232, -84.140907)
+# Three kilometres on a side.
+SQUARE = [(36.340, -84.176), (36.340, -84.139), (36.368, -84.139), (36.368, -84.176)]
+
+
+def asked(world: World, ask: Callable[[httpx.AsyncClient], Awaitable[None]]) -> Served:
+    """Run something against a run's application, with all roles."""
+    service = served(world)
+
+    async def go() -> None:
+        async with client(service.app, headers=service.headers(), timeout=30.0) as http:
+            await ask(http)
+        service.app.api.close()
+
+    asyncio.run(go())
+    return service
+
+
+async def got(http: httpx.AsyncClient, path: str, **params: Any) -> Any:
+    answer = await http.get(V1 + path, params=params)
+    assert answer.status_code == 200, (path, answer.text)
+    return answer.json()
+
+
+async def told(http: httpx.AsyncClient, path: str, **body: Any) -> Any:
+    answer = await http.post(V1 + path, json=body)
+    assert answer.status_code == 200, (path, answer.text)
+    return answer.json()
+
+
+async def refused(http: httpx.AsyncClient, status: int, method: str, path: str, **body: Any) -> str:
+    answer = await http.request(method, V1 + path, json=body or None)
+    assert answer.status_code == status, (path, answer.text)
+    assert list(answer.json()) == ["error"]
+    text = str(answer.json()["error"])
+    assert "\n" not in text
+    return text
+
+
+def checker(description: dict[str, Any], schema: dict[str, Any]) -> Any:
+    return jsonschema.Draft202012Validator({**schema, "components": description["components"]})
+
+
+def test_examples_and_answers_are_as_described(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        described = await got(http, "/openapi.json")
+        compared = 0
+        for path, operations in described["paths"].items():
+            for method, operation in operations.items():
+                right = operation["responses"]["200"]["content"]
+                bodies = operation.get("requestBody", {}).get("content", {})
+                for content in (*right.values(), *bodies.values()):
+                    if "example" in content:
+                        checker(described, content["schema"]).validate(content["example"])
+                        compared += 1
+                if method == "get" and "application/json" in right and "{z}" not in path:
+                    there = path.replace("{name}", "hawk")
+                    answer = await http.get(there)
+                    if answer.status_code == 200:
+                        schema = right["application/json"]["schema"]
+                        checker(described, schema).validate(answer.json())
+                        compared += 1
+        assert compared > 60
+
+    asked(flying, ask)
+
+
+def test_the_state_is_all_that_a_page_needs(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        state = await got(http, "/state")
+        assert state["version"] == flying.hub.picture.version
+        assert state["roles"] == ["look", "correct", "fly", "approve"]
+        assert [each["vehicle"] for each in state["vehicles"]] == ["hawk", "kite"]
+        assert state["vehicles"] == await got(http, "/vehicles")
+        assert state["burn"] is None
+        west, south, east, north = state["landscape"]["bounds"]
+        assert west < CENTRE[1] < east
+        assert south < CENTRE[0] < north
+        assert state["status"]["at_us"] == flying.simulation.clock.now_us
+        assert state["planner"]["rule"] == state["rule"] == "damped"
+
+    asked(flying, ask)
+
+
+def test_a_track_is_the_flown_one(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        points = flying.hub.record.vehicles["hawk"].track
+        whole = await got(http, "/vehicles/hawk/track")
+        assert len(whole["geometry"]["coordinates"]) == min(len(points), 3600) > 50
+        assert whole["geometry"]["coordinates"][-1] == [points[-1][2], points[-1][1], points[-1][3]]
+        after_us = points[-3][0]
+        late = await got(http, "/vehicles/hawk/track", after_us=after_us)
+        assert late["properties"]["at_us"] == [point[0] for point in points[-2:]]
+        none = await got(http, "/vehicles/hawk/track", after_us=2**53)
+        assert none["geometry"] is None
+        assert "there are hawk, kite" in await refused(http, 404, "GET", "/vehicles/crow/track")
+
+    asked(flying, ask)
+
+
+def test_a_plan_file_holds_the_mission_on_board(flying: World, tmp_path: Path) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        mission = await got(http, "/vehicles/hawk/mission")
+        answer = await http.get(f"{V1}/vehicles/hawk/mission.plan")
+        path = tmp_path / "hawk.plan"
+        path.write_bytes(answer.content)
+        assert mission_hash(read_plan(path).mission) == mission["on_board"]["mission_hash"]
+
+    asked(flying, ask)
+
+
+def test_a_preview_changes_nothing_and_a_renewal_is_sent(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(3660.0)
+    before = world.hub.picture.missions["hawk"].on_board
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        preview = await told(http, "/vehicles/hawk/mission/preview")
+        assert world.hub.picture.missions["hawk"].on_board is before  # asking changes nothing
+        assert preview["figures"]["least_height_agl_m"] > 100.0
+        assert preview["figures"]["problems"] == []
+        assert preview["figures"]["farthest_from_home_m"] > 500.0
+        await told(http, "/vehicles/hawk/mission/renew")
+        sent = world.hub.picture.missions["hawk"].sending
+        for _ in range(2000):
+            if sent is not None:
+                break
+            world.simulation.step()
+            sent = world.hub.picture.missions["hawk"].sending
+        assert sent is not None
+        assert (await got(http, "/vehicles/hawk/mission"))["sending"]["mission_id"] > 1
+
+    asked(world, ask)
+
+
+def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+
+    async def early(http: httpx.AsyncClient) -> None:
+        assert "no importances yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
+
+    asked(world, early)
+    planner = world.hub.core.leader.planners["hawk"]  # type: ignore[attr-defined]
+    until_s = 3900.0
+    while planner.phase != "monitor":
+        until_s += 20.0
+        world.fly(until_s)
+    decided = world.hub.picture.vehicles["hawk"].decisions
+    while world.hub.picture.vehicles["hawk"].decisions == decided:
+        world.simulation.step()
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        found = await got(http, "/vehicles/hawk/importance")
+        vehicle = await got(http, "/vehicles/hawk")
+        assert len(found["cells"]) == vehicle["front_cells"] > 20
+        for side in ("importance_back", "importance_front"):
+            assert found[side] == pytest.approx(vehicle[side], abs=0.01)
+        half = len(found["cells"]) // 2
+        assert sum(cell[2] for cell in found["cells"][:half]) == pytest.approx(
+            found["importance_back"]
+        )
+        # The first cell is where the vehicle is, or beside it.
+        here = world.hub.picture.telemetry["hawk"]
+        away = np.hypot(found["cells"][0][0] - here.lat_deg, found["cells"][0][1] - here.lon_deg)
+        assert away < 0.01
+
+    asked(world, ask)
+
+
+def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        now = await got(http, "/fire/front")
+        later = await got(http, "/fire/front", in_s=3600)
+        past = await got(http, "/fire/front", at_s=flying.now_s - 1800)
+        areas = [shapely.geometry.shape(each["geometry"]).area for each in (past, now, later)]
+        assert areas == sorted(areas)
+        assert areas[0] < areas[2]
+        assert now["properties"]["at_s"] == pytest.approx(flying.now_s)
+        contours = await got(http, "/fire/contours", in_min=[10, 20])
+        assert len(contours["features"]) == 2
+        assert (await got(http, "/fire/uncertainty", in_min=10))["features"]
+        perimeter = await got(http, "/fire/perimeters.geojson")
+        assert "IncidentName" in perimeter["features"][0]["properties"]
+        assert "at_s or in_s" in await refused(http, 422, "GET", "/fire/front?at_s=1&in_s=1")
+        for wrong in ("nan", "inf", "1e300", "soon", ""):
+            await refused(http, 422, "GET", f"/fire/front?in_s={wrong}")
+        assert "the longest" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
+
+    asked(flying, ask)
+
+
+def test_pictures_are_pictures(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        frame = await got(http, "/fire/arrival.json")
+        assert len(frame["corners"]) == 4
+        assert frame["scale"]
+        answer = await http.get(f"{V1}/fire/arrival.png")
+        with Image.open(io.BytesIO(answer.content)) as picture:
+            assert picture.size == (frame["width_px"], frame["height_px"])
+        terrain = await got(http, "/terrain.json")
+        west, south, east, north = terrain["bounds"]
+        zoom = terrain["maxzoom"]
+        lat, lon = np.radians((south + north) / 2), (west + east) / 2
+        x = int((lon + 180.0) / 360.0 * 2**zoom)
+        y = int((1.0 - np.arcsinh(np.tan(lat)) / np.pi) / 2.0 * 2**zoom)
+        tile = await http.get(f"{V1}/terrain/{zoom}/{x}/{y}.png")
+        with Image.open(io.BytesIO(tile.content)) as picture:
+            assert picture.size == (256, 256)
+        for nowhere in ("0/5/5", "99/0/0", "-1/0/0", f"{zoom}/0/0"):
+            await refused(http, 404, "GET", f"/terrain/{nowhere}.png")
+
+    asked(flying, ask)
+
+
+def test_what_people_say_becomes_events(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(3610.0)
+    point = {"state": "burning", "shape": "point", "points": [list(CENTRE)]}
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        await told(http, "/vehicles/hawk/hold", by="Anna")
+        assert world.told[-1] == Ordered(
+            world.simulation.clock.now_us, "Anna", "http", "hawk", "hold"
+        )
+        await told(http, "/vehicles/all/resume")
+        assert isinstance(world.told[-1], Ordered)
+        assert world.told[-1].vehicle == ""
+        await told(http, "/wind", speed_m_s=3.0, from_deg=90.0)
+        assert isinstance(world.told[-1], WindTold)
+        assert (await got(http, "/weather"))["wind_told"]["from_deg"] == 90.0
+        corrected = await told(http, "/fire/corrections", **point)
+        assert corrected["event"] == "Corrected"
+        assert isinstance(world.told[-1], Corrected)
+        assert len(await got(http, "/fire/corrections")) == 1
+        await told(http, "/fire/undo")
+        assert await got(http, "/fire/corrections") == []
+        answer = await http.patch(f"{V1}/planner", json={"alpha": 1.5})
+        assert answer.status_code == 200
+        assert isinstance(world.told[-1], SettingsTold)
+        assert (await got(http, "/planner"))["alpha"] == 1.5
+        said = len(world.told)
+        for path, body, why in (
+            ("/vehicles/hawk/hold", {"vehicle": "kite"}, "unknown key vehicle"),
+            ("/vehicles/hawk/hold", {"do": "abort"}, "unknown key do"),
+            ("/vehicles/hawk/hold", {"colour": 1}, "colour"),
+            ("/wind", {"speed_m_s": -1, "from_deg": 0}, "wind"),
+            ("/wind", {"speed_m_s": 1, "from_deg": 0, "by": "\x07"}, "by"),
+            ("/fire/corrections", {**point, "points": [[0, 0]]}, "outside the landscape"),
+        ):
+            assert why in await refused(http, 422, "POST", path, **body)
+        assert "only in a burn" in await refused(http, 409, "POST", "/burn/plan", by="Anna")
+        assert len(world.told) == said
+
+    asked(world, ask)
+
+
+def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    ring = [[lon, lat] for lat, lon in [*SQUARE, SQUARE[0]]]
+    drawn = {
+        "type": "FeatureCollection",
+        "features": [
+            {
+                "type": "Feature",
+                "properties": {"poly_IncidentName": "Test"},
+                "geometry": {"type": "Polygon", "coordinates": [ring]},
+            }
+        ],
+    }
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        answer = await http.post(f"{V1}/fire/perimeter", json=drawn)
+        assert answer.status_code == 200, answer.text
+        assert len(answer.json()["told"]) == 1
+        correction = world.told[-1]
+        assert isinstance(correction, Corrected)
+        assert (correction.state, correction.shape) == ("burning", "polygon")
+        assert shapely.Polygon(correction.points).symmetric_difference(
+            shapely.Polygon(SQUARE)
+        ).area == pytest.approx(0.0, abs=1e-9)
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as archive:
+            archive.writestr("readme.txt", "no perimeter")
+        for wrong in (b"", b"\x00" * 100, packed.getvalue(), b'{"type": "Point"}'):
+            bad = await http.post(f"{V1}/fire/perimeter", content=wrong)
+            assert bad.status_code == 422, wrong
+        assert len(world.told) == 1
+
+    asked(world, ask)
+
+
+def test_the_journal_can_be_read_in_pieces(flying: World) -> None:
+    path = flying.hub.journal_path
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        written = path.read_bytes().splitlines(keepends=True)
+        found, after = [], 0
+        for _ in range(1000):
+            answer = await http.get(f"{V1}/journal", params={"after": after, "limit": 700})
+            if not answer.content:
+                break
+            found += answer.content.splitlines(keepends=True)
+            after = int(answer.headers["x-last-line"])
+        assert found == written
+        assert after == len(written)
+        whole = await http.get(f"{V1}/journal/file")
+        assert whole.content == b"".join(written)
+        assert JournalReader(path).header["scenario"]["name"] == "demo"
+
+    asked(flying, ask)
+
+
+def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path) -> None:
+    path, lines = tmp_path / "journal.jsonl", JournalLines()
+
+    def after(line: int, limit: int = 9, most_bytes: int = 1000) -> tuple[bytes, int]:
+        with path.open("rb") as file:
+            return lines.after(file, line, limit, most_bytes)
+
+    path.write_bytes(b"".join(b"%d\n" % number for number in range(1, 2501)))
+    assert after(2000, 2) == (b"2001\n2002\n", 2002)
+    assert after(0, 1) == (b"1\n", 1)
+    with path.open("ab") as file:
+        file.write(b"2501\n25")  # the last line is not whole yet
+    assert after(2499) == (b"2500\n2501\n", 2501)
+    assert after(2501) == (b"", 2501)
+    assert after(99_999) == (b"", 99_999)
+    assert after(0, 100, 10)[0] == b"1\n2\n3\n4\n5\n6\n"
+    path.rename(tmp_path / "journal-000001.jsonl")
+    path.write_bytes(b"one\ntwo\n")
+    assert after(1) == (b"two\n", 2)
+    path.write_bytes(b"a\n")  # as short as it never was
+    assert after(0) == (b"a\n", 1)
+
+
+def test_older_pieces_of_the_journal_can_be_read(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(3601.0)
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        whole = (await http.get(f"{V1}/journal/file")).content
+        world.hub.service.recording.journal.begin_segment()
+        new = await http.get(f"{V1}/journal")
+        assert new.headers["x-segment"] == "2"
+        assert new.headers["x-last-line"] == "1"
+        old = await http.get(f"{V1}/journal", params={"segment": 1, "limit": 5000})
+        assert old.headers["x-segment"] == "1"
+        assert old.content == whole
+        assert (await http.get(f"{V1}/journal/file?segment=1")).content == whole
+        assert "no piece 3" in await refused(http, 404, "GET", "/journal?segment=3")
+
+    asked(world, ask)
+
+
+def test_what_cannot_be_written_down_is_not_done_but_an_abort_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = world_in(tmp_path, scenario_of())
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Journal, "_put", full)
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        hold = await refused(http, 507, "POST", "/vehicles/hawk/hold")
+        assert "disk full" in hold
+        assert world.hub.picture.vehicles["hawk"].order == ""
+        await told(http, "/abort")
+        assert "abort" in world.hub.picture.alarms
+
+    asked(world, ask)
+
+
+def test_news_are_told_once(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        flying.hub.picture.tell("hawk", "something")
+        news = await got(http, "/news")
+        assert news[-1]["text"] == "something"
+        assert [line["id"] for line in news] == sorted({line["id"] for line in news})
+        assert await got(http, "/news", after=news[-2]["id"]) == news[-1:]
+
+    asked(flying, ask)
+
+
+def test_it_is_ready_when_nothing_is_missing(flying: World) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        assert (await http.get("/readyz")).json()["ok"] is True
+        flying.hub.not_ready["hawk"] = "not heard yet"
+        lacks = await http.get("/readyz")
+        assert (lacks.status_code, lacks.json()) == (503, {"error": "hawk: not heard yet"})
+        assert (await http.get("/healthz")).status_code == 200
+        flying.hub.not_ready.clear()
+        flying.hub.stopping = True
+        assert (await http.get("/readyz")).status_code == 503
+        flying.hub.stopping = False
+        figures = await http.get("/metrics")
+        assert figures.status_code == 200
+        assert b"# HELP" in figures.content
+
+    asked(flying, ask)
+
+
+def test_a_defect_is_told_without_its_inside(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flying.hub, "fire", lambda: 1 / 0)
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        text = await refused(http, 500, "GET", "/state")
+        assert "zero" not in text
+
+    asked(flying, ask)
+
+
+def test_a_burn_is_planned_and_approved_by_those_who_may(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Guard, "_refuse_often", lambda *_: None)
+    world = world_in(tmp_path, scenario_of("burn", ()))
+    stations = [station.name for station in world.hub.scenario.burn.stations]  # type: ignore[union-attr]
+    items = world.hub.scenario.burn.go_items  # type: ignore[union-attr]
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        burn = await got(http, "/burn")
+        assert [station["name"] for station in burn["stations"]] == stations
+        for item in items:
+            await told(http, "/burn/go", item=item, station=stations[0], by="Anna")
+        assert (await got(http, "/burn"))["open_items"] == []
+        assert "no item" in await refused(
+            http, 422, "POST", "/burn/go", item="lunch", station=stations[0]
+        )
+        assert "unknown station" in await refused(
+            http, 422, "POST", "/burn/go", item=items[0], station="pub"
+        )
+        await told(http, "/burn/no-go", item=items[0], station=stations[0])
+        assert (await got(http, "/burn"))["open_items"] == [items[0]]
+        assert "not in a burn" in await refused(
+            http, 409, "PATCH", "/planner", alpha=1.0, station=stations[0]
+        )
+        await told(http, "/abort")
+
+    asked(world, ask)
+
+
+def test_every_route_is_in_the_documentation_with_its_role(flying: World) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
+    written = set(re.findall(r"^\| `([A-Z]+ /\S*)` \| (\w+) \|", text, re.MULTILINE))
+    assert written == {
+        (f"{method} {each.path.removeprefix(V1)}", role_of(each))
+        for each in routes_of(served(flying).app.routes)
+        for method in each.methods or ()
+    }

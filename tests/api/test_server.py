@@ -1,0 +1,225 @@
+"""The server in the daemon: its port, TLS, its end, and connections that dawdle."""
+
+import asyncio
+import contextlib
+import signal
+import socket
+import ssl
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from mission_service.api import server
+from mission_service.api.door import http_door
+from mission_service.api.server import bound, tls_of, url_of
+from mission_service.errors import MissionServiceError
+from mission_service.service_config import HttpSection
+from tests.api.worlds import ANY, World, listened_to, served, stream_of
+
+
+async def said_to(address: tuple[str, int], *parts: bytes) -> bytes:
+    """All that is answered until the server closes the connection."""
+    reader, writer = await asyncio.open_connection(*address)
+    try:
+        for part in parts:
+            writer.write(part)
+            await asyncio.sleep(0.01)
+        async with asyncio.timeout(5.0):
+            return await reader.read()
+    except ConnectionError:
+        return b""
+    finally:
+        writer.close()
+
+
+def test_a_port_in_use_is_told_in_one_line() -> None:
+    with bound(ANY) as taken:
+        port = taken.getsockname()[1]
+        with (
+            pytest.raises(MissionServiceError, match=f"HTTP on 127.0.0.1:{port}: in use"),
+            bound(HttpSection(listen=f"127.0.0.1:{port}")),
+        ):
+            pass
+    with bound(HttpSection(listen=f"127.0.0.1:{port}")):  # and it is free again
+        pass
+
+
+def test_a_door_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
+    async def go() -> None:
+        with http_door(ANY, standing.hub.out) as door:
+            assert door.address.startswith("http://127.0.0.1:")
+            url, _, token = door.address.partition("#token=")
+            running = asyncio.create_task(door(standing.hub))
+            async with httpx.AsyncClient() as http:
+                headers = {"authorization": f"Bearer {token}"}
+                answer = await http.get(f"{url}api/v1/state", headers=headers)
+            assert answer.json()["by"] == "user"
+            running.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await running
+
+    standing.hub.ring()
+    asyncio.run(go())
+
+
+def test_it_ends_within_two_seconds_with_streams_open_and_leaves_signals_alone(
+    flying: World,
+) -> None:
+    def handlers() -> list[Any]:
+        return [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+
+    async def go() -> float:
+        before, service = handlers(), served(flying)
+        async with contextlib.AsyncExitStack() as stack:
+            address = await stack.enter_async_context(listened_to(service))
+            assert handlers() == before
+            reader, writer = await stream_of(service, address)
+            # One that sends nothing, and one that has sent half a request.
+            opened = [await asyncio.open_connection(*address) for _ in range(2)]
+            opened[1][1].write(b"GET / HTTP/1.1\r\n")
+            began_s = time.monotonic()
+            await stack.aclose()
+            took_s = time.monotonic() - began_s
+        assert (await reader.read()).endswith(b"\r\n0\r\n\r\n")  # the stream ended in order
+        for each in (writer, opened[0][1], opened[1][1]):
+            each.close()
+        return took_s
+
+    assert asyncio.run(go()) < 2.0
+
+
+def test_what_is_no_http_is_answered_like_all_else(flying: World) -> None:
+    async def go() -> None:
+        async with listened_to(served(flying)) as address:
+            for data in (
+                b"GARBAGE\r\n\r\n",
+                b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 20 + b"\r\n\r\n",
+                b"GET / HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 70_000,
+                b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: -1\r\n\r\n",
+            ):
+                answer = await said_to(address, data)
+                assert answer.startswith(b"HTTP/1.1 400 "), data[:40]
+                assert b"nosniff" in answer
+                assert answer.endswith(b"}")
+                assert b'{"error":"this is no HTTP' in answer
+
+    asyncio.run(go())
+
+
+def test_who_dawdles_over_a_request_is_cut_off(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "REQUEST_WITHIN_S", 0.2)
+
+    async def go() -> None:
+        async with listened_to(served(flying)) as address:
+            assert await said_to(address) == b""  # nothing sent, nothing said, closed
+            reader, writer = await asyncio.open_connection(*address)
+            with contextlib.suppress(ConnectionError):
+                async with asyncio.timeout(3.0):
+                    for letter in b"GET /healthz HTTP/1.1\r\nX-Slow: " + b"y" * 1000:
+                        writer.write(bytes([letter]))
+                        await writer.drain()
+                        await asyncio.sleep(0.005)
+                        if reader.at_eof():
+                            break
+            assert reader.at_eof() or writer.is_closing() or reader.exception() is not None
+            writer.close()
+            # Who has asked once may do so again later.
+            reader, writer = await asyncio.open_connection(*address)
+            ask = f"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:{address[1]}\r\n\r\n".encode()
+            for _ in range(2):
+                writer.write(ask)
+                head = await reader.readuntil(b"\r\n\r\n")
+                assert head.startswith(b"HTTP/1.1 200")
+                await reader.readexactly(26)
+                await asyncio.sleep(0.3)
+            writer.close()
+
+    asyncio.run(go())
+
+
+def test_of_too_many_connections_those_without_a_token_go(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 8)
+
+    async def go() -> None:
+        service = served(flying)
+        async with listened_to(service) as address, httpx.AsyncClient() as http:
+            url = f"http://127.0.0.1:{address[1]}"
+            async with http.stream(
+                "GET", f"{url}/api/v1/live", headers=service.headers()
+            ) as reading:
+                idle = [await asyncio.open_connection(*address) for _ in range(30)]
+                await asyncio.sleep(0.05)
+                stop = await http.post(f"{url}/api/v1/abort", headers=service.headers("look"))
+                assert stop.status_code == 200  # in reach, however many there are
+                assert reading.status_code == 200
+                assert service.app.api.streams.count == 1
+                gone = [reader.at_eof() or reader.exception() for reader, _ in idle]
+                assert sum(map(bool, gone)) >= 22
+            for _, writer in idle:
+                writer.close()
+
+    asyncio.run(go())
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A certificate of our own for 127.0.0.1, and its key."""
+    folder = tmp_path_factory.mktemp("tls")
+    certificate, key = folder / "cert.pem", folder / "key.pem"
+    line = [
+        *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"),
+        *("-nodes", "-days", "2", "-subj", "/CN=localhost", "-keyout", str(key)),
+        *("-addext", "subjectAltName=IP:127.0.0.1", "-out", str(certificate)),
+    ]
+    try:
+        subprocess.run(line, check=True, capture_output=True)
+    except FileNotFoundError:
+        pytest.skip("no openssl to make a certificate with")
+    return certificate, key
+
+
+def test_with_a_certificate_all_is_encrypted(flying: World, certificate: tuple[Path, Path]) -> None:
+    section = HttpSection(tls_certificate=certificate[0], tls_key=certificate[1])
+
+    async def go() -> None:
+        service = served(flying)
+        async with listened_to(service, tls_of(section)) as address:
+            url = f"https://127.0.0.1:{address[1]}"
+            context = ssl.create_default_context(cafile=str(certificate[0]))
+            async with httpx.AsyncClient(verify=context) as http:
+                own = {**service.headers(), "origin": url}
+                assert (await http.get(f"{url}/api/v1/state", headers=own)).status_code == 200
+                plain = {**service.headers(), "origin": url.replace("https", "http")}
+                assert (await http.get(f"{url}/api/v1/state", headers=plain)).status_code == 403
+            assert b"200" not in await said_to(address, b"GET /healthz HTTP/1.1\r\n\r\n")
+
+    asyncio.run(go())
+
+
+def test_a_certificate_that_cannot_be_used_is_told_in_one_line(
+    tmp_path: Path, certificate: tuple[Path, Path]
+) -> None:
+    wrong = tmp_path / "wrong.pem"
+    wrong.write_text("no certificate")
+    for pair in ((wrong, wrong), (certificate[0], wrong), (certificate[0], tmp_path / "none")):
+        section = HttpSection(tls_certificate=pair[0], tls_key=pair[1])
+        with pytest.raises(MissionServiceError, match="TLS with") as told:
+            tls_of(section)
+        assert "\n" not in str(told.value)
+
+
+def test_addresses_are_written_as_browsers_read_them() -> None:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        port = listening.getsockname()[1]
+        assert url_of(HttpSection(listen="localhost:0"), listening) == f"http://localhost:{port}"
+        six = HttpSection(listen="[::1]:0")
+        assert url_of(six, listening) == f"http://[::1]:{port}"

@@ -1,0 +1,177 @@
+"""A run in virtual time with its hub, as the daemon's interfaces have it."""
+
+import asyncio
+import contextlib
+import ssl
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from mission_service.api.app import Application, app_of, role_of, routes_of
+from mission_service.api.auth import ROLES, Role, Tokens, Who, new_token, sum_of
+from mission_service.api.server import bound, serving
+from mission_service.config import Scenario, load_scenario
+from mission_service.control import Desk
+from mission_service.events import CrewEvent
+from mission_service.fire_setup import landscape_of
+from mission_service.hub import Hub
+from mission_service.journal import Journal, header_of
+from mission_service.picture import Picture
+from mission_service.planning import BURN
+from mission_service.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
+from mission_service.service_config import HttpSection, ServiceSection
+from mission_service.sim import Simulation
+
+SMALL = ("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false")
+HOST = "127.0.0.1:8765"
+ANY = HttpSection(listen="127.0.0.1:0")
+
+
+@dataclass
+class World:
+    """A simulation and its hub; ``told`` is what the desk made of requests."""
+
+    simulation: Simulation
+    hub: Hub
+    told: list[CrewEvent] = field(default_factory=list)
+
+    def fly(self, until_s: float) -> None:
+        """Go on until mission time has come so far, and say that there is news."""
+        self.simulation.run(until_s)
+        self.simulation.world.advance(self.simulation.clock.now_us)
+        self.hub.ring()
+
+    @property
+    def now_s(self) -> float:
+        return self.simulation.clock.now_us / 1e6
+
+
+def scenario_of(name: str = "demo", changes: tuple[str, ...] = SMALL) -> Scenario:
+    return load_scenario(name, changes)
+
+
+def world_in(out: Path, scenario: Scenario) -> World:
+    """A run that has not begun, with its files in ``out``."""
+    landscape = landscape_of(scenario)
+    header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
+    journal = Journal(out / "journal.jsonl", header, durable=True)
+    picture = Picture(scenario, landscape, round(scenario.start_s * 1e6))
+    simulation = Simulation(scenario, journal, landscape, lambda at, core: [], picture=picture)
+    service, clock = simulation.service, simulation.clock
+    told: list[CrewEvent] = []
+
+    def tell(event: CrewEvent) -> list[str]:
+        told.append(event)
+        before = len(service.record.news)
+        service.tell(event, simulation.link_us)
+        return [said.text for _, said in service.record.news[before:]]
+
+    def on_map(lat_deg: float, lon_deg: float) -> bool:
+        return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
+
+    burn = scenario.burn if scenario.planner.rule == BURN else None
+    desk = Desk(
+        tell,
+        service.status,
+        lambda: clock.now_us,
+        () if burn is None else tuple(station.name for station in burn.stations),
+        () if burn is None else burn.go_items,
+        on_map,
+        tuple(section.name for section in scenario.vehicles),
+        (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS)),
+    )
+    settings = ServiceSection(http=HttpSection())
+    hub = Hub(scenario, settings, service, picture, desk, clock, {}, out, out / "journal.jsonl")
+    return World(simulation, hub, told)
+
+
+@dataclass
+class Served:
+    """An application with a token for each set of roles."""
+
+    world: World
+    app: Application
+    tokens: dict[str, str]
+
+    def headers(self, name: str = "all") -> dict[str, str]:
+        return {"authorization": f"Bearer {self.tokens[name]}"}
+
+
+def served(world: World, named: bool = False, page: Path = Path("no page")) -> Served:
+    """``named``: each token is somebody's own."""
+    secret = {name: new_token() for name in (*ROLES, "all")}
+    roles: dict[str, frozenset[Role]] = {role: frozenset([role]) for role in ROLES}
+    roles["all"] = frozenset(ROLES)
+    known = tuple(Who(name, roles[name], sum_of(secret[name])) for name in secret)
+    tokens = Tokens(known)
+    tokens.named = named
+    world.hub.ring()  # a bell of its own for each event loop
+    app = app_of(world.hub, tokens, page)
+    return Served(world, app, secret)
+
+
+def client(app: Application, **keywords: Any) -> httpx.AsyncClient:
+    """A client that calls the application directly."""
+    transport = httpx.ASGITransport(app=app.asgi, raise_app_exceptions=False)
+    return httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}", **keywords)
+
+
+@dataclass(frozen=True)
+class Call:
+    """A request that is right but for who asks."""
+
+    method: str
+    path: str
+    role: str
+    body: dict[str, Any] | None
+
+    def __str__(self) -> str:
+        return f"{self.method} {self.path}"
+
+
+def calls(app: Application) -> list[Call]:
+    """One for each route and method, with the example of its description."""
+    found = []
+    for route in routes_of(app.routes):
+        path = route.path
+        for name, value in (("name", "hawk"), ("z", "1"), ("x", "0"), ("y", "0")):
+            path = path.replace(f"{{{name}}}", value)
+        for method in sorted(route.methods or ()):
+            told = (route.openapi_extra or {}).get("requestBody", {}).get("content", {})
+            body = told.get("application/json", {}).get("example")
+            found.append(Call(method, path, role_of(route), body))
+    return found
+
+
+async def eventually(condition: Callable[[], bool], within_s: float = 3.0) -> None:
+    """Wait until something is so."""
+    for _ in range(round(within_s * 1e3)):
+        if condition():
+            return
+        await asyncio.sleep(0.001)
+    raise AssertionError(f"not within {within_s:g} s")
+
+
+@contextlib.asynccontextmanager
+async def listened_to(
+    service: Served, tls: ssl.SSLContext | None = None
+) -> AsyncIterator[tuple[str, int]]:
+    """The application on a port of its own."""
+    with bound(ANY) as listening:
+        async with serving(service.app.asgi, listening, service.app.api.streams.stopping, tls):
+            yield listening.getsockname()
+
+
+async def stream_of(
+    service: Served, address: tuple[str, int], limit: int = 2**16
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """A connection that has asked for the live stream."""
+    reader, writer = await asyncio.open_connection(*address, limit=limit)
+    lines = ["GET /api/v1/live HTTP/1.1", f"Host: 127.0.0.1:{address[1]}"]
+    lines += [f"Authorization: Bearer {service.tokens['look']}", "", ""]
+    writer.write("\r\n".join(lines).encode())
+    await reader.readuntil(b"\r\n\r\n")
+    return reader, writer

@@ -1,0 +1,176 @@
+"""Cursor on Target: what is in the events, and that they come by each way."""
+
+import asyncio
+import re
+import socket
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from mission_service.feeds import cot_sender
+from mission_service.feeds.cot import MOST_CORNERS, fire_events, vehicle_event, zulu
+from mission_service.feeds.cot_sender import cot_door
+from mission_service.hub import Hub
+from mission_service.picture import TelemetryState
+from mission_service.service_config import CotSection, MqttSection
+from tests.mqtt.certificates import make_certificates
+from tests.mqtt.stage import here, hub_of, until
+
+UNIX_US = 1_795_304_000_250_000
+
+
+def test_a_vehicle_is_where_it_was_heard_and_grows_stale() -> None:
+    state = TelemetryState(7, "hawk", 36.5, -84.25, 560.4, 250.0, 149.6, 40.0, 18.25, 43.2)
+    event = ElementTree.fromstring(vehicle_event(state, "plane", "east", UNIX_US, 6_000_000))
+    assert (event.get("uid"), event.get("type")) == ("east.hawk", "a-f-A-M-F-Q")
+    assert (event.get("version"), event.get("how")) == ("2.0", "m-g")
+    assert event.get("time") == event.get("start") == "2026-11-21T23:33:20.250Z"
+    assert event.get("stale") == "2026-11-21T23:33:26.250Z"
+    point, track = event.find("point"), event.find("detail/track")
+    assert point is not None
+    assert track is not None
+    assert (point.get("lat"), point.get("lon")) == ("36.5000000", "-84.2500000")
+    assert point.get("hae") == "9999999.0"  # not the height above the sea
+    assert (track.get("course"), track.get("speed")) == ("43.2", "18.25")
+    assert event.findtext("detail/remarks") == "560 m above the sea, 150 m above ground"
+    copter = vehicle_event(state, "copter", "east", UNIX_US, 1)
+    assert ElementTree.fromstring(copter).get("type") == "a-f-A-M-H-Q"
+
+
+def test_times_are_written_with_milliseconds() -> None:
+    assert zulu(0) == "1970-01-01T00:00:00.000Z"
+    assert zulu(1_999) == "1970-01-01T00:00:00.001Z"
+
+
+def front_of(*rings: list[tuple[float, float]]) -> dict[str, Any]:
+    geometry = {"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}
+    return {"geometry": geometry, "properties": {"area_ha": 12.34}}
+
+
+def test_the_fire_is_closed_shapes_the_largest_first_with_corners_enough_for_a_datagram() -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 3001)
+    wiggle = 0.01 + 0.0002 * np.sin(40.0 * angles)
+    round_ = [
+        (-84 + r * np.sin(a), 36 + r * np.cos(a)) for r, a in zip(wiggle, angles, strict=True)
+    ]
+    round_[-1] = round_[0]
+    small = [(-85.0, 36.0), (-84.999, 36.0), (-84.999, 36.001), (-85.0, 36.0)]
+    large, little = (
+        ElementTree.fromstring(event)
+        for event in fire_events(front_of(small, round_), "east", UNIX_US, 1)
+    )
+    assert (large.get("uid"), little.get("uid")) == ("east.fire.1", "east.fire.2")
+    assert (large.get("type"), large.get("how")) == ("u-d-f", "m-s")
+    for event, most in ((large, MOST_CORNERS), (little, 4)):
+        links = [link.get("point") for link in event.iterfind("detail/link")]
+        assert 4 <= len(links) <= most
+        assert links[0] == links[-1]  # closed
+        assert re.fullmatch(r"3[56]\.\d{6},-8[345]\.\d{6}", str(links[0]))
+        assert len(ElementTree.tostring(event)) < 20_000
+    assert "12.3 ha" in (large.findtext("detail/remarks") or "")
+    assert list(fire_events(front_of(), "east", UNIX_US, 1)) == []
+
+
+@asynccontextmanager
+async def sending(url: str, **more: Any) -> AsyncIterator[Hub]:
+    hub = hub_of(MqttSection(), lambda request: {})
+    door = cot_door(CotSection(url=url, every_s=0.1, **more), "Fire & more")
+    task = asyncio.create_task(door(hub))
+    try:
+        yield hub
+        assert not task.done(), task
+    finally:
+        task.cancel()
+        await asyncio.wait([task])
+
+
+def test_events_come_by_udp_and_only_of_vehicles_that_were_heard_anew() -> None:
+    async def look() -> None:
+        loop = asyncio.get_running_loop()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.bind(("127.0.0.1", 0))
+            sock.setblocking(False)
+            async with sending(f"udp://127.0.0.1:{sock.getsockname()[1]}") as hub:
+                hub.picture.take(here(1), [])
+                async with asyncio.timeout(10.0):
+                    uids = []
+                    while "Fire-more.hawk" not in uids or "Fire-more.fire.1" not in uids:
+                        event = ElementTree.fromstring(await loop.sock_recv(sock, 65_536))
+                        uids.append(event.get("uid"))
+                await asyncio.sleep(0.3)
+                with pytest.raises(BlockingIOError):  # noqa: PT012
+                    while True:
+                        assert b"hawk" not in sock.recv(65_536)
+
+    asyncio.run(look())
+
+
+def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cot_sender, "LEAST_WAIT_S", 0.1)
+    got = bytearray()
+
+    async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"<event/>" * 100)  # of others, which nobody here wants
+        got.extend(await reader.readuntil(b"</event>"))
+        writer.close()  # and it is gone
+
+    async def look() -> None:
+        with socket.socket() as sock:
+            sock.bind(("127.0.0.1", 0))
+            port = sock.getsockname()[1]
+        async with sending(f"tcp://127.0.0.1:{port}") as hub:
+            await until(lambda: "cot" in hub.picture.alarms)
+            assert f"no CoT to tcp://127.0.0.1:{port}" in hub.picture.alarms["cot"].text
+            async with await asyncio.start_server(take, "127.0.0.1", port):
+                for number in range(2):
+                    hub.picture.take(here(number + 1), [])
+                    await until(lambda: bool(got))
+                    assert ElementTree.fromstring(bytes(got)).tag == "event"
+                    got.clear()
+                    await until(lambda: "cot" in hub.picture.alarms)
+                await until(lambda: "cot" not in hub.picture.alarms)
+
+    asyncio.run(look())
+
+
+def test_tls_believes_only_the_authority_that_is_named(tmp_path: Path) -> None:
+    make_certificates(tmp_path)
+    server_tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    server_tls.load_cert_chain(tmp_path / "broker.pem", tmp_path / "broker.key")
+    got = bytearray()
+
+    async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        got.extend(await reader.read(65_536))
+        writer.close()
+
+    async def look() -> None:
+        server = await asyncio.start_server(take, "127.0.0.1", 0, ssl=server_tls)
+        async with server:
+            url = f"tls://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+            async with sending(url, tls_ca=tmp_path / "other-ca.pem") as hub:
+                await until(lambda: "verify failed" in str(hub.picture.alarms.get("cot")))
+            assert not got
+            async with sending(url, tls_ca=tmp_path / "ca.pem"):
+                await until(lambda: got.startswith(b"<event"))
+
+    asyncio.run(look())
+
+
+@pytest.mark.parametrize(
+    "url", ["http://a:1", "udp://a", "tcp://a:0", "tcp://a:70000", "tcp://a b:1", "tcp://a..b:1"]
+)
+def test_urls_that_are_none_are_told(url: str) -> None:
+    with pytest.raises(ValidationError, match="write it as"):
+        CotSection(url=url)
+
+
+def test_a_url_in_its_parts() -> None:
+    section = CotSection(url="tls://[::1]:8089")
+    assert (section.scheme, section.host, section.port) == ("tls", "::1", 8089)

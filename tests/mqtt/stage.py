@@ -1,0 +1,152 @@
+"""A run without vehicles for tests: a picture that tests change, and a desk that notes requests."""
+
+import asyncio
+import functools
+import json
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import aiomqtt
+import numpy as np
+
+from firemodel.landscape import Landscape
+from mission_service.config import Scenario, load_scenario
+from mission_service.events import Telemetry
+from mission_service.fire_setup import landscape_of
+from mission_service.hub import Hub
+from mission_service.mqtt.publisher import Publisher
+from mission_service.mqtt.site import site_in
+from mission_service.picture import Picture
+from mission_service.record import Record
+from mission_service.service_config import MqttSection, ServiceSection
+
+ROOT = "test/v1/default"
+
+
+@functools.cache
+def scene() -> tuple[Scenario, Landscape]:
+    scenario = load_scenario("default")
+    return scenario, landscape_of(scenario)
+
+
+def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]) -> Hub:
+    """A hub as the interfaces know it, with a round fire that burns at 1 m/s."""
+    scenario, landscape = scene()
+    picture = Picture(scenario, landscape, 0)
+    rows, cols = np.indices(landscape.shape)
+    arrival_s = 30.0 * np.hypot(rows - 100, cols - 100)
+    fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
+    world = SimpleNamespace(fire=fire, landscape=landscape)
+    return Hub(
+        scenario,
+        ServiceSection(mqtt=settings),
+        cast(Any, SimpleNamespace(world=world, record=Record((), 0))),
+        picture,
+        cast(Any, SimpleNamespace(ask=ask)),
+        cast(Any, SimpleNamespace(now_us=300_000_000)),
+        {},
+        Path(),
+        Path(),
+    )
+
+
+def here(at_us: int, name: str = "hawk", lat_deg: float = 36.36) -> Telemetry:
+    """A position within the landscape."""
+    return Telemetry(at_us, name, lat_deg, -84.14, 900.0, 150.0, 18.0, 0.0, 45.0)
+
+
+@dataclass
+class Stage:
+    """One publisher and what it was asked."""
+
+    hub: Hub
+    publisher: Publisher
+    task: asyncio.Task[None]
+    asked: list[dict[str, Any]]
+
+    @property
+    def name(self) -> str:
+        return next(iter(self.hub.picture.vehicles))
+
+    def moves(self, at_us: int, lat_deg: float = 36.36) -> None:
+        self.hub.picture.take(here(at_us, self.name, lat_deg), [])
+        self.hub.ring()
+
+    def tells(self, text: str) -> None:
+        self.hub.picture.tell(self.name, text)
+        self.hub.ring()
+
+
+@asynccontextmanager
+async def telling(broker: str | int, **settings: Any) -> AsyncIterator[Stage]:
+    """A publisher at work; it ends with the block."""
+    broker = f"127.0.0.1:{broker}" if isinstance(broker, int) else broker
+    asked: list[dict[str, Any]] = []
+
+    def ask(request: dict[str, Any]) -> dict[str, Any]:
+        asked.append(request)
+        if request.get("vehicle") == "nobody":
+            return {"ok": False, "error": "no vehicle 'nobody'"}
+        return {"ok": True, "at_s": 300.0, "event": "Ordered", "said": ["done"]}
+
+    section = MqttSection(broker=broker, prefix="test", **settings)
+    hub = hub_of(section, ask)
+    publisher = Publisher(hub, section, site_in(section, hub.scenario.name))
+    stage = Stage(hub, publisher, asyncio.create_task(publisher.run()), asked)
+    try:
+        yield stage
+        assert not stage.task.done(), stage.task
+    finally:
+        stage.task.cancel()
+        _, left = await asyncio.wait([stage.task], timeout=10.0)
+        assert not left, "it does not end"
+
+
+@dataclass
+class Listener:
+    """Another client, which hears everything of the site."""
+
+    client: aiomqtt.Client
+    messages: list[aiomqtt.Message] = field(default_factory=list)
+
+    def of(self, topic: str) -> list[Any]:
+        """All that came on a topic of the site."""
+        found = [each for each in self.messages if each.topic.value == f"{ROOT}/{topic}"]
+        return [json.loads(each.payload) for each in found]
+
+    def last(self, topic: str) -> Any:
+        """The last that came on a topic, or None."""
+        return (self.of(topic) or [None])[-1]
+
+    async def says(self, topic: str, payload: bytes | dict[str, Any], retain: bool = False) -> None:
+        body = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
+        await self.client.publish(f"{ROOT}/{topic}", body, qos=1, retain=retain)
+
+    async def run(self) -> None:
+        async for message in self.client.messages:
+            self.messages.append(message)
+
+
+@asynccontextmanager
+async def listening(port: int, **more: Any) -> AsyncIterator[Listener]:
+    """A client that is told all of the site, also what the broker has kept."""
+    async with aiomqtt.Client("127.0.0.1", port, **more) as client:
+        await client.subscribe(f"{ROOT}/#", qos=1)
+        listener = Listener(client)
+        task = asyncio.create_task(listener.run())
+        try:
+            yield listener
+        finally:
+            task.cancel()
+
+
+async def until(what: Callable[[], bool], within_s: float = 10.0) -> None:
+    end_s = time.monotonic() + within_s
+    while not what():
+        assert time.monotonic() < end_s, "it did not come about"
+        await asyncio.sleep(0.01)

@@ -1,0 +1,277 @@
+"""Who is let in to the desk over MQTT."""
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission_service.mqtt.commands import (
+    A_SECOND,
+    AT_ONCE,
+    MOST_BYTES,
+    MOST_REMEMBERED,
+    OLD_US,
+    REMEMBERED_S,
+    TAKEN,
+    Doorkeeper,
+)
+from mission_service.mqtt.messages import Reply
+from mission_service.requests import KNOWN, event_of
+
+NOW_US = 1_795_000_000_000_000
+
+
+class Desk:
+    """Takes all, and counts."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict[str, Any]] = []
+
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        self.asked.append(request)
+        return {"ok": True, "at_s": 1.0, "event": "Done", "said": [str(len(self.asked))]}
+
+
+class Door:
+    """A doorkeeper with a clock."""
+
+    def __init__(self) -> None:
+        self.desk = Desk()
+        self.keeper = Doorkeeper(self.desk.ask)
+        self.now_s = 1000.0
+
+    @property
+    def unix_us(self) -> int:
+        return NOW_US + round(self.now_s * 1e6)
+
+    def takes(
+        self, name: str, payload: bytes | None = None, retained: bool = False, **more: Any
+    ) -> Reply | None:
+        if payload is None:
+            said = {"id": "1", "by": "anna", "sent_at_unix_us": self.unix_us} | more
+            payload = json.dumps(
+                {key: value for key, value in said.items() if value != ...}
+            ).encode()
+        return self.keeper.take(name, payload, retained, 7, self.now_s, self.unix_us)
+
+    def refuses(self, name: str, words: str, payload: bytes | None = None, **more: Any) -> Reply:
+        reply = self.takes(name, payload, **more)
+        assert reply is not None
+        assert not reply.ok
+        assert words in reply.error, reply
+        assert not self.desk.asked
+        return reply
+
+
+def test_a_command_comes_to_the_desk_and_its_answer_bears_its_id() -> None:
+    door = Door()
+    reply = door.takes("hold", vehicle="hawk", station="west", schema="command/1")
+    assert door.desk.asked == [
+        {"do": "hold", "by": "mqtt:anna", "station": "mqtt:west", "vehicle": "hawk"}
+    ]
+    assert reply == Reply("1", "hold", 7, True, event="Done", said=("1",))
+
+
+def test_the_topic_names_the_command_whatever_the_message_says() -> None:
+    door = Door()
+    door.takes("hold", do="approve")
+    assert door.desk.asked[0]["do"] == "hold"
+
+
+@pytest.mark.parametrize("name", ["approve", "go", "present"])
+def test_fire_is_never_let_fall_over_mqtt(name: str) -> None:
+    reply = Door().refuses(name, "never over MQTT", hash="0" * 64, item="x")
+    assert reply.id == "1"
+
+
+def test_all_requests_there_are_were_thought_of() -> None:
+    assert set(KNOWN) - set(TAKEN) == {"approve", "go", "present", "status"}
+    assert set(TAKEN) <= set(KNOWN)
+
+
+def test_nobody_is_present_by_a_message() -> None:
+    """An approval ends when nothing is heard of its station; a broker is nobody's station."""
+    door = Door()
+    for station in ("firing-boss", ""):
+        door.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
+    for request in door.desk.asked:
+        event = event_of(request, 0, stations=["firing-boss"])
+        assert event.station in ("mqtt:firing-boss", "mqtt")
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        (b"", "cannot be read"),
+        (b"\xff{", "cannot be read"),
+        (b"[" * 60_000, "cannot be read"),
+        (b"[1]", "cannot be read"),
+        (b"{}", "`id`"),
+        (b'{"id": 1, "by": "a", "sent_at_unix_us": 1}', "$.id"),
+        (b'{"id": "a b", "by": "a", "sent_at_unix_us": 1}', "$.id"),
+        (b'{"id": "ab\\n", "by": "a", "sent_at_unix_us": 1}', "$.id"),
+        (b'{"id": "ab", "by": "a\\u001b[2J", "sent_at_unix_us": 1}', "$.by"),
+        (b'{"id": "ab", "by": "a\\n", "sent_at_unix_us": 1}', "$.by"),
+        (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1e400}', "cannot be read"),
+        (b'{"id": "ab", "by": "a", "sent_at_unix_us": ' + b"9" * 5000 + b"}", "h"),
+        (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1, "schema": "command/2"}', "command/2"),
+        (b'{"x": "' + b"x" * MOST_BYTES + b'"}', "at most 65536 are taken"),
+    ],
+)
+def test_what_cannot_be_read_is_answered_with_what_is_wrong(payload: bytes, words: str) -> None:
+    Door().refuses("hold", words, payload)
+
+
+def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
+    reply = Door().refuses("hold", "sent_at_unix_us", sent_at_unix_us=...)
+    assert reply.id == "1"
+
+
+def test_unknown_commands_are_told_which_there_are() -> None:
+    Door().refuses("fly", "there are abort, hold")
+    assert len(Door().refuses("f" * 60_000, "no such command").error) < 400
+
+
+def test_what_the_broker_keeps_is_refused() -> None:
+    Door().refuses("hold", "retained", retained=True)
+
+
+@pytest.mark.parametrize("age_us", [OLD_US + 1, -OLD_US - 1])
+def test_old_commands_and_those_of_the_future_are_refused(age_us: int) -> None:
+    door = Door()
+    door.refuses("hold", "is a clock wrong?", sent_at_unix_us=door.unix_us - age_us)
+    at_edge = OLD_US if age_us > 0 else -OLD_US
+    reply = door.takes("hold", sent_at_unix_us=door.unix_us - at_edge)
+    assert reply is not None
+    assert reply.ok
+
+
+def test_nothing_is_done_twice() -> None:
+    door = Door()
+    first_us = door.unix_us
+    first = door.takes("hold")
+    door.now_s += 20.0
+    again = door.takes("hold", sent_at_unix_us=first_us)
+    assert len(door.desk.asked) == 1
+    assert first is not None
+    assert again == msgspec.structs.replace(first, again=True)
+    other = door.takes("hold", sent_at_unix_us=first_us, vehicle="kite")
+    assert other is not None
+    assert "another command" in other.error
+    assert len(door.desk.asked) == 1
+    door.takes("hold", by="ben")  # whose ids are his own
+    door.takes("return")
+    assert len(door.desk.asked) == 3
+
+
+def test_answers_are_kept_for_ten_minutes_and_no_longer() -> None:
+    door = Door()
+    door.takes("hold")
+    for seconds, asked in ((REMEMBERED_S - 1.0, 1), (2.0, 2)):
+        door.now_s += seconds
+        door.keeper.take("hold", _bytes(door, 1000.0), False, 7, door.now_s, NOW_US + 1_000_000_000)
+        assert len(door.desk.asked) == asked
+
+
+def _bytes(door: Door, sent_s: float) -> bytes:
+    sent_at_us = NOW_US + round(sent_s * 1e6)
+    return json.dumps({"id": "1", "by": "anna", "sent_at_unix_us": sent_at_us}).encode()
+
+
+def test_too_many_commands_are_not_even_answered_and_memory_is_bounded() -> None:
+    door = Door()
+    answered = 0
+    for number in range(20_000):
+        door.now_s += 0.04  # 25 a second
+        answered += door.takes("hold", id=str(number)) is not None
+    assert answered == pytest.approx(800 * A_SECOND + AT_ONCE, abs=2)
+    assert door.keeper.unanswered == 20_000 - answered
+    assert len(door.keeper._answered) <= MOST_REMEMBERED
+    assert len(door.desk.asked) == answered
+
+
+@pytest.mark.parametrize("payload", [b"", b"\xff", b"{}", b"x" * (MOST_BYTES + 1), b'{"id": "7"}'])
+def test_an_abort_is_taken_whatever_it_says(payload: bytes) -> None:
+    door = Door()
+    for _ in range(200):
+        door.takes("hold")  # and however much else came
+    door.desk.asked.clear()
+    reply = door.takes("abort", payload)
+    assert reply is not None
+    assert reply.ok
+    assert reply.id == ("7" if b"7" in payload else None)
+    assert door.desk.asked == [{"do": "abort", "by": "mqtt:unknown", "station": "mqtt"}]
+
+
+def test_an_abort_is_taken_again_and_however_old() -> None:
+    door = Door()
+    for asked in (1, 2):
+        door.takes("abort", sent_at_unix_us=5)
+        assert len(door.desk.asked) == asked
+        door.now_s += 0.5
+    assert door.desk.asked[0]["by"] == "mqtt:anna"
+    for _ in range(100):  # a flood is one
+        reply = door.takes("abort")
+        assert reply is not None
+        assert reply.ok
+    assert len(door.desk.asked) == 3
+
+
+def test_an_abort_that_the_broker_keeps_does_not_stop_every_start() -> None:
+    Door().refuses("abort", "retained", b"", retained=True)
+    Door().refuses("abort", "retained", retained=True, sent_at_unix_us=5)
+    door = Door()
+    door.takes("abort", retained=True)
+    assert len(door.desk.asked) == 1
+
+
+def test_a_defect_of_a_client_does_not_reach_the_desk_as_another_person() -> None:
+    door = Door()
+    door.takes("hold", by="x" * 70)
+    assert door.desk.asked[0]["by"].startswith("mqtt:")
+    event_of(door.desk.asked[0], 0, stations=["firing-boss"])
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.sampled_from([*TAKEN, "approve", "x"]),
+    st.binary() | JSON.map(lambda value: json.dumps(value).encode()),
+    st.booleans(),
+)
+def test_no_message_does_harm(name: str, payload: bytes, retained: bool) -> None:
+    door = Door()
+    reply = door.takes(name, payload, retained)
+    msgspec.json.encode(reply)
+    assert name == "abort" or not door.desk.asked
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.sampled_from(TAKEN),
+    st.dictionaries(st.sampled_from(["by", "station", "vehicle", "points", "hash", "x"]), JSON),
+)
+def test_what_the_desk_is_asked_it_can_answer(name: str, more: dict[str, Any]) -> None:
+    """Never more than an error of its own kind comes of it."""
+    from mission_service.errors import RequestError
+
+    door = Door()
+    reply = door.takes(name, **more)
+    msgspec.json.encode(reply)
+    for request in door.desk.asked:
+        try:
+            event = event_of(request, 0, stations=["firing-boss"], vehicles=["hawk"])
+        except RequestError as error:
+            str(error).encode()
+        else:
+            msgspec.json.encode(event)
+            assert event.by.startswith("mqtt:")

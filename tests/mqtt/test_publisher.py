@@ -1,0 +1,433 @@
+"""What is told over MQTT and what becomes of commands, with a real Mosquitto."""
+
+import asyncio
+import gc
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+import pytest
+
+from benchmarks.mosquitto import MOSQUITTO, Mosquitto
+from mission_service.errors import MissionServiceError
+from mission_service.formation_mqtt import channel_of
+from mission_service.mqtt import connection
+from mission_service.mqtt.connection import OPEN, Access, tls_of
+from mission_service.mqtt.inbox import MOST_WAITING, Inbox
+from mission_service.mqtt.names import Broker
+from mission_service.mqtt.site import access_for, site_in
+from mission_service.service_config import MqttSection
+from tests.mqtt.certificates import make_certificates
+from tests.mqtt.stage import Listener, Stage, listening, telling, until
+
+needs_mosquitto = pytest.mark.skipif(
+    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
+)
+PASSWORD = "correct-horse-battery"
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    mosquitto = Mosquitto(tmp_path)
+    yield mosquitto
+    mosquitto.kill()
+
+
+def command(**more: Any) -> dict[str, Any]:
+    return {"id": "a1", "by": "anna", "sent_at_unix_us": time.time_ns() // 1000} | more
+
+
+@needs_mosquitto
+def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosquitto) -> None:
+    async def look() -> None:
+        async with telling(broker.port) as stage:
+            picture, hawk = stage.hub.picture, f"vehicle/{stage.name}"
+            picture.alarm("x", "something is wrong")
+            stage.hub.ring()
+            async with listening(broker.port) as early:
+                topics = ("status", f"{hawk}/state", f"{hawk}/mission", "fire/front", "alarm")
+                await until(lambda: all(early.of(topic) for topic in topics))
+            async with listening(broker.port) as late:
+                await until(lambda: len(late.messages) >= 5)
+                assert [m.topic.value for m in late.messages if not m.retain] == []
+                schemas = [late.last(topic)["schema"] for topic in topics]
+                assert schemas == ["status/1", "vehicle/1", "mission/1", "front/1", "alarms/1"]
+                assert late.last("status")["online"] is True
+                assert [each["text"] for each in late.last("alarm")["alarms"]] == [
+                    "something is wrong"
+                ]
+                front = late.last("fire/front")
+                assert (front["at_us"], front["geometry"]["type"]) == (300_000_000, "MultiPolygon")
+                picture.clear("x")
+                stage.hub.ring()
+                await until(lambda: late.last("alarm")["alarms"] == [])
+                stage.task.cancel()
+                await asyncio.wait([stage.task])
+                await until(lambda: late.last("status")["online"] is False)
+                assert late.last("status")["why"] == "it was ended"
+                assert len(late.of("status")) == 2  # and no last will behind it
+            stage.task = asyncio.create_task(stage.publisher.run())
+
+    broker.start()
+    asyncio.run(look())
+
+
+@needs_mosquitto
+def test_positions_come_no_more_often_than_is_wanted_and_lines_all_of_them(
+    broker: Mosquitto,
+) -> None:
+    async def look() -> None:
+        async with listening(broker.port) as ear, telling(broker.port, telemetry_hz=5.0) as stage:
+            await until(lambda: stage.publisher.connected)
+            topic, began_s = f"vehicle/{stage.name}/telemetry", time.monotonic()
+            for at_us in range(100):
+                stage.moves(at_us)
+                stage.tells(f"line {at_us}")
+                await asyncio.sleep(0.01)
+            await until(lambda: (ear.last(topic) or {"at_us": 0})["at_us"] == 99)
+            most = 5.0 * (time.monotonic() - began_s) + 2.0
+            assert 4 <= len(ear.of(topic)) <= most
+            await until(lambda: len(ear.of("event")) == 100)
+            lines = [line["text"] for line in ear.of("event")]
+            assert lines == [f"line {number}" for number in range(100)]
+            assert not any(message.retain for message in ear.messages)
+            ear.messages.clear()
+            stage.hub.picture.fire_changed()
+            stage.hub.ring()
+            await until(lambda: ear.of("fire/front") != [], 3.0)  # not only every 10 s
+
+    broker.start()
+    asyncio.run(look())
+
+
+@needs_mosquitto
+def test_a_killed_process_is_told_offline_by_the_broker(broker: Mosquitto) -> None:
+    async def look(process: subprocess.Popen[bytes]) -> None:
+        async with listening(broker.port) as ear:
+            await until(lambda: ear.last("vehicle/hawk/telemetry") is not None, 20.0)
+            assert ear.last("status")["online"] is True
+            process.send_signal(signal.SIGKILL)
+            await until(lambda: ear.last("status")["online"] is False, 5.0)
+            assert ear.last("status")["why"] == "the connection was lost"
+        async with listening(broker.port) as late:
+            await until(lambda: ear.last("status") == late.last("status"))
+
+    broker.start()
+    command = [sys.executable, "-m", "tests.mqtt.told_process", str(broker.port)]
+    with subprocess.Popen(command) as process:
+        try:
+            asyncio.run(look(process))
+        finally:
+            process.kill()
+
+
+async def longest_gap_s(stage: Stage, seconds: float) -> float:
+    """How long the loop did nothing else, while there was much to tell."""
+    longest_s, last_s = 0.0, time.monotonic()
+    end_s, at_us = last_s + seconds, 0
+    while last_s < end_s:
+        at_us += 1
+        stage.moves(at_us)
+        stage.tells("x" * 1000)
+        await asyncio.sleep(0.002)
+        now_s = time.monotonic()
+        longest_s, last_s = max(longest_s, now_s - last_s), now_s
+    return longest_s
+
+
+@needs_mosquitto
+def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(broker: Mosquitto) -> None:
+    async def look() -> None:
+        async with telling(broker.port) as stage:
+            picture, topic = stage.hub.picture, f"vehicle/{stage.name}/telemetry"
+            gaps_s = [await longest_gap_s(stage, 0.7)]  # there never was one
+            assert "no MQTT broker at 127.0.0.1" in picture.alarms["broker"].text
+            for number in range(2):
+                broker.start()
+                await until(lambda: stage.publisher.connected)
+                assert "broker" not in picture.alarms
+                assert stage.hub.gauges["mqtt_connected"]() == 1.0
+                async with listening(broker.port) as ear:
+                    stage.moves(1_000_000 + number, lat_deg=36.365)
+                    await until(lambda: (ear.last(topic) or {}).get("lat_deg") == 36.365)
+                    await until(lambda: ear.last(f"vehicle/{stage.name}/mission") is not None)
+                    if number == 0:
+                        broker.freeze(True)  # it takes all that sockets hold, and nothing more
+                        gaps_s.append(await longest_gap_s(stage, 0.7))
+                        broker.freeze(False)
+                broker.kill()
+                # At once, though there may be nothing to tell it.
+                await until(lambda: not stage.publisher.connected, 3.0)
+                gaps_s.append(await longest_gap_s(stage, 0.3))
+            assert max(gaps_s) < 1.0, gaps_s  # a broker that does not answer is waited for longer
+            lost, back = [
+                command.text for _, command in stage.hub.record.news
+            ]  # and no line for each time within a minute
+            assert "no MQTT broker" in lost
+            assert "is back" in back
+
+    asyncio.run(look())
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Iterator[Mosquitto]:
+    """A broker that takes the service and an observer, by their passwords.
+
+    Mosquitto that root starts would give up the right to read these files.
+    """
+    passwords, rights = tmp_path / "passwords", tmp_path / "rights"
+    for user in ("service", "observer"):
+        create = ["-c"] if user == "service" else []
+        command = ["mosquitto_passwd", *create, "-b", str(passwords), user, PASSWORD]
+        subprocess.run(command, check=True)
+    rights.write_text("user service\ntopic test/#\nuser observer\ntopic read test/#\n", "utf-8")
+    settings = f"user root\nallow_anonymous false\npassword_file {passwords}\nacl_file {rights}"
+    mosquitto = Mosquitto(tmp_path, settings)
+    mosquitto.start()
+    yield mosquitto
+    mosquitto.kill()
+
+
+@needs_mosquitto
+def test_user_and_password_are_told_only_to_the_broker(
+    guarded: Mosquitto, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    secret, wrong = tmp_path / "secret", tmp_path / "wrong"
+    secret.write_text(PASSWORD + "\n", "utf-8")
+    wrong.write_text("wrong-" + PASSWORD, "utf-8")
+
+    async def look() -> list[str]:
+        lines = []
+        who = {"username": "observer", "password": PASSWORD}
+        async with listening(guarded.port, **who) as ear:
+            async with telling(guarded.port, user="service", password=f"file:{secret}") as stage:
+                await until(lambda: ear.last("status") is not None)
+                lines += [repr(stage.publisher.site), repr(stage.publisher.site.access)]
+            ear.messages.clear()
+            async with telling(guarded.port, user="service", password=f"file:{wrong}") as stage:
+                picture = stage.hub.picture
+                await until(lambda: "broker" in picture.alarms)
+                await asyncio.sleep(1.0)  # it tries again and again
+                assert not stage.publisher.connected
+                (line,) = [line.text for line in picture.news]
+                assert "user or password is wrong" in line
+                (told,) = [command.text for _, command in stage.hub.record.news]
+                assert told == line
+                lines += [line, told, *(each.payload.decode() for each in ear.messages)]
+            # The observer may not write: what it is refused is not told by brokers, but harms none.
+            async with telling(
+                guarded.port, user="observer", password=f"file:{secret}", commands=True
+            ) as stage:
+                await until(lambda: stage.publisher.connected)
+        return lines
+
+    lines = asyncio.run(look())
+    out = capfd.readouterr()
+    assert PASSWORD not in "".join(lines) + out.out + out.err
+
+
+@needs_mosquitto
+@pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")  # paho's
+def test_tls_with_an_authority_and_certificates_of_both_sides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection, "ANSWER_S", 0.8)
+    make_certificates(tmp_path)
+    settings = [
+        "user root",
+        "allow_anonymous true",
+        f"cafile {tmp_path}/ca.pem",
+        f"certfile {tmp_path}/broker.pem",
+        f"keyfile {tmp_path}/broker.key",
+        "require_certificate true",
+    ]
+    broker = Mosquitto(tmp_path, "\n".join(settings))
+    client = {"tls_certificate": tmp_path / "client.pem", "tls_key": tmp_path / "client.key"}
+    tls = tls_of(tmp_path / "ca.pem", *client.values())
+
+    async def why(**settings: Any) -> str:
+        async with telling(broker.port, **settings) as stage:
+            alarms = stage.hub.picture.alarms
+            await until(lambda: "broker" in alarms)
+            await until(lambda: "certificate" in alarms["broker"].text, 3.0)
+            return alarms["broker"].text
+
+    async def look() -> None:
+        async with (
+            listening(broker.port, tls_context=tls) as ear,
+            telling(broker.port, tls_ca=tmp_path / "ca.pem", commands=True, **client) as stage,
+        ):
+            await until(lambda: ear.last("status") is not None)
+            for number in range(20):  # many in one record of TLS
+                await ear.says("cmd/hold", command(id=str(number)))
+            await until(lambda: len(ear.of("cmd/hold/reply")) == 20)
+            assert len(stage.asked) == 20
+        assert "verify failed" in await why(tls_ca=tmp_path / "other-ca.pem", **client)
+        assert "certificate required" in await why(tls_ca=tmp_path / "ca.pem")
+
+    broker.start()
+    try:
+        asyncio.run(look())
+    finally:
+        broker.kill()
+
+
+@needs_mosquitto
+def test_commands_are_done_once_and_answered_with_their_id(broker: Mosquitto) -> None:
+    async def ask(ear: Listener, name: str, *said: Any, **more: Any) -> dict[str, Any]:
+        before = len(ear.of(f"cmd/{name}/reply"))
+        await ear.says(f"cmd/{name}", *said, **more)
+        await until(lambda: len(ear.of(f"cmd/{name}/reply")) > before)
+        found: dict[str, Any] = ear.last(f"cmd/{name}/reply")
+        return found
+
+    async def look() -> None:
+        async with listening(broker.port) as ear:
+            await ear.says("cmd/return", command(), retain=True)  # before the service is there
+            async with telling(broker.port, commands=True) as stage:
+                await until(lambda: ear.last("cmd/return/reply") is not None)
+                assert "retained" in ear.last("cmd/return/reply")["error"]
+                assert "retained" in (await ask(ear, "hold", command(), retain=True))["error"]
+                assert "never" in (await ask(ear, "approve", command(hash="0" * 64)))["error"]
+                old = command(sent_at_unix_us=time.time_ns() // 1000 - 31_000_000)
+                assert "clock" in (await ask(ear, "hold", old))["error"]
+                assert "cannot be read" in (await ask(ear, "hold", b"{"))["error"]
+                large = command(text="x" * 70_000)
+                assert "65536" in (await ask(ear, "hold", large))["error"]
+                assert stage.asked == []
+
+                hold = command(id="h1", vehicle="hawk")
+                reply = await ask(ear, "hold", hold)
+                assert (reply["schema"], reply["id"], reply["ok"]) == ("reply/1", "h1", True)
+                assert reply["said"] == ["done"]
+                assert (await ask(ear, "hold", hold))["again"] is True
+                assert [each["do"] for each in stage.asked] == ["hold"]
+                reply = await ask(ear, "start", command(id="s1", vehicle="nobody"))
+                assert (reply["id"], reply["ok"]) == ("s1", False)
+                assert reply["error"] == "no vehicle 'nobody'"
+                assert (await ask(ear, "abort", b""))["ok"] is True
+                assert stage.asked[-1]["do"] == "abort"
+                await ear.says("cmd/hold", b"x" * 200_000)  # the broker keeps it from us
+                assert (await ask(ear, "hold", command(id="h2")))["id"] == "h2"
+
+    broker.start()
+    asyncio.run(look())
+
+
+CONNECTED = bytes([0x20, 3, 0, 0, 0])
+SUBSCRIBED = CONNECTED + bytes([0x90, 4, 0, 1, 0, 1])
+STRANGE = (
+    b"",
+    b"HTTP/1.1 400 Bad Request\r\n\r\n",
+    bytes(range(256)),
+    b"\x20\x03\x00\x87\x00",  # not authorised
+    b"\x20\xff\xff\xff\x7f",  # a packet of 256 MB begins
+    CONNECTED + b"\x90\x04\x00\x09\x00\x01",  # an answer to what nobody asked
+    SUBSCRIBED + b"\x30\x04\x00\x02\xff\xfe",  # a topic that is no UTF-8
+    SUBSCRIBED + b"\x30\x03\x00\x09a",  # a topic that is longer than its packet
+    SUBSCRIBED + b"\x30\x0a\x00\x03a/#\x00{}{}",
+    SUBSCRIBED + b"\xe0\x02\x89\x00",  # server busy
+)
+
+
+def test_no_broker_can_say_anything_that_ends_the_service(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name, seconds in (("LEAST_WAIT_S", 0.01), ("MOST_WAIT_S", 0.01), ("ANSWER_S", 0.1)):
+        monkeypatch.setattr(connection, name, seconds)
+    came = 0
+
+    async def be_strange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal came
+        say, came = STRANGE[came % len(STRANGE)], came + 1
+        await reader.read(4096)
+        for part in (say[:5], say[5:]):
+            writer.write(part)
+            await asyncio.sleep(0.03)
+        writer.close()
+
+    async def look() -> None:
+        server = await asyncio.start_server(be_strange, "127.0.0.1", 0)
+        async with server, telling(server.sockets[0].getsockname()[1], commands=True) as stage:
+            await until(lambda: came > len(STRANGE) + 2)
+            assert stage.asked == []
+            lines = [line.text for line in stage.hub.picture.news]
+            assert len(lines) <= 2, lines
+        await asyncio.sleep(0.2)  # the strange server ends too
+        gc.collect()  # what nobody has looked at is told now
+
+    asyncio.run(look())
+    assert caplog.records == []
+
+
+def test_aborts_come_first_and_what_waits_is_bounded() -> None:
+    def message(name: str, number: int) -> aiomqtt.Message:
+        return aiomqtt.Message(f"test/cmd/{name}", str(number).encode(), 1, False, 0, None)
+
+    inbox = Inbox()
+    for number in range(2 * MOST_WAITING):
+        inbox.put_nowait(message("hold", number))
+    for number in range(2):
+        inbox.put_nowait(message("abort", number))
+    got = [inbox.get_nowait() for _ in range(inbox.qsize())]
+    told = [(each.topic.value.rpartition("/")[2], int(each.payload)) for each in got]
+    holds = [("hold", number) for number in range(MOST_WAITING - 2)]
+    assert told == [("abort", 0), ("abort", 1), *holds]
+    for number in range(2 * MOST_WAITING):
+        inbox.put_nowait(message("abort", number))
+    assert inbox.qsize() == MOST_WAITING
+    inbox.get_nowait()
+    inbox.put_nowait(message("hold", 0))
+    assert [inbox.get_nowait() for _ in range(MOST_WAITING)][-1].topic.value == "test/cmd/hold"
+
+
+@needs_mosquitto
+def test_commands_are_off_unless_wanted(broker: Mosquitto) -> None:
+    async def look() -> None:
+        async with listening(broker.port) as ear, telling(broker.port) as stage:
+            await until(lambda: ear.last("status") is not None)
+            assert ear.last("status")["commands"] is False
+            await ear.says("cmd/abort", command())
+            stage.tells("later")
+            await until(lambda: ear.last("event") is not None)
+            assert stage.asked == []
+            assert ear.of("cmd/abort/reply") == []
+
+    broker.start()
+    asyncio.run(look())
+
+
+def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
+    def refused(words: str, **settings: Any) -> None:
+        with pytest.raises(MissionServiceError, match=words) as caught:
+            site_in(MqttSection(**settings), "default")
+        assert PASSWORD not in str(caught.value)
+
+    refused("broker a b: write it as HOST", broker="a b")
+    refused("prefix /x", prefix="/x")
+    refused("give a user", password="env:NOBODY")
+    refused("no variable NOBODY", user="u", password="env:NOBODY")
+    refused("no certificates to trust: No such file", tls_ca=tmp_path / "none.pem")
+    (tmp_path / "ca.pem").write_text(PASSWORD, "utf-8")
+    refused("ca.pem: no certificates to trust", tls_ca=tmp_path / "ca.pem")
+    refused("no certificate and key", tls=True, tls_certificate=tmp_path / "none.pem")
+    site = site_in(MqttSection(broker="b", tls=True), "Eight UAVs")
+    assert (site.broker, site.topic) == (Broker("b", 8883), "mission-service/v1/Eight-UAVs")
+    assert site.access.tls is not None
+    assert site.access.tls.check_hostname
+    assert PASSWORD not in repr(Access("u", PASSWORD))
+
+
+def test_vehicles_in_processes_of_their_own_are_the_same_user_to_the_same_broker(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("WORD", PASSWORD)
+    settings = MqttSection(broker="b", user="u", password="env:WORD")
+    assert access_for(Broker("b"), settings) == Access("u", PASSWORD)
+    assert access_for(Broker("c"), settings) == access_for(Broker("b"), None) == OPEN
+    assert channel_of("b:1883", "x", "fire", settings).access.user == "u"

@@ -1,0 +1,47 @@
+"""A hub after a short flight in virtual time, for figures and logs."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from mission_service.config import load_scenario
+from mission_service.control import Desk
+from mission_service.events import UploadFinished
+from mission_service.fire_setup import landscape_of
+from mission_service.hub import Hub
+from mission_service.journal import Journal, header_of
+from mission_service.picture import Picture
+from mission_service.service_config import ServiceSection
+from mission_service.sim import Simulation
+
+FLIGHT_S = 60.0
+
+
+@contextlib.contextmanager
+def hub_after_a_flight(out: Path) -> Iterator[Hub]:
+    """Of the demo on a small landscape, its files in ``out``."""
+    scenario = load_scenario("demo", ("landscape.rows=150", "landscape.cols=150"))
+    landscape = landscape_of(scenario)
+    header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
+    journal = Journal(out / "journal.jsonl", header, durable=True)
+    picture = Picture(scenario, landscape, round(scenario.start_s * 1e6))
+    simulation = Simulation(scenario, journal, landscape, lambda at, core: [], picture=picture)
+    simulation.run(scenario.start_s + FLIGHT_S)
+    simulation.world.advance(simulation.clock.now_us)
+    service, clock = simulation.service, simulation.clock
+    desk = Desk(lambda event: [], service.status, lambda: clock.now_us, (), (), lambda *at: True)
+    settings, journal_path = ServiceSection(), out / "journal.jsonl"
+    yield Hub(scenario, settings, service, picture, desk, clock, {}, out, journal_path)
+    journal.close()
+
+
+def upload_failed(hub: Hub, vehicle: str) -> None:
+    """A mission was on its way, and nobody answered."""
+    mission = hub.picture.missions[vehicle]
+    sent = mission.sending or mission.on_board
+    assert sent is not None
+    mission.sending = msgspec.structs.replace(sent, mission_id=9999)
+    at_us = hub.picture.at_us
+    hub.picture.take(UploadFinished(at_us, vehicle, 9999, "failed", "nobody answered"), [])

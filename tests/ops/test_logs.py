@@ -1,0 +1,113 @@
+"""The log: one line each, machine-readable if wanted, and no secret in it."""
+
+import asyncio
+import contextlib
+import io
+import json
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mission_service import hidden, logs
+from mission_service.hub import Hub
+from tests.ops.hubs import hub_after_a_flight
+
+KEY = bytes(range(32))
+TOKEN = "mst_1234567890abcdefgh"
+
+
+@pytest.fixture(autouse=True)
+def own_logging() -> Iterator[None]:
+    """Leave the process's logging as it was."""
+    root = logging.getLogger()
+    handlers, level, secrets = root.handlers[:], root.level, set(hidden._secrets)
+    yield
+    root.handlers[:], hidden._secrets = handlers, secrets
+    root.setLevel(level)
+
+
+def set_up(form: logs.Form, level: str = "info") -> io.StringIO:
+    stream = io.StringIO()
+    logs.set_up(form, level, stream)
+    return stream
+
+
+def test_a_line_of_json_has_time_level_and_what_was_given() -> None:
+    stream = set_up("json")
+    logging.getLogger("a.b").warning("lost %s", "hawk", extra={"vehicle": "hawk", "at_us": 5})
+    line = json.loads(stream.getvalue())
+    assert line.pop("at").endswith("+00:00")
+    assert line == {
+        "level": "warning",
+        "logger": "a.b",
+        "message": "lost hawk",
+        "vehicle": "hawk",
+        "at_us": 5,
+    }
+
+
+def test_text_is_for_people_and_the_level_is_obeyed() -> None:
+    stream = set_up("text", "warning")
+    logging.getLogger("a").info("not now")
+    logging.getLogger("a").error("now")
+    assert stream.getvalue().endswith("ERROR   a: now\n")
+    assert "not now" not in stream.getvalue()
+
+
+@pytest.mark.parametrize("form", ["text", "json"])
+def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: logs.Form) -> None:
+    stream = set_up(form)
+    hidden.hide(TOKEN)
+    hidden.hide(KEY)
+    log = logging.getLogger("a")
+    log.info("GET /api with %s", TOKEN)
+    log.info("key", extra={"key": KEY.hex(), "path": Path(TOKEN)})
+    try:
+        raise ValueError(f"bad key {KEY.hex()}")
+    except ValueError:
+        log.exception("no")
+    # Such as nobody has named:
+    for text in (
+        "Authorization: Bearer abc.def-123456",
+        "http://127.0.0.1:8765/#token=zzzzzzzzzzzz",
+        "password = 'hunter22222'",
+        '{"passwd": "hunter33333"}',
+    ):
+        log.info(text)
+    said = stream.getvalue()
+    for secret in (TOKEN, KEY.hex(), "abc.def-123456", "zzzzzzzz", "hunter2", "hunter3"):
+        assert secret not in said
+    assert said.count(hidden.HIDDEN) >= 6
+    assert "Traceback" in said
+
+
+def test_where_a_secret_is_may_be_said() -> None:
+    assert hidden.clean("password = file:/run/secrets/mqtt") == "password = file:/run/secrets/mqtt"
+    assert hidden.clean("a token of hawk's is missing") == "a token of hawk's is missing"
+
+
+def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
+    stream = set_up("json")
+
+    async def follow(hub: Hub) -> None:
+        task = asyncio.create_task(logs.news_to_log(hub))
+        await asyncio.sleep(0)
+        hub.picture.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
+        hub.ring()
+        await asyncio.sleep(2 * logs.LOG_EVERY_S)
+        hub.picture.clear("link/hawk")
+        hub.picture.tell("hawk", "the last word")
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+    with hub_after_a_flight(tmp_path) as hub:
+        asyncio.run(follow(hub))
+    lines = [json.loads(line) for line in stream.getvalue().splitlines()]
+    texts = [line["message"] for line in lines]
+    assert "hawk: connected (px4 plane)" in texts
+    assert len(texts) == len(set(texts)), "said twice"
+    assert [line["level"] for line in lines if line.get("alarm")] == ["error", "info"]
+    assert texts[-2:] == ["hawk: the last word", "alarm link/hawk: cleared"]

@@ -1,0 +1,105 @@
+"""Figures for Prometheus: what there is, what it says, and that it is written down."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from mission_service.hub import Hub
+from mission_service.metrics import FIGURES, PREFIX, metrics_of
+from tests.ops.hubs import hub_after_a_flight, upload_failed
+
+ROOT = Path(__file__).parents[2]
+DASHBOARD = ROOT / "docker" / "grafana" / "dashboard.json"
+RULES = ROOT / "docker" / "prometheus" / "alerts.yml"
+OPERATIONS = ROOT / "docs" / "operations.md"
+
+
+@pytest.fixture(scope="module")
+def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
+    with hub_after_a_flight(tmp_path_factory.mktemp("run")) as flown:
+        yield flown
+
+
+def figures(hub: Hub) -> dict[str, dict[tuple[str, ...], float]]:
+    """By name and values of labels (in the order of their names), as Prometheus reads them."""
+    content, media_type = metrics_of(hub)
+    assert media_type.startswith("text/plain")
+    found: dict[str, dict[tuple[str, ...], float]] = {}
+    for family in text_string_to_metric_families(content.decode()):
+        for sample in family.samples:
+            labels = tuple(value for _, value in sorted(sample.labels.items()))
+            found.setdefault(sample.name, {})[labels] = sample.value
+    return found
+
+
+def test_a_flight_shows_in_figures(hub: Hub) -> None:
+    found = figures(hub)
+    assert found[f"{PREFIX}vehicles"][()] == 2
+    assert found[f"{PREFIX}vehicle_online"] == {("hawk",): 1, ("kite",): 1}
+    assert found[f"{PREFIX}telemetry_total"][()] == hub.picture.telemetry_count > 0
+    assert found[f"{PREFIX}uploads_total"]["accepted", "hawk"] >= 1
+    assert 0 <= found[f"{PREFIX}telemetry_age_seconds"]["hawk",] < 5
+    assert found[f"{PREFIX}fire_area_hectares"][()] > 1
+    assert found[f"{PREFIX}journal_bytes"][()] > 1000
+    assert found["process_resident_memory_bytes"][()] > 10e6
+
+
+def test_alarms_are_counted_by_kind_until_they_are_cleared(hub: Hub) -> None:
+    kinds = f"{PREFIX}alarms_active"
+    before = figures(hub).get(kinds, {})
+    hub.picture.alarm("link/hawk", "gone", "severe", "hawk")
+    hub.picture.alarm("link/kite", "gone", "severe", "kite")
+    assert figures(hub)[kinds]["link",] == before.get(("link",), 0) + 2
+    hub.picture.clear("link/hawk")
+    hub.picture.clear("link/kite")
+    assert figures(hub).get(kinds, {}) == before
+
+
+def test_a_failed_upload_counts_as_failed(hub: Hub) -> None:
+    name = f"{PREFIX}uploads_total"
+    before = figures(hub)[name]["failed", "kite"]
+    upload_failed(hub, "kite")
+    assert figures(hub)[name]["failed", "kite"] == before + 1
+
+
+def test_interfaces_give_what_only_they_know(hub: Hub) -> None:
+    assert f"{PREFIX}stream_clients" not in figures(hub)
+    hub.gauges["stream_clients"] = lambda: 3
+    assert figures(hub)[f"{PREFIX}stream_clients"][()] == 3
+    del hub.gauges["stream_clients"]
+
+
+def test_names_carry_units_and_say_what_they_are(hub: Hub) -> None:
+    content = metrics_of(hub)[0].decode()
+    for name in figures(hub):
+        if name.startswith(PREFIX):
+            assert f"# HELP {name.removesuffix('_total')}" in content
+    for name, (help_text, _) in FIGURES.items():
+        assert re.fullmatch(r"[a-z_]+", name)
+        assert help_text.endswith(".")
+
+
+def test_every_figure_is_in_the_manual() -> None:
+    manual = OPERATIONS.read_text(encoding="utf-8")
+    missing = [name for name in FIGURES if f"`{PREFIX}{name}`" not in manual]
+    assert not missing, f"docs/operations.md says nothing of {missing}"
+    told = set(re.findall(rf"`{PREFIX}(\w+)`", manual))
+    assert told <= set(FIGURES), f"docs/operations.md tells of {told - set(FIGURES)}"
+
+
+@pytest.mark.parametrize("path", [DASHBOARD, RULES], ids=lambda path: str(path.name))
+def test_dashboard_and_alerts_ask_for_figures_that_there_are(path: Path) -> None:
+    named = set(re.findall(rf"\b{PREFIX}(\w+)", path.read_text(encoding="utf-8")))
+    assert named
+    assert named <= set(FIGURES), f"{path.name} asks for {named - set(FIGURES)}"
+
+
+def test_the_dashboard_shows_every_figure() -> None:
+    text = DASHBOARD.read_text(encoding="utf-8")
+    json.loads(text)
+    unseen = [name for name in FIGURES if not re.search(rf"\b{PREFIX}{name}\b", text)]
+    assert not unseen, f"no panel shows {unseen}"

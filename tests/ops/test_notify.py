@@ -1,0 +1,88 @@
+"""What systemd is told, on a socket like its own."""
+
+import asyncio
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mission_service import notify
+from mission_service.hub import Hub
+from mission_service.notify import pulse, tell_systemd, watchdog_s
+from tests.ops.hubs import hub_after_a_flight
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    path = tmp_path / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.bind(str(path))
+        sock.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(path))
+        yield sock
+
+
+def heard(sock: socket.socket) -> list[str]:
+    found = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            found.append(sock.recv(4096).decode())
+    return found
+
+
+def test_systemd_hears_ready_the_watchdog_and_the_end(
+    systemd: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WATCHDOG_USEC", "150000")
+
+    async def run(hub: Hub) -> None:
+        task = asyncio.create_task(pulse(hub))
+        await asyncio.sleep(0.2)
+        time.sleep(0.3)  # noqa: ASYNC251 - the loop hangs
+        await asyncio.sleep(0.1)
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+    with hub_after_a_flight(tmp_path) as hub:
+        asyncio.run(run(hub))
+    said = heard(systemd)
+    assert said[0] == "READY=1"
+    assert said[1] == "WATCHDOG=1\nSTATUS=demo: 2 of 2 vehicles online, 0 alarms"
+    assert said[-1] == "STOPPING=1"
+    assert 4 <= len(said) <= 12
+    assert 0.2 < hub.gauges["event_loop_lag_seconds"]() < 1.0
+
+
+def test_an_abstract_socket_is_one_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = f"mission-service-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.bind(f"\0{name}")
+        monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
+        assert tell_systemd("READY=1")
+        assert sock.recv(100) == b"READY=1"
+
+
+def test_without_systemd_nothing_is_said_and_nothing_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    assert not tell_systemd("READY=1")
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
+    assert not tell_systemd("READY=1")
+
+
+def test_the_watchdog_is_for_the_process_it_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WATCHDOG_USEC", "30000000")
+    assert watchdog_s() == 30.0
+    monkeypatch.setenv("WATCHDOG_PID", str(os.getpid()))
+    assert watchdog_s() == 30.0
+    monkeypatch.setenv("WATCHDOG_PID", "1")
+    assert watchdog_s() is None
+    monkeypatch.setenv("WATCHDOG_USEC", "")
+    assert watchdog_s() is None
+    assert notify.BEAT_S < 5.0

@@ -1,0 +1,270 @@
+"""What people order, correct and accept, flown in virtual time."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firemodel.errors import FireModelError
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    Hold,
+    ProposeMission,
+    StartMission,
+    UploadMission,
+)
+from mission_service.config import Scenario, load_scenario
+from mission_service.events import (
+    Aborted,
+    AnyEvent,
+    Corrected,
+    CrewEvent,
+    Erased,
+    MissionAccepted,
+    MissionRefused,
+    MissionWanted,
+    Observed,
+    Ordered,
+    Place,
+    Redone,
+    SettingsTold,
+    Undone,
+    WindTold,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.picture import Picture
+from mission_service.planners.perimeter import PerimeterPlanner
+from mission_service.replay import verify
+from mission_service.sim import Simulation
+
+Fly = Callable[..., "Flight"]
+ANN = ("ann", "desk")
+START_S = 3600.0
+
+
+class Flight:
+    """A simulation that people speak to."""
+
+    def __init__(self, path: Path, *overrides: str, rule: str = "damped") -> None:
+        settings = ("vehicles.0.airspeed_m_s=18", f'planner.rule="{rule}"', "seed=3", *overrides)
+        loaded = load_scenario("demo", settings)
+        vehicles = loaded.vehicles if rule.startswith("team.") else loaded.vehicles[:1]
+        self.scenario: Scenario = loaded.model_copy(update={"vehicles": vehicles})
+        self.landscape = landscape_of(self.scenario)
+        header = header_of(self.scenario, self.landscape.digest(), "")
+        self.journal = Journal(path, header, durable=False)
+        self.picture = Picture(self.scenario, self.landscape, round(START_S * 1e6))
+        self.sim = Simulation(self.scenario, self.journal, self.landscape, picture=self.picture)
+        self.path = path
+
+    def run(self, seconds: float) -> None:
+        self.sim.run(self.now_s + seconds)
+
+    @property
+    def now_s(self) -> float:
+        return self.sim.clock.now_us / 1e6
+
+    @property
+    def now_us(self) -> int:
+        return self.sim.clock.now_us
+
+    def tell(self, event: CrewEvent) -> list[str]:
+        news = self.sim.record.news
+        before = len(news)
+        self.sim.service.tell(event, self.sim.link_us)
+        return [told.text for _, told in news[before:]]
+
+    @property
+    def mode(self) -> str:
+        return self.picture.vehicles["hawk"].mode
+
+    def over(self) -> list[AnyEvent | AnyCommand]:
+        self.journal.close()
+        result = verify(self.path)
+        assert result.difference is None, result.difference
+        return [entry.content for entry in JournalReader(self.path)]
+
+
+@pytest.fixture
+def fly(tmp_path: Path) -> Iterator[Fly]:
+    """Makes flights; their journals are closed at the end."""
+    made: list[Flight] = []
+
+    def flight(*overrides: str, rule: str = "damped") -> Flight:
+        made.append(Flight(tmp_path / f"{len(made)}.jsonl", *overrides, rule=rule))
+        return made[-1]
+
+    yield flight
+    for each in made:
+        each.journal.close()
+
+
+def commands(said: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[AnyCommand]:
+    return [each for each in said if isinstance(each, kind)]
+
+
+def around(flight: Flight, row: float, col: float, half_m: float) -> tuple[Place, ...]:
+    x_m, y_m = (float(value) for value in flight.landscape.xy_of(row, col))
+    corners = ((-1, -1), (-1, 1), (1, 1), (1, -1))
+    places = [(x_m + dx * half_m, y_m + dy * half_m) for dx, dy in corners]
+    return tuple(tuple(map(float, flight.landscape.lat_lon_of(*place))) for place in places)  # type: ignore[misc]
+
+
+def test_hold_resume_return_and_abort_are_obeyed_and_replay(fly: Fly) -> None:
+    flight = fly()
+    flight.run(400.0)
+    assert flight.mode == "mission"
+    assert flight.tell(Ordered(flight.now_us, *ANN, "hawk", "hold")) == ["told to hold by ann"]
+    uploads = flight.picture.vehicles["hawk"].uploads_accepted
+    flight.run(120.0)
+    assert flight.mode == "hold"
+    assert flight.picture.vehicles["hawk"].order == "hold"
+    assert flight.picture.vehicles["hawk"].uploads_accepted <= uploads + 1
+    flight.tell(Ordered(flight.now_us, *ANN, "", "resume"))
+    flight.run(60.0)
+    assert flight.mode == "mission"
+    assert flight.picture.vehicles["hawk"].order == ""
+    flight.tell(Aborted(flight.now_us, "", ""))
+    flight.run(30.0)
+    assert flight.mode == "hold"
+    assert flight.picture.alarms["abort"].severity == "severe"
+    flight.tell(Ordered(flight.now_us, *ANN, "", "resume"))
+    assert "abort" not in flight.picture.alarms
+    flight.run(60.0)
+    assert flight.mode == "mission"
+    flight.tell(Ordered(flight.now_us, *ANN, "hawk", "return"))
+    flight.run(60.0)
+    assert flight.mode == "return"
+    flight.tell(Ordered(flight.now_us, *ANN, "hawk", "resume"))
+    flight.run(60.0)
+    assert flight.mode == "mission"
+    flight.over()
+
+
+def test_a_hold_is_told_again_until_the_autopilot_says_yes(fly: Fly) -> None:
+    flight = fly("link.loss=0.4")
+    flight.run(400.0)
+    flight.tell(Aborted(flight.now_us, "", ""))
+    flight.run(60.0)
+    assert flight.mode == "hold"
+    flight.over()
+
+
+@pytest.mark.parametrize("rule", ["damped", "predictive", "team.balanced"])
+def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly, rule: str) -> None:
+    flight = fly(rule=rule)
+    flight.run(900.0)
+    before = flight.sim.world.fire.burned().copy()
+    row, col = np.argwhere(before).max(axis=0).tolist()  # its south-east end
+    places = around(flight, row + 4.0, col + 4.0, 150.0)
+    drawn = Corrected(flight.now_us, *ANN, "burned", "polygon", places, flight.now_us)
+    flight.tell(drawn)
+    after = flight.sim.world.fire.burned()
+    assert after[row + 4, col + 4]
+    assert not before[row + 4, col + 4]
+    drawn_cells = after[row : row + 9, col : col + 9]
+    assert drawn_cells.all(), "all that was drawn, without holes"
+    flight.run(5.0)
+    planner = flight.sim.core.steering.planners["hawk"]
+    assert isinstance(planner, PerimeterPlanner) or rule != "damped"
+    shape = planner.shape(row, col)  # type: ignore[attr-defined]
+    assert flight.sim.world.corrections()[0]["by"] == "ann"
+    said = flight.picture.missions["hawk"]
+    mission = said.sending or said.on_board
+    assert mission is not None
+    assert mission.at_us >= drawn.at_us, "the mission was renewed at once"
+    flight.tell(Undone(flight.now_us, *ANN))
+    assert not flight.sim.world.fire.burned()[row + 4, col + 4]
+    assert not flight.sim.world.corrections()
+    back = planner.shape(row, col)  # type: ignore[attr-defined]
+    assert (shape - back).max() > 3.0, "the planner has it as it was"
+    flight.tell(Redone(flight.now_us, *ANN))
+    assert flight.sim.world.fire.burned()[row + 4, col + 4]
+    flight.run(60.0)
+    seen = [each for each in flight.over() if isinstance(each, Observed) and each.corrects]
+    assert len(seen) == 3 * len(flight.scenario.vehicles)
+
+
+def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
+    flight = fly()
+    flight.run(400.0)
+    burned = np.argwhere(flight.sim.world.fire.burned())
+    row, col = burned.max(axis=0).tolist()
+    north = int(burned[:, 0].min())
+    places = around(flight, (row + north) / 2, col, 120.0)
+    now = flight.now_us
+    flight.tell(Corrected(now, *ANN, "unburned", "polygon", places, now))
+    assert not flight.sim.world.fire.burned()[round((row + north) / 2), col]
+    lat, lon = flight.landscape.lat_lon_of(*flight.landscape.xy_of((row + north) / 2, float(col)))
+    flight.tell(Erased(now, *ANN, float(lat), float(lon), 400.0))
+    assert np.array_equal(np.argwhere(flight.sim.world.fire.burned()), burned)
+    flight.tell(WindTold(now, *ANN, 12.0, 270.0))
+    weather = flight.sim.world.fire.weather.at(flight.now_s)
+    assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
+    flight.run(600.0)
+    grown = np.argwhere(flight.sim.world.fire.burned()).max(axis=0)
+    assert grown[1] > col + 10, "it runs east before the wind"
+    bow_tie = (places[0], places[2], places[1], places[3])
+    crossed = Corrected(now, *ANN, "burned", "polygon", bow_tie, now)
+    with pytest.raises(FireModelError, match="crosses itself"):
+        flight.tell(crossed)
+    flight.over()
+
+
+def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
+    flight = fly('mission.approval="each"')
+    flight.run(30.0)
+    first = flight.picture.missions["hawk"].proposed
+    assert first is not None
+    assert flight.picture.missions["hawk"].on_board is None
+    wrong = MissionAccepted(flight.now_us, *ANN, "hawk", "0" * 64)
+    assert flight.tell(wrong) == ["no such mission is proposed; look again"]
+    accept = MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash)
+    assert "accepted by ann" in flight.tell(accept)[0]
+    flight.run(60.0)
+    assert flight.picture.missions["hawk"].on_board == flight.picture.missions["hawk"].on_board
+    on_board = flight.picture.missions["hawk"].on_board
+    assert on_board is not None
+    assert on_board.mission_hash == first.mission_hash
+    assert flight.mode == "mission"
+    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    flight.run(5.0)
+    second = flight.picture.missions["hawk"].proposed
+    assert second is not None
+    flight.tell(MissionRefused(flight.now_us, *ANN, "hawk", second.mission_hash))
+    assert flight.picture.missions["hawk"].proposed is None
+    flight.run(20.0)
+    assert flight.picture.missions["hawk"].proposed is None
+    flight.run(300.0)
+    lapsed = flight.picture.missions["hawk"].proposed
+    assert lapsed is not None
+    said = flight.over()
+    assert len(commands(said, UploadMission)) == 1
+    assert len(commands(said, ProposeMission)) > 3, "what waits too long is proposed anew"
+    assert len(commands(said, StartMission)) == 1
+
+
+def test_settings_are_told_to_planners_that_have_them(fly: Fly) -> None:
+    flight = fly()
+    said = flight.tell(SettingsTold(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
+    assert said == ["settings by ann: alpha = 2.5, dwell_s = 50"]
+    planner = flight.sim.core.steering.planners["hawk"]
+    assert isinstance(planner, PerimeterPlanner)
+    assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)
+    flight.over()
+    team = fly(rule="team.balanced")
+    assert "nothing was changed" in team.tell(SettingsTold(team.now_us, *ANN, alpha=2.5))[0]
+
+
+def test_who_was_never_heard_is_told_to_hold_when_it_is(fly: Fly) -> None:
+    flight = fly()
+    flight.tell(Aborted(flight.now_us, "", ""))
+    flight.run(60.0)
+    said = flight.over()
+    assert commands(said, Hold)
+    assert not commands(said, UploadMission), "nobody takes off after an abort"
+    texts = [each.text for each in said if isinstance(each, Announce)]
+    assert "aborted by unknown" not in texts

@@ -1,0 +1,133 @@
+"""The picture that all interfaces show, the watchman's alarms, the table [service]."""
+
+from pathlib import Path
+
+import pytest
+
+from mission_service.commands import Announce, Decided
+from mission_service.config import load_run, load_scenario
+from mission_service.errors import ScenarioError
+from mission_service.events import (
+    BatteryTold,
+    CommandFinished,
+    FixTold,
+    LinkLost,
+    LinkRestored,
+    Telemetry,
+    VehicleConnected,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.picture import MOST_NEWS, Picture, TelemetryState
+from mission_service.watchman import Watchman, near_pairs
+
+
+@pytest.fixture
+def picture() -> Picture:
+    scenario = load_scenario("demo")
+    return Picture(scenario, landscape_of(scenario), 0)
+
+
+def test_what_changed_has_a_newer_version_and_nothing_else(picture: Picture) -> None:
+    before, then = picture.version, dict(picture.changed)
+    here = Telemetry(1, "hawk", 36.3708, -84.1323, 500.0, 150.0, 3.0, 4.0, 10.0)
+    picture.take(here, [])
+    changed = {key for key, version in picture.changed.items() if version > before}
+    assert changed == {"telemetry/hawk"}
+    assert then.keys() <= picture.changed.keys()
+    told = picture.telemetry["hawk"]
+    assert told.ground_speed_m_s == 5.0
+    assert told.track_deg == pytest.approx(53.1)
+    assert told.height_agl_m == pytest.approx(500.0 - 348.0, abs=2.0)
+
+
+def test_alarms_are_raised_once_and_cleared(picture: Picture) -> None:
+    picture.take(VehicleConnected(1, "hawk", "px4 plane", True), [])
+    for at_us in (2, 3):
+        picture.take(LinkLost(at_us, "hawk", 3.0), [])
+    picture.take(BatteryTold(4, "hawk", 12.0), [])
+    picture.take(FixTold(5, "hawk", False, "none"), [])
+    picture.take(CommandFinished(6, "hawk", "hold", False, "denied"), [])
+    raised = {"link/hawk", "battery/hawk", "position/hawk", "order/hawk/hold"}
+    assert set(picture.alarms) == raised
+    assert picture.alarms["link/hawk"].at_us == 2
+    picture.take(LinkRestored(7, "hawk"), [])
+    picture.take(BatteryTold(8, "hawk", 28.0), [])
+    assert "battery/hawk" in picture.alarms, "not before it is well above the limit"
+    picture.take(BatteryTold(9, "hawk", 31.0), [])
+    picture.take(FixTold(10, "hawk", True, "3d"), [])
+    picture.take(CommandFinished(11, "hawk", "hold", True, ""), [])
+    assert not picture.alarms
+    assert picture.cleared[0].alarm == "link/hawk"
+    assert picture.cleared[0].cleared_at_us == 7
+
+
+def test_news_are_bounded_and_numbered(picture: Picture) -> None:
+    for _ in range(MOST_NEWS + 10):
+        picture.take(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
+    assert len(picture.news) == MOST_NEWS
+    ids = [line.id for line in picture.news]
+    assert ids == sorted(set(ids))
+    assert ids[-1] <= picture.version
+
+
+def test_decisions_are_shown(picture: Picture) -> None:
+    decided = Decided("hawk", "anticlockwise", True, 4, 3.25, 1.5, 99)
+    picture.take(LinkRestored(70, "hawk"), [decided])
+    shown = picture.vehicles["hawk"]
+    assert (shown.direction, shown.reversals, shown.reversed_at_us) == ("anticlockwise", 4, 70)
+    assert (shown.importance_back, shown.importance_front) == (3.25, 1.5)
+
+
+def at(name: str, lat_deg: float, altitude_m: float, at_us: int = 0) -> TelemetryState:
+    place = (lat_deg, -84.0, altitude_m, altitude_m)
+    return TelemetryState(at_us, name, *place, None, 0.0, 15.0, 0.0)
+
+
+def test_pairs_too_near_are_found() -> None:
+    there = {
+        "a": at("a", 36.0, 100.0),
+        "b": at("b", 36.0 + 20.0 / 111_195.0, 110.0),
+        "c": at("c", 36.0, 5.0),  # on the ground
+        "d": at("d", 36.0, 300.0),
+    }
+    found = near_pairs(there, 0, 30.0)
+    assert list(found) == [("a", "b")]
+    assert found["a", "b"] == pytest.approx((20.0**2 + 10.0**2) ** 0.5, abs=0.1)
+    assert not near_pairs(there, 10_000_000, 30.0), "old places say nothing"
+
+
+def test_the_watchman_tells_of_pairs_and_of_being_late(picture: Picture) -> None:
+    watchman = Watchman(picture, 30.0, 200_000)
+    picture.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
+    watchman.look(0)
+    assert set(picture.alarms) == {"near/a/b"}
+    picture.telemetry["b"] = at("b", 36.1, 110.0)
+    watchman.look(1_200_000)
+    assert set(picture.alarms) == {"late"}
+    watchman.look(1_400_000)
+    assert not picture.alarms
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (('service.http.listen="0.0.0.0:80"',), "beyond loopback: give tokens"),
+        (('service.http.listen="8765"',), "write it as HOST:PORT"),
+        (('service.mqtt.password="hunter2"',), 'name where the password is, as "file:PATH"'),
+        (("service.keep.rotate_mb=0",), "service.keep.rotate_mb"),
+        (("service.http.port=1",), "service.http.port: unknown key"),
+    ],
+)
+def test_settings_of_the_service_are_checked(overrides: tuple[str, ...], words: str) -> None:
+    with pytest.raises(ScenarioError) as told:
+        load_run("demo", overrides)
+    assert words in str(told.value)
+    assert "hunter2" not in str(told.value)
+
+
+def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:
+    scenario, service = load_run("demo", ('service.http.listen="[::1]:9000"',))
+    assert service.http is not None
+    assert (service.http.host, service.http.port) == ("::1", 9000)
+    assert "service" not in scenario.model_dump()
+    assert load_scenario("demo") == scenario

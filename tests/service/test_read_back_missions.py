@@ -1,0 +1,261 @@
+"""Killed between an order and its leaving, or in the middle of it; the vehicle flies on meanwhile.
+
+Virtual time, real frames, real journals: the mocks live on, all else is begun again from the files.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autopilot_bridge.transfer import TransferResult
+from mission_service.commands import (
+    AnyCommand,
+    Hold,
+    Orbit,
+    Return,
+    StartMission,
+    UploadMission,
+)
+from mission_service.config import Scenario, flying, load_scenario
+from mission_service.daemon import replay
+from mission_service.events import MissionHeld, Ordered, Resumed, UploadFinished
+from mission_service.fire_setup import landscape_of
+from mission_service.gateway import Gateway
+from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.picture import Picture
+from mission_service.replay import verify
+from mission_service.resume import resumed, unfinished
+from mission_service.segments import newest_state
+from mission_service.sim import Simulation
+from mission_service.state_file import Frozen, Known, write
+from tests.service.test_formation_sim import at_once
+
+FROM_S = 3590.0
+DOWN_US = 4_000_000
+
+
+class KilledError(Exception):
+    """As from outside."""
+
+
+class Flight:
+    """A scenario in virtual time that can be killed and begun again."""
+
+    def __init__(self, folder: Path, scenario: Scenario) -> None:
+        self.scenario, self.landscape = scenario, landscape_of(scenario)
+        self.path = folder / "journal.jsonl"
+        self.known = Known(scenario, self.landscape)
+        header = header_of(scenario, self.landscape.digest(), "")
+        self.simulation = self._with(Journal(self.path, header, durable=True))
+
+    def _with(self, journal: Journal) -> Simulation:
+        simulation = Simulation(self.scenario, journal, self.landscape)
+        start_us = simulation.clock.now_us
+        simulation.service.picture = Picture(self.scenario, self.landscape, start_us)
+        return simulation
+
+    def fly(self, seconds: float) -> None:
+        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+
+    def fly_until(self, kind: type, number: int = 1) -> None:
+        """Fly until the so-and-so-many-th order of a kind is to be carried out; killed there."""
+        for rig in self.simulation.rigs:
+            rig.gateway.execute = self._stopping(rig.gateway, kind, number)  # type: ignore[method-assign,assignment]
+        with pytest.raises(KilledError):
+            self.fly(400.0)
+
+    def _stopping(
+        self, gateway: Gateway, kind: type, number: int
+    ) -> Callable[[AnyCommand, int], None]:
+        execute, seen = gateway.execute, 0
+
+        def stopping(command: AnyCommand, now_us: int) -> None:
+            nonlocal seen
+            if isinstance(command, kind):
+                seen += 1
+                if seen >= number:
+                    raise KilledError
+            execute(command, now_us)
+
+        return stopping
+
+    def keep_state(self) -> None:
+        """As the daemon does now and then."""
+        service = self.simulation.service
+        frozen = Frozen(service.kept(), self.known)
+        write(newest_state(self.path), frozen, service.recording.journal.rest)
+
+    def begin_again(self) -> None:
+        """What the daemon does; the vehicles have flown on for four seconds."""
+        before = self.simulation
+        before.service.recording.journal.close()
+        cut_off = unfinished(self.path, self.known, self.scenario)
+        assert cut_off is not None
+        journal = Journal(self.path, {}, durable=True, rest=cut_off.rest())
+        again = self.simulation = self._with(journal)
+        for rig, old in zip(again.rigs, before.rigs, strict=True):
+            rig.mock = old.mock
+        link_us = before.link_us if before._heap else 0
+        for number, rig in enumerate(again.rigs):
+            again._heap[number] = (link_us, number)
+            while (rig.mock.next_timer() or 0) < link_us + DOWN_US:
+                rig.mock.handle_timer(rig.mock.next_timer() or 0)
+                rig.mock.data_to_send()
+        again._heap = [(link_us + DOWN_US, number) for number in range(len(again.rigs))]
+        if cut_off.objects is not None:
+            again.service.restore(cut_off.objects)
+        replay(cut_off, again.service)
+        again.core, again.world = again.service.core, again.service.world
+        again.record = again.service.record
+        news = resumed(max(cut_off.last_us, again.record.at_us), DOWN_US / 1e6)
+        again.clock.go_on(news.at_us, 0)
+        again.service.go_on(cut_off.missing, news, link_us + DOWN_US)
+
+    def tell(self, order: str) -> None:
+        asked = Ordered(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]
+        self.simulation.service.tell(asked, self.simulation.link_us)
+
+    @property
+    def modes(self) -> list[str]:
+        return [vehicle.mode for vehicle in self.simulation.core.vehicles.values()]
+
+    def after_resumed(self) -> list[Any]:
+        """All of the journal that follows the restart; it must be what a replay gives."""
+        result = verify(self.path)
+        assert (result.difference, result.cut_at_line) == (None, None)
+        told: list[Any] = [entry.content for entry in JournalReader(self.path)]
+        last = max(place for place, each in enumerate(told) if isinstance(each, Resumed))
+        return told[last:]
+
+
+def alone(stack: str, **changes: object) -> Scenario:
+    scenario = flying(load_scenario("default", (f"start_s={FROM_S}",)))
+    section = scenario.vehicles[0].model_copy(update={"stack": stack, **changes})
+    return scenario.model_copy(update={"vehicles": (section,)})
+
+
+def kinds(told: list[Any]) -> list[type]:
+    return [type(each) for each in told]
+
+
+@pytest.fixture(params=["px4", "ardupilot"])
+def flight(request: pytest.FixtureRequest, tmp_path: Path) -> Flight:
+    return Flight(tmp_path, alone(request.param))
+
+
+def test_a_mission_that_never_left_is_not_counted_on_and_the_one_before_is_flown_on(
+    flight: Flight,
+) -> None:
+    flight.fly(60.0)
+    flight.fly_until(UploadMission, 2)
+    flight.begin_again()
+    flight.fly(25.0)
+    told = flight.after_resumed()
+    held = next(each for each in told if isinstance(each, MissionHeld))
+    sent = [entry.content for entry in JournalReader(flight.path)]
+    accepted = [each.mission_id for each in sent if isinstance(each, UploadFinished)]
+    assert held.mission_id in accepted
+    assert UploadMission not in kinds(told)[: told.index(held)]
+    assert StartMission not in kinds(told)
+    assert flight.modes == ["mission"]
+    vehicle = flight.simulation.core.vehicles["hawk"]
+    assert vehicle.flown_line is not None or vehicle.pending is not None
+
+
+@pytest.mark.parametrize("later_s", [0.05, 0.3])
+def test_an_upload_that_was_cut_off_ends_in_a_mission_that_is_flown(
+    flight: Flight, later_s: float
+) -> None:
+    flight.fly(60.0)
+    flight.keep_state()
+    before = flight.simulation.core._missions._next_id
+    while flight.simulation.core._missions._next_id == before:
+        flight.simulation.step()
+    flight.fly(later_s)
+    flight.begin_again()
+    flight.fly(40.0)
+    told = flight.after_resumed()
+    assert MissionHeld in kinds(told)
+    assert flight.modes == ["mission"]
+    vehicle = flight.simulation.core.vehicles["hawk"]
+    assert vehicle.flown_line is not None or vehicle.pending is not None
+
+
+def test_a_start_that_never_left_is_ordered_again(flight: Flight) -> None:
+    flight.fly_until(StartMission)
+    flight.begin_again()
+    flight.fly(40.0)
+    told = flight.after_resumed()
+    held = next(each for each in told if isinstance(each, MissionHeld))
+    assert held.mission_id == 1
+    assert kinds(told).index(StartMission) > told.index(held)
+    assert flight.simulation.core.vehicles["hawk"].presence.airborne
+
+
+def test_a_hold_and_a_return_that_never_left_are_ordered_again(flight: Flight) -> None:
+    flight.fly(60.0)
+    for order, kind, mode in (("hold", Hold, ("hold", "loiter")), ("return", Return, ("return",))):
+        execute = flight.simulation.rigs[0].gateway.execute
+        flight.simulation.rigs[0].gateway.execute = flight._stopping(  # type: ignore[method-assign,assignment]
+            flight.simulation.rigs[0].gateway, kind, 1
+        )
+        with pytest.raises(KilledError):
+            flight.tell(order)
+        flight.simulation.rigs[0].gateway.execute = execute  # type: ignore[method-assign]
+        flight.begin_again()
+        flight.fly(15.0)
+        assert flight.modes[0] in mode, order
+        assert flight.simulation.core.vehicles["hawk"].ordered == ("hold" if kind is Hold else "")
+    assert kind in kinds(flight.after_resumed())
+
+
+def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight.fly(60.0)
+    flight.keep_state()
+    (rig,) = flight.simulation.rigs
+    mine = rig.mock.missions.items
+    rig.mock.missions.items = [*mine[:-1], replace(mine[-1], z=mine[-1].z + 30.0)]
+    flight.begin_again()
+    flight.fly(20.0)
+    told = flight.after_resumed()
+    held = next(each for each in told if isinstance(each, MissionHeld))
+    assert held.mission_id == 0
+    assert held.items
+    assert UploadMission in kinds(told)[told.index(held) :]
+
+    def unanswered(self: Any, now_us: int) -> list[Any]:
+        self.result = TransferResult("failed", "the autopilot did not answer")
+        return []
+
+    monkeypatch.setattr("autopilot_bridge.download.MissionDownload.start", unanswered)
+    monkeypatch.setattr("autopilot_bridge.ftp.FtpDownload.start", unanswered)
+    flight.begin_again()
+    flight.fly(10.0)
+    held = next(each for each in flight.after_resumed() if isinstance(each, MissionHeld))
+    assert (held.mission_id, held.items) == (0, None)
+
+
+def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:
+    scenario = flying(load_scenario("virtual-agents"))
+    scenario = at_once(scenario.model_copy(update={"vehicles": scenario.vehicles[:2]}))
+    flight = Flight(tmp_path, scenario)
+    flight.fly(60.0)
+    flight.keep_state()
+    flight.fly_until(Orbit, 2)
+    flight.begin_again()
+    flight.fly(25.0)
+    orbits_in = ("hold", "guided", "orbit")
+    assert all(mode in orbits_in for mode in flight.modes), flight.modes
+    told = flight.after_resumed()
+    texts = [each.text for each in told if hasattr(each, "text")]
+    assert not any("not ours" in text for text in texts), texts
+    for name in flight.simulation.core.vehicles:
+        mine = [each for each in told if getattr(each, "vehicle", "") == name]
+        first = next(place for place, each in enumerate(mine) if isinstance(each, MissionHeld))
+        assert any(isinstance(each, Orbit) for each in mine[first:]), name
+        assert not any(isinstance(each, Orbit | UploadMission) for each in mine[:first]), name

@@ -1,0 +1,214 @@
+"""A disk that is full or fails: nothing half written, nothing done unrecorded but an abort."""
+
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission_service.commands import Hold, UploadMission
+from mission_service.config import flying, load_scenario
+from mission_service.errors import NotRecordedError
+from mission_service.events import (
+    Aborted,
+    Corrected,
+    MissionHeld,
+    Ordered,
+    Present,
+    Resumed,
+    Telemetry,
+    VehicleConnected,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.picture import Picture
+from mission_service.replay import verify
+from mission_service.sim import Simulation
+
+FROM_S = 3590.0
+PLACE = (36.364232, -84.140907)
+
+
+@contextmanager
+def no_room(path: Path, more_bytes: int) -> Iterator[None]:
+    """Files grow no more beyond so many bytes more than this one has now, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + more_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def flight(path: Path, seconds: float) -> Simulation:
+    scenario = flying(load_scenario("default", (f"start_s={FROM_S}",)))
+    landscape = landscape_of(scenario)
+    journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
+    simulation = Simulation(scenario, journal, landscape)
+    simulation.service.picture = Picture(scenario, landscape, 0)
+    simulation.run(FROM_S + seconds)
+    return simulation
+
+
+def on_for(simulation: Simulation, seconds: float) -> None:
+    simulation.run(simulation.clock.now_us / 1e6 + seconds)
+
+
+def entries(path: Path) -> list[Any]:
+    return [entry.content for entry in JournalReader(path)]
+
+
+def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 90.0)
+    service, clock = simulation.service, simulation.clock
+    recording, picture = service.recording, service.picture
+    assert picture is not None
+    (gateway,) = (rig.gateway for rig in simulation.rigs)
+    done: list[Any] = []
+    execute = gateway.execute
+    gateway.execute = lambda command, now_us: (done.append(command), execute(command, now_us))[1]  # type: ignore[func-returns-value,method-assign]
+
+    with no_room(path, 150):
+        on_for(simulation, 20.0)
+        assert recording.trouble == "disk full"
+        whole = path.read_bytes()
+        assert whole.endswith(b'"}\n')
+        assert all(entry.intact for entry in JournalReader(path))
+        done.clear()
+        on_for(simulation, 30.0)
+        assert path.read_bytes() == whole
+        assert done == []
+        # Positions are shown all the same.
+        assert picture.telemetry["hawk"].at_us > clock.now_us - 1_000_000
+        fire = service.world.fire
+        for asked in (
+            Present(clock.now_us, "ann", ""),
+            Ordered(clock.now_us, "ann", "", "hawk", "hold"),
+            Corrected(clock.now_us, "ann", "", "burned", "point", (PLACE,), clock.now_us),
+        ):
+            with pytest.raises(NotRecordedError, match=r"^not recorded: disk full; nothing was"):
+                service.tell(asked, simulation.link_us)
+        assert service.core.vehicles["hawk"].ordered == ""
+        assert service.world.fire is fire
+        service.tell(Aborted(clock.now_us, "ann", ""), simulation.link_us)
+        assert done[1:] == [Hold("hawk")]
+        assert not service.mend(clock.now_us, simulation.link_us)
+        assert path.read_bytes() == whole
+    down_us = clock.now_us
+    on_for(simulation, 5.0)
+    assert service.mend(clock.now_us, simulation.link_us)
+    assert recording.trouble == ""
+    service.tell(Ordered(clock.now_us, "ann", "", "hawk", "resume"), simulation.link_us)
+    on_for(simulation, 60.0)
+    recording.journal.close()
+
+    told = entries(path)[len(whole.splitlines()) - 1 :]
+    kinds = [type(each) for each in told]
+    resumed = next(each for each in told if isinstance(each, Resumed))
+    assert kinds.index(Aborted) < kinds.index(Resumed) < kinds.index(VehicleConnected)
+    assert 50.0 <= resumed.down_s < 60.0
+    held = next(each for each in told if isinstance(each, MissionHeld))
+    assert held.mission_id > 0
+    assert kinds.index(MissionHeld) < kinds.index(UploadMission)
+    assert not any(isinstance(each, Telemetry) and each.at_us < down_us for each in told)
+    result = verify(path)
+    assert (result.difference, result.cut_at_line) == (None, None)
+
+
+@pytest.mark.parametrize("broken", ["write", "fsync"])
+def test_a_failing_disk_leaves_whole_lines_and_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    service = flight(path, 12.0).service
+    before = path.read_bytes()
+    at_us = round(FROM_S * 1e6) + 13_000_000
+    works = getattr(os, broken)
+
+    def fails(file: int, *data: Any) -> int:
+        if broken == "write":
+            works(file, bytes(data[0])[:30])  # some of it is there
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, broken, fails)
+    with pytest.raises(NotRecordedError, match="cannot be written: Input/output error"):
+        service.tell(Present(at_us, "ann", ""), 0)
+    assert path.read_bytes() == before
+    monkeypatch.setattr(os, broken, works)
+    assert service.mend(at_us + 2_000_000, 0)
+    service.tell(Present(at_us + 3_000_000, "bob", ""), 0)
+    service.recording.journal.close()
+    added = entries(path)[len(before.splitlines()) - 1 :]
+    assert [type(each).__name__ for each in added if not hasattr(each, "vehicle")] == [
+        "Resumed",
+        "Present",
+    ]
+    assert verify(path).difference is None
+
+
+def test_an_order_that_cannot_be_written_down_is_not_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 12.0)
+    service, now_us = simulation.service, simulation.clock.now_us
+    done: list[Any] = []
+    monkeypatch.setattr(simulation.rigs[0].gateway, "execute", lambda *told: done.append(told[0]))
+    works = os.write
+
+    def fails(file: int, data: memoryview) -> int:
+        if bytes(data[:11]) == b'{"command":':
+            raise OSError(28, "No space left on device")
+        return works(file, data)
+
+    monkeypatch.setattr(os, "write", fails)
+    service.tell(Ordered(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
+    assert (service.recording.trouble, done) == ("disk full", [])
+    monkeypatch.setattr(os, "write", works)
+    assert service.mend(now_us + 5_000_000, simulation.link_us)
+    service.recording.journal.close()
+    told = [type(each) for each in entries(path)]
+    assert told.index(Ordered) < told.index(Hold) < told.index(Resumed)
+    assert verify(path).difference is None
+
+
+def test_what_people_say_is_on_the_disk_before_they_are_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 12.0)
+    synced: list[bytes] = []
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(path.read_bytes()))
+    on_for(simulation, 2.0)
+    assert synced == []
+    simulation.service.tell(Present(simulation.clock.now_us, "ann", ""), simulation.link_us)
+    assert len(synced) == 1
+    assert b'"by":"ann"' in synced[0]
+    assert path.read_bytes() == synced[0]
+
+
+def test_a_correction_that_cannot_be_is_not_in_the_journal(tmp_path: Path) -> None:
+    from firemodel.errors import FireModelError
+
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 12.0)
+    before = path.read_bytes()
+    now_us = simulation.clock.now_us
+    water = Corrected(now_us, "ann", "", "burning", "point", (PLACE,), now_us - 10_000_000_000)
+    simulation.service.world.told = _refuses  # type: ignore[method-assign]
+    with pytest.raises(FireModelError):
+        simulation.service.tell(water, simulation.link_us)
+    assert path.read_bytes() == before
+    on_for(simulation, 2.0)
+    simulation.service.recording.journal.close()
+    assert verify(path).difference is None
+
+
+def _refuses(event: Any) -> None:
+    from firemodel.errors import FireModelError
+
+    raise FireModelError("that cannot be")

@@ -1,0 +1,254 @@
+"""The journal in segments: closed, chained, verified, deleted; gone on with after any kill."""
+
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firemodel.landscape import Landscape
+from mission_service.config import Scenario, flying, load_scenario
+from mission_service.errors import JournalError, StateError
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, JournalReader, Rest, header_of, next_path, segment_path
+from mission_service.picture import Picture
+from mission_service.replay import verify
+from mission_service.resume import set_aside, unfinished
+from mission_service.segments import (
+    Chain,
+    begin_state,
+    closed_segments,
+    complete,
+    earlier_state,
+    newest_state,
+    trim,
+)
+from mission_service.sim import Simulation
+from mission_service.state_file import Frozen, Known, read, write
+
+Files = dict[str, bytes]
+
+
+class Kept:
+    """A flight of some minutes as a live service keeps it: three segments, and a newer state."""
+
+    def __init__(self, folder: Path) -> None:
+        self.scenario: Scenario = flying(load_scenario("default", ("start_s=3590",)))
+        self.landscape: Landscape = landscape_of(self.scenario)
+        self.known = Known(self.scenario, self.landscape)
+        self.path = folder / "journal.jsonl"
+        header = header_of(self.scenario, self.landscape.digest(), "")
+        journal = Journal(self.path, header, durable=True)
+        simulation = Simulation(self.scenario, journal, self.landscape)
+        simulation.service.picture = Picture(self.scenario, self.landscape, 0)
+        for seconds in (60, 120):
+            simulation.run(self.scenario.start_s + seconds)
+            frozen = Frozen(simulation.service.kept(), self.known)
+            journal.begin_segment()
+            write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
+        simulation.run(self.scenario.start_s + 150)
+        frozen = Frozen(simulation.service.kept(), self.known)
+        write(newest_state(self.path), frozen, journal.rest)
+        simulation.run(self.scenario.start_s + 170)
+        journal.close()
+        self.last: Rest = journal.rest
+        self.files: Files = {each.name: each.read_bytes() for each in folder.iterdir()}
+
+    def again(self, folder: Path) -> Path:
+        """The same files somewhere else."""
+        for name, content in self.files.items():
+            (folder / name).write_bytes(content)
+            (folder / name).chmod(0o600)
+        return folder / "journal.jsonl"
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+    return Kept(tmp_path_factory.mktemp("kept"))
+
+
+def test_all_segments_are_verified_together_and_each_from_its_state(
+    kept: Kept, tmp_path: Path
+) -> None:
+    path = kept.again(tmp_path)
+    assert sorted(kept.files) == [
+        "journal-000001.jsonl",
+        "journal-000002.jsonl",
+        "journal-000002.state",
+        "journal-000003.state",
+        "journal.jsonl",
+        "journal.state",
+    ]
+    whole = verify(path)
+    assert (whole.difference, whole.cut_at_line, whole.from_segment, whole.segments) == (
+        None, None, 1, 3,
+    )  # fmt: skip
+    parts = [verify(segment_path(path, 1)), verify(segment_path(path, 2)), verify(path, alone=True)]
+    assert [part.difference for part in parts] == [None] * 3
+    assert [part.from_segment for part in parts] == [1, 2, 3]
+    assert sum(part.events for part in parts) == whole.events
+    assert min(part.commands for part in parts) > 0
+    segment_path(path, 1).unlink()
+    later = verify(path)
+    assert (later.difference, later.from_segment) == (None, 2)
+    assert later.events == whole.events - parts[0].events
+    begin_state(path, 2).unlink()
+    with pytest.raises(JournalError, match=r"segment 2 cannot be replayed: .*cannot be read"):
+        verify(path)
+
+
+def test_a_changed_byte_is_found_in_any_segment(kept: Kept, tmp_path: Path) -> None:
+    for name in ("journal-000001.jsonl", "journal-000002.jsonl", "journal.jsonl"):
+        path = kept.again(tmp_path)
+        at = kept.files[name].index(b'"type":"Telemetry"', 3000) + 40
+        changed = bytearray(kept.files[name])
+        changed[at] ^= 1
+        (tmp_path / name).write_bytes(bytes(changed))
+        try:
+            told = str(verify(path).difference)
+        except JournalError as error:
+            told = str(error)
+        assert name in told
+
+
+def test_lines_that_are_missing_between_two_segments_are_found(kept: Kept, tmp_path: Path) -> None:
+    path = kept.again(tmp_path)
+    first = segment_path(path, 1)
+    lines = first.read_bytes().splitlines(keepends=True)
+    while b'"command"' in lines[-1][:12]:
+        lines.pop()
+    first.write_bytes(b"".join(lines[:-1]))
+    with pytest.raises(JournalError, match=r"journal-000001\.jsonl: is not whole, or not what"):
+        verify(path)
+    segment_path(path, 2).unlink()
+    with pytest.raises(JournalError, match=r"journal-000002\.jsonl: is missing"):
+        Chain(path)
+
+
+def gone_on(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
+    """The core after a restart, how many events it was told, and the states passed over."""
+    cut_off = unfinished(path, kept.known, kept.scenario)
+    assert cut_off is not None
+    rest = cut_off.rest()
+    from mission_service.core import Core
+
+    core = Core(kept.scenario, kept.landscape)
+    if cut_off.objects is not None:
+        core = cut_off.objects["core"]
+    told = sum(1 for _ in cut_off.turns(core.handle))
+    assert rest == kept.last
+    assert not cut_off.missing
+    return core, told, cut_off.passed_over
+
+
+def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: Path) -> None:
+    path = kept.again(tmp_path)
+    cores, counts = [], []
+    core, told, passed_over = gone_on(kept, path)
+    cores, counts = [core], [told]
+    assert passed_over == []
+    half = newest_state(path).read_bytes()
+    newest_state(path).write_bytes(half[: len(half) // 2])
+    for words in ("sha256 does not match", "is damaged", "of another code"):
+        core, told, passed_over = gone_on(kept, path)
+        assert words in " ".join(passed_over)
+        cores.append(core)
+        counts.append(told)
+        if words == "sha256 does not match":
+            newest_state(path).unlink()
+            begin_state(path, 3).write_bytes(b"no state\n")
+        else:
+            for state in (begin_state(path, 3), begin_state(path, 2)):
+                text = read_header(kept.files[state.name]) | {"code": "0" * 64}
+                state.write_bytes(json.dumps(text).encode() + b"\nanything")
+    assert counts == sorted(counts)
+    assert counts[-1] == verify(path).events
+    # From whichever state: the same core, to the last bit of what it will say.
+    events = [entry.content for entry in JournalReader(path) if entry.is_event][-200:]
+    told_by = [[each.handle(event) for event in events] for each in cores]
+    assert all(said == told_by[0] for said in told_by)
+    segment_path(path, 1).unlink()
+    with pytest.raises(JournalError, match="its beginning was deleted, and no state can be used"):
+        gone_on(kept, path)
+
+
+def read_header(state: bytes) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(state[: state.index(b"\n")])
+    return found
+
+
+def test_a_kill_between_two_segments_leaves_what_can_be_gone_on_with(
+    kept: Kept, tmp_path: Path
+) -> None:
+    path = kept.again(tmp_path)
+    # Killed when the old file had its new name, and the new one not yet the old one's.
+    path.rename(next_path(path))
+    (tmp_path / "journal-000004.state.half").write_bytes(b"half")
+    complete(path)
+    assert gone_on(kept, path)[1] > 0
+    assert sorted(each.name for each in tmp_path.iterdir()) == sorted(kept.files)
+    # Killed before: the new one is of no use.
+    next_path(path).write_bytes(b'{"header"')
+    complete(path)
+    assert not next_path(path).exists()
+    assert path.read_bytes() == kept.files["journal.jsonl"]
+    # Killed before the state of the third segment was there: an older one does.
+    begin_state(path, 3).unlink()
+    newest_state(path).unlink()
+    assert gone_on(kept, path)[2] == []
+
+
+def test_the_oldest_segments_are_deleted_and_never_the_newest_two(
+    kept: Kept, tmp_path: Path
+) -> None:
+    path = kept.again(tmp_path)
+    size = sum(len(content) for content in kept.files.values())
+    assert trim(path, size) == []
+    assert trim(path, size - 1) == [segment_path(path, 1)]
+    assert list(closed_segments(path)) == [2]
+    assert trim(path, 0) == []
+    assert verify(path).difference is None
+
+
+def test_a_state_is_for_its_user_alone_and_no_others_are_read(kept: Kept, tmp_path: Path) -> None:
+    path = newest_state(kept.path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    ours = newest_state(kept.again(tmp_path))
+    ours.chmod(0o660)
+    with pytest.raises(StateError, match="others could have written it"):
+        read(ours, kept.known)
+    ours.chmod(0o600)
+    other = kept.scenario.model_copy(update={"seed": 7})
+    with pytest.raises(StateError, match="of another scenario"):
+        read(ours, Known(other, kept.landscape))
+    assert read(ours, kept.known)["core"].landscape is kept.landscape
+
+
+def test_a_state_that_cannot_be_written_leaves_the_one_before(
+    kept: Kept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = newest_state(kept.again(tmp_path))
+    before = state.read_bytes()
+
+    def full(file: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write(state, Frozen({"core": None}, kept.known), Rest(0, 0))
+    assert state.read_bytes() == before
+    assert not list(tmp_path.glob("*.half"))
+    assert not earlier_state(state.with_suffix(".jsonl")).exists()
+
+
+def test_what_belongs_to_a_burn_is_kept_together(kept: Kept, tmp_path: Path) -> None:
+    path = kept.again(tmp_path)
+    burn = load_scenario("burn")
+    assert set_aside(path, burn) == tmp_path / "journal-1.jsonl"
+    assert verify(tmp_path / "journal-1.jsonl").difference is None
+    assert verify(tmp_path / "journal-1-000002.jsonl").difference is None
+    path = kept.again(tmp_path)
+    assert set_aside(path, kept.scenario) is None
+    assert not any(each.name in kept.files for each in tmp_path.iterdir())

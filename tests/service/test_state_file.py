@@ -1,0 +1,132 @@
+"""A core restored from a state gives the commands of one that was never stopped, bit for bit."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from firemodel.landscape import Landscape
+from mission_service.config import Scenario, flying, load_scenario
+from mission_service.core import Core
+from mission_service.events import AnyEvent
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.planning import ALONE, BURN, FORMATION, RULES
+from mission_service.sim import Simulation
+from mission_service.state_file import Frozen, Known, thawed
+from tests.service.test_formation_sim import at_once
+
+CHANGES = {
+    "default": ("start_s=3590",),
+    "team": ("start_s=3590",),
+    "virtual-agents": (),
+    "burn": ("landscape.rows=120", "landscape.cols=120"),
+}
+FLOWN_S = {"default": 240.0, "team": 130.0, "virtual-agents": 75.0, "burn": 80.0}
+
+
+@dataclass
+class Flown:
+    """A scenario, flown for some minutes: what happened."""
+
+    scenario: Scenario
+    landscape: Landscape
+    events: list[AnyEvent]
+    simulation: Simulation
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
+    """Each shipped scenario once: the same events are told to all rules of its kind."""
+    folder, found = tmp_path_factory.mktemp("flown"), {}
+    for name, seconds in FLOWN_S.items():
+        scenario = flying(load_scenario(name, CHANGES[name]))
+        scenario = scenario.model_copy(update={"vehicles": scenario.vehicles[:3]})
+        scenario = at_once(scenario) if name == "virtual-agents" else scenario
+        landscape = landscape_of(scenario)
+        path = folder / f"{name}.jsonl"
+        journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=False)
+        simulation = Simulation(scenario, journal, landscape)
+        simulation.run(max(scenario.start_s, scenario.deploy_at_s) + seconds)
+        journal.close()
+        events: list[Any] = [entry.content for entry in JournalReader(path) if entry.is_event]
+        found[name] = Flown(scenario, landscape, events, simulation)
+    return found
+
+
+def kind_of(rule: str) -> str:
+    return {FORMATION: "virtual-agents", BURN: "burn"}.get(
+        rule, "default" if rule in ALONE else "team"
+    )
+
+
+@pytest.mark.parametrize("rule", [*RULES, FORMATION, BURN])
+def test_a_core_goes_on_from_a_state_as_if_nothing_had_been(
+    flown: dict[str, Flown], rule: str
+) -> None:
+    run = flown[kind_of(rule)]
+    told = run.scenario.planner.model_copy(update={"rule": rule})
+    scenario = run.scenario.model_copy(update={"planner": told})
+    known = Known(scenario, run.landscape)
+    cores = [Core(scenario, run.landscape)]
+    stops = [round(len(run.events) * share) for share in (0.75, 0.9)]
+    said = 0
+    for number, event in enumerate(run.events):
+        if number in stops:
+            cores = [cores[0], thawed(Frozen({"core": cores[-1]}, known))["core"]]
+        commands = [core.handle(event) for core in cores]
+        assert all(each == commands[0] for each in commands), f"event {number}: {event}"
+        said += len(commands[0])
+    assert said > 5
+    restored = cores[-1]
+    assert restored is not cores[0]
+    assert restored.landscape is run.landscape
+    assert restored.scenario is scenario
+    name = scenario.vehicles[0].name
+    assert restored.vehicles[name].presence is restored.steering.presence[name]
+    assert restored.vehicles[name].section is scenario.vehicles[0]
+
+
+@pytest.mark.parametrize("name", ["default", "virtual-agents", "burn"])
+def test_a_fire_burns_on_from_a_state_as_if_nothing_had_been(
+    flown: dict[str, Flown], name: str
+) -> None:
+    run = flown[name]
+    known = Known(run.scenario, run.landscape)
+    world = run.simulation.world
+    again = thawed(Frozen({"world": world}, known))["world"]
+    assert again.landscape is run.landscape
+    later_us = round(world.fire.time_s * 1e6) + 900_000_000
+    before = np.isfinite(world.fire.arrival_time_s).sum()
+    for each in (world, again):
+        each.advance(later_us)
+    assert np.isfinite(world.fire.arrival_time_s).sum() > before
+    assert np.array_equal(world.fire.arrival_time_s, again.fire.arrival_time_s)
+
+
+def test_arrays_that_share_memory_share_it_again(flown: dict[str, Flown]) -> None:
+    run = flown["burn"]
+    known = Known(run.scenario, run.landscape)
+    whole = np.arange(24.0).reshape(4, 6)
+    read_only = whole[1:3]
+    read_only.flags.writeable = False
+    objects: dict[str, Any] = {
+        "whole": whole,
+        "part": whole[::-2, 1:4],
+        "bytes": whole.view(np.uint8),
+        "across": np.asfortranarray(whole).T,
+        "read_only": read_only,
+        "elevation": run.landscape.elevation_m,
+        "words": np.array(["a", None], dtype=object)[:1],
+    }
+    for _ in range(2):  # what was read can be written again
+        objects = thawed(Frozen(objects, known))
+    assert np.array_equal(objects["part"], whole[::-2, 1:4])
+    assert np.array_equal(objects["across"], whole.T)
+    assert not objects["read_only"].flags.writeable
+    assert objects["elevation"] is run.landscape.elevation_m
+    assert list(objects["words"]) == ["a"]
+    objects["whole"][3, 1] = 100.0
+    assert objects["part"][0, 0] == 100.0
+    assert objects["bytes"].view(np.float64)[3, 1] == 100.0

@@ -1,0 +1,406 @@
+"""The map in Chromium against real daemons: a fire that two planes watch, and a burn.
+
+One browser and one daemon of each kind; a test may rely on those before it in this file. With the
+environment variable MAP_PICTURES the walk of the README writes its pictures to that folder.
+"""
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.web import browser as screen
+from tests.web.browser import Seen, draw, page_of, place_of, share_burned, share_expected
+from tests.web.service import BURN, FIRE, Service, running, wait_for
+
+pytestmark = pytest.mark.long  # a browser that draws without a graphics card
+
+PICTURES = os.environ.get("MAP_PICTURES", "")
+# Without a graphics card each pixel costs.
+DESKTOP, TABLET = ((1440, 900) if PICTURES else (960, 640)), (1180, 820)
+SPEEDUP = 10
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with screen.chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def fire(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with running(tmp_path_factory.mktemp("fire"), FIRE, SPEEDUP) as service:
+        # Nothing is drawn until there is something to see: what is drawn costs.
+        wait_for(lambda: service.get("vehicles/hawk")["decisions"] > 0, 120, "hawk knows the front")
+        yield service
+
+
+@pytest.fixture(scope="module")
+def desktop(chromium: Browser, fire: Service) -> Iterator[tuple[Page, Seen]]:
+    with page_of(chromium, fire.address, fire.boss, DESKTOP) as opened:
+        if not PICTURES:  # shading each frame anew is most of the work
+            opened[0].evaluate("missionMap.setLayoutProperty('hillshade', 'visibility', 'none')")
+        yield opened
+
+
+def picture(page: Page, name: str) -> None:
+    if PICTURES:
+        page.screenshot(path=Path(PICTURES) / f"{name}.png")
+
+
+def area_ha(service: Service) -> float:
+    return float(service.get("state")["fire"]["area_ha"])
+
+
+def on_board(service: Service, name: str = "hawk") -> Any:
+    return service.get(f"vehicles/{name}/mission")["on_board"]
+
+
+def corrections(service: Service) -> list[Any]:
+    found: list[Any] = service.get("fire/corrections")
+    return found
+
+
+def here(service: Service, name: str = "hawk") -> Any:
+    return next(each for each in service.get("state")["telemetry"] if each["vehicle"] == name)
+
+
+def orders(service: Service) -> set[str]:
+    return {vehicle["order"] for vehicle in service.get("vehicles")}
+
+
+def front_corners(service: Service) -> list[tuple[float, float]]:
+    polygons = service.get("fire/front")["geometry"]["coordinates"]
+    return [(lat, lon) for polygon in polygons for lon, lat in polygon[0]]
+
+
+def ring(lat_deg: float, lon_deg: float, radius_m: float = 120.0) -> list[tuple[float, float]]:
+    """Places around one."""
+    east = 111_194 * math.cos(math.radians(lat_deg))
+    return [
+        (lat_deg + radius_m * math.sin(a) / 111_194, lon_deg + radius_m * math.cos(a) / east)
+        for a in [i / 3 for i in range(18)]
+    ]
+
+
+def off_front_m(service: Service) -> float:
+    at = here(service)
+    return min(
+        111_194 * math.hypot(lat - at["lat_deg"], (lon - at["lon_deg"]) * math.cos(lat / 57.3))
+        for lat, lon in front_corners(service)
+    )
+
+
+def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> None:
+    page, _ = desktop
+    # A fire is seen, and a plane that turns along it.
+    wait_for(lambda: share_burned(page) > 0.02, 30, "a fire is seen")
+    before = here(fire)["heading_deg"]
+    wait_for(
+        lambda: abs((here(fire)["heading_deg"] - before + 180) % 360 - 180) > 30,
+        30,
+        "hawk turns along the front",
+    )
+    assert off_front_m(fire) < 300
+    expect(page.locator(".vehicles")).to_contain_text("m/s")
+    picture(page, "demo")
+
+    # The fire is corrected by pen: it has burned beyond what the mission flies round.
+    mission, area = on_board(fire), area_ha(fire)
+    ahead = [item for item in mission["items"] if item["lat_deg"] is not None][-1]
+    middle = [ahead["lon_deg"], ahead["lat_deg"]]
+    page.evaluate("center => missionMap.jumpTo({ center })", middle)
+    page.click("#tools .burned")
+    page.click("#tools .polygon")
+    around = [place_of(page, *place) for place in ring(ahead["lat_deg"], ahead["lon_deg"])]
+    draw(page, [*around, *around[:2]])  # hands overshoot
+    expect(page.locator("#said")).to_contain_text("Correction (burned, now): done")
+    drawn = corrections(fire)
+    assert [drawn[0]["state"], drawn[0]["shape"], drawn[0]["by"]] == ["burned", "polygon", "boss"]
+    wait_for(lambda: area_ha(fire) > area + 1, 30, "the fire is larger")
+
+    # The mission on board follows.
+    def other() -> bool:
+        now = on_board(fire)
+        return bool(now["mission_id"] > mission["mission_id"] and now["items"] != mission["items"])
+
+    wait_for(other, 30, "the mission on board changes")
+    page.click("#tools .move")
+    page.wait_for_timeout(500)
+    picture(page, "corrected")
+
+
+def test_undo_takes_a_correction_back_and_redo_brings_it(
+    desktop: tuple[Page, Seen], fire: Service
+) -> None:
+    page, _ = desktop
+    held, larger = len(corrections(fire)), area_ha(fire)
+    page.click("#tools .undo")
+    wait_for(lambda: len(corrections(fire)) == held - 1, 30, "the correction is gone")
+    wait_for(lambda: area_ha(fire) < larger - 1, 30, "the fire is as it was")
+    page.keyboard.press("Control+y")
+    wait_for(lambda: len(corrections(fire)) == held, 30, "the correction holds again")
+
+
+def test_the_slider_shows_a_larger_fire_later(desktop: tuple[Page, Seen]) -> None:
+    page, _ = desktop
+    now = share_expected(page)
+    page.get_by_label("Minutes from now").focus()
+    for _ in range(9):
+        page.keyboard.press("ArrowRight")
+    expect(page.locator("#moment")).to_contain_text("forecast +45 min")
+    wait_for(lambda: share_expected(page) > now + 0.03, 30, "more is burned in 45 minutes")
+    page.click("#tab-fire")
+    for group in ("arrival", "uncertainty", "contours"):
+        page.check(f"#show-{group}")
+    expect(page.locator(".scale")).to_be_visible(timeout=10_000)
+    page.wait_for_timeout(1500)
+    picture(page, "forecast")
+    for group in ("arrival", "uncertainty", "contours"):
+        page.uncheck(f"#show-{group}")
+    page.keyboard.press("0")
+    expect(page.locator("#moment")).to_contain_text("now")
+
+
+def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> None:
+    page, _ = desktop
+    page.locator(".dial").scroll_into_view_if_needed()
+    box = page.locator(".dial").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    draw(page, [(x, y), (x - 39, y)])  # from the west, half the dial
+    page.get_by_role("button", name="Set: from 270°").click()
+    told = wait_for(lambda: fire.get("weather")["wind_told"], 30, "the wind is known")
+    assert (told["from_deg"], told["speed_m_s"], told["by"]) == (270, 10, "boss")
+
+
+def test_planner_settings_are_told(desktop: tuple[Page, Seen], fire: Service) -> None:
+    page, _ = desktop
+    page.click("#tab-planner")
+    page.fill("#planner-alpha", "1.7")
+    page.get_by_role("button", name="Use from now on").click()
+    wait_for(lambda: fire.get("planner")["alpha"] == 1.7, 30, "alpha is taken")
+
+
+def test_a_perimeter_file_is_taken(desktop: tuple[Page, Seen], fire: Service) -> None:
+    page, _ = desktop
+    held = len(corrections(fire))
+    lat, lon = front_corners(fire)[0]
+    corners = [(lon, lat), (lon + 0.001, lat), (lon + 0.001, lat + 0.001), (lon, lat)]
+    outline = {"type": "Polygon", "coordinates": [corners]}
+    page.click("#tab-fire")
+    data = json.dumps({"type": "Feature", "properties": {}, "geometry": outline}).encode()
+    page.set_input_files(
+        "#perimeter", {"name": "p.geojson", "mimeType": "application/geo+json", "buffer": data}
+    )
+    wait_for(lambda: len(corrections(fire)) == held + 1, 30, "the perimeter is a correction")
+
+
+def test_missions_are_previewed_and_saved(desktop: tuple[Page, Seen]) -> None:
+    page, _ = desktop
+    page.click("#tab-vehicles")
+    page.get_by_role("button", name="Preview").click()
+    expect(page.locator("#panel-vehicles")).to_contain_text("Lowest height", timeout=10_000)
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Download .plan").click()
+    plan = json.loads(saved.value.path().read_bytes())
+    assert plan["fileType"] == "Plan"
+    assert saved.value.suggested_filename == "hawk.plan"
+
+
+def test_abort_by_button_and_by_keyboard_holds_the_vehicles(
+    desktop: tuple[Page, Seen], fire: Service
+) -> None:
+    page, _ = desktop
+    page.click("#abort")
+    assert orders(fire) == {""}, "one press is not enough"
+    page.click("#abort")
+    wait_for(lambda: orders(fire) == {"hold"}, 30, "all hold")
+    expect(page.locator("#alarms")).to_contain_text("aborted by boss")
+    picture(page, "abort")
+    page.keyboard.press("k")
+    expect(page.locator(".alarm")).to_have_count(0)
+
+    page.get_by_role("button", name="Resume", exact=True).first.click()
+    wait_for(lambda: orders(fire) == {""}, 30, "all fly on")
+    page.focus("#tab-vehicles")
+    page.keyboard.press("Control+Shift+X")
+    wait_for(lambda: orders(fire) == {"hold"}, 30, "all hold again")
+    page.get_by_role("button", name="Resume", exact=True).first.click()
+    wait_for(lambda: orders(fire) == {""}, 30, "all fly on")
+
+
+def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
+    page, _ = desktop
+    page.keyboard.press("?")
+    expect(page.locator("#help")).to_contain_text("ABORT at once")
+    page.keyboard.press("Escape")
+    held = len(corrections(fire))
+    page.keyboard.press("u")
+    page.keyboard.press("3")
+    for key in ("Space", "ArrowRight", "Space", "ArrowDown", "Space"):
+        page.keyboard.press(key)
+        page.wait_for_timeout(50)
+        wait_for(lambda: not page.evaluate("missionMap.isMoving()"), 30, "the map has moved")
+    page.keyboard.press("Enter")
+    wait_for(lambda: len(corrections(fire)) == held + 1, 30, "an area is drawn")
+    drawn = corrections(fire)[-1]
+    assert (drawn["state"], drawn["shape"], len(drawn["points"])) == ("unburned", "polygon", 3)
+    page.keyboard.press("Control+z")
+    wait_for(lambda: len(corrections(fire)) == held, 30, "it is taken back")
+    page.keyboard.press("Escape")
+    page.keyboard.press("h")
+    wait_for(lambda: "hold" in orders(fire), 30, "the chosen one holds")
+    page.keyboard.press("r")
+    wait_for(lambda: orders(fire) == {""}, 30, "it flies on")
+    # Everything can be reached, and where one is can be seen.
+    reached = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.id || document.activeElement.className"))
+        assert page.evaluate(
+            "document.activeElement === document.body"
+            " || getComputedStyle(document.activeElement).outlineStyle !== 'none'"
+        ), page.evaluate("document.activeElement.outerHTML")
+    assert {"abort", "sound", "tab-vehicles", "maplibregl-canvas"} <= reached
+    page.goto("about:blank")  # what nobody looks at need not be drawn
+
+
+def test_who_may_only_look_is_told_why(chromium: Browser, fire: Service) -> None:
+    with page_of(chromium, fire.address, fire.looker, (1024, 700)) as (page, _):
+        for name in ("Burned", "Undo"):
+            button = page.get_by_role("button", name=name, exact=True)
+            expect(button).to_be_disabled()
+            assert 'lacks the role "correct"' in str(button.get_attribute("title"))
+        hold = page.get_by_role("button", name="Hold", exact=True).first
+        expect(hold).to_be_disabled()
+        assert 'lacks the role "fly"' in str(hold.get_attribute("title"))
+        expect(page.locator("#abort")).to_be_enabled()
+
+
+def test_a_tablet_is_drawn_on_with_a_finger_and_moved_with_two(
+    chromium: Browser, fire: Service
+) -> None:
+    with page_of(chromium, fire.address, fire.boss, TABLET, touch=True) as (page, _):
+        held = len(corrections(fire))
+        page.tap("#tools .burning")
+        page.tap("#tools .line")
+        fingers = page.context.new_cdp_session(page)
+
+        def touch(kind: str, *points: tuple[float, float]) -> None:
+            at = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+            fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
+
+        centre = page.evaluate("missionMap.getCenter().toArray()")
+        touch("touchStart", (400, 300))
+        touch("touchStart", (400, 300), (500, 300))
+        touch("touchMove", (440, 340), (540, 340))
+        touch("touchEnd")
+        assert page.evaluate("missionMap.getCenter().toArray()") != centre, "two fingers move"
+        assert len(corrections(fire)) == held, "and draw nothing"
+
+        touch("touchStart", (400, 300))
+        for step in range(1, 8):
+            touch("touchMove", (400 + 12 * step, 300 + 5 * step))
+        touch("touchEnd")
+        wait_for(lambda: len(corrections(fire)) == held + 1, 30, "one finger draws")
+        assert corrections(fire)[-1]["shape"] == "line"
+        page.tap("#tools .undo")
+        wait_for(lambda: len(corrections(fire)) == held, 30, "and takes it back")
+        picture(page, "tablet")
+        assert not small_targets(page)
+        assert not weak_texts(page)
+
+
+def small_targets(page: Page) -> list[str]:
+    """Controls that a thumb would miss."""
+    found: list[str] = page.evaluate(
+        """() => [...document.querySelectorAll("button, select, input:not([type=checkbox])")]
+            .filter((one) => one.checkVisibility())
+            .filter((one) => {
+                const { width, height } = one.getBoundingClientRect();
+                return width < 43.5 || height < 43.5;
+            })
+            .map((one) => one.outerHTML.slice(0, 120))"""
+    )
+    return found
+
+
+def weak_texts(page: Page) -> list[str]:
+    """Texts with less than 7:1 between their colour and what is behind them (WCAG 2.2)."""
+    found: list[str] = page.evaluate(
+        """() => {
+        const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+        const light = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
+            .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+            .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+        const behind = (one) => {
+            for (let at = one; at; at = at.parentElement) {
+                const rgb = numbers(getComputedStyle(at).backgroundColor);
+                if (rgb.length === 3 || rgb[3] > 0.8) return rgb;
+            }
+            return [255, 255, 255];
+        };
+        const weak = [];
+        const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+        while (texts.nextNode()) {
+            const one = texts.currentNode.parentElement;
+            if (!texts.currentNode.data.trim() || !one.checkVisibility()) continue;
+            const [a, b] = [light(numbers(getComputedStyle(one).color)), light(behind(one))];
+            const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+            if (contrast < 7) weak.push(`${contrast.toFixed(1)} ${texts.currentNode.data}`);
+        }
+        return weak;
+    }"""
+    )
+    return found
+
+
+def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
+    chromium: Browser, fire: Service
+) -> None:
+    with page_of(chromium, fire.address, fire.boss, DESKTOP) as (page, seen):
+        fire.process.kill()
+        expect(page.locator(".alarm.severe")).to_contain_text("Service lost", timeout=15_000)
+        expect(page.locator(".alarm.severe")).to_contain_text("old")
+        picture(page, "service-lost")
+        seen.complaints.clear()  # of each try that nobody answered
+
+
+def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_path: Path) -> None:
+    with contextlib.ExitStack() as stack:
+        burn = stack.enter_context(running(tmp_path, BURN, 5))
+        wait_for(lambda: burn.get("burn")["plan_hash"], 120, "a plan is proposed")
+        page, _ = stack.enter_context(page_of(chromium, burn.address, burn.boss, DESKTOP))
+        panel = page.locator("#panel-burn")
+        page.check("#watching")
+        expect(panel).to_contain_text("Least time to fire", timeout=60_000)
+        first = burn.get("burn")["plan_hash"]
+        expect(panel).to_contain_text(first[:12])
+        page.get_by_role("button", name="Reject").click()
+        expect(panel).to_contain_text("No plan is proposed", timeout=10_000)
+
+        page.get_by_role("button", name="Plan the next line").click()
+        second = wait_for(lambda: burn.get("burn")["plan_hash"], 30, "another plan")
+        items = len(burn.get("burn")["leader"]["checklist"]["items"])
+        for i in range(items):
+            page.get_by_role("button", name="GO", exact=True).nth(i).click()
+            expect(page.locator(".go-list li.go")).to_have_count(i + 1)
+        expect(panel).to_contain_text("All GO")
+        page.locator("#panel-burn").evaluate("panel => panel.scrollTo(0, 0)")
+        picture(page, "burn")
+        page.get_by_role("button", name="Approve", exact=True).click()
+        assert burn.get("burn")["leader"]["approved_by"] is None, "one press is not enough"
+        page.get_by_role("button", name=f"Approve {second[:8]}").click()
+        wait_for(
+            lambda: burn.get("burn")["leader"]["approved_by"] == "boss at firing-boss",
+            10,
+            "exactly this plan is approved",
+        )
+        expect(panel).to_contain_text("Approved by boss at firing-boss")
