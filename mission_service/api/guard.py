@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from mission_service.api.answers import MOST_PERIMETER_BYTES, ApiError, error_body
 from mission_service.api.auth import LONGEST_TOKEN, Tokens, Who
 from mission_service.api.limits import Buckets
-from mission_service.api.live import MOST_STREAMS
+from mission_service.api.live import MOST_STREAMS, TooSlowError
 
 ABORT = "/api/v1/abort"
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
@@ -125,10 +125,6 @@ class Guard:
         if wait_s > 0.0:
             again = {"retry-after": str(math.ceil(wait_s))}
             raise ApiError(429, f"too many requests; ask again in {math.ceil(wait_s)} s", again)
-
-
-class TooSlowError(Exception):
-    """Somebody does not read what they asked for."""
 
 
 class _Bounded:

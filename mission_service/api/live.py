@@ -18,7 +18,12 @@ TOLD_EVERY_S = 10.0  # at the latest: a comment, so that both sides notice a dea
 # per cent of a core, and a single one is told within milliseconds.
 PAUSE_S = 0.002
 LEAST_PAUSE_S = 0.004
+END_WITHIN_S = 0.5  # who reads more slowly is cut off
 TOLD_NOTHING = b": \n\n"
+
+
+class TooSlowError(Exception):
+    """Somebody does not read what they asked for."""
 
 
 class Source(Protocol):
@@ -72,7 +77,11 @@ class LiveStream(Response):
             headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
             await send({"type": "http.response.start", "status": 200, "headers": headers})
             await _first_of(self._tell(send), _gone(receive), _set(streams.stopping))
-            await send({"type": "http.response.body", "body": b""})
+            try:
+                async with asyncio.timeout(END_WITHIN_S):
+                    await send({"type": "http.response.body", "body": b""})
+            except TimeoutError:
+                raise TooSlowError from None
         finally:
             streams.count -= 1
 

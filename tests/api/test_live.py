@@ -237,15 +237,15 @@ def test_telemetry_is_there_within_milliseconds(flying: World) -> None:
 
 
 def test_who_does_not_read_is_cut_off_and_holds_no_memory(
-    flying: World, monkeypatch: pytest.MonkeyPatch
+    standing: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard, "SEND_WITHIN_S", 0.4)
     most = 0
 
     async def go() -> None:
         nonlocal most
-        service = served(flying)
-        streams, news = service.app.api.streams, flying.hub.picture
+        service = served(standing)
+        streams, news = service.app.api.streams, standing.hub.picture
         async with listened_to(service) as address:
             _, writer = await stream_of(service, address, limit=1024)
             found = [each for each in gc.get_objects() if isinstance(each, Connection)]
@@ -258,7 +258,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
                 while streams.count:
                     for _ in range(20):
                         news.tell("hawk", "x" * 5000)
-                    flying.hub.ring()
+                    standing.hub.ring()
                     await asyncio.sleep(0.002)
                     most = max(most, buffered())
             assert streams.count == 0

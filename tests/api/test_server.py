@@ -78,18 +78,42 @@ def test_it_ends_within_two_seconds_with_streams_open_and_leaves_signals_alone(
             address = await stack.enter_async_context(listened_to(service))
             assert handlers() == before
             reader, writer = await stream_of(service, address)
+            all_of_it = asyncio.create_task(reader.read())
             # One that sends nothing, and one that has sent half a request.
             opened = [await asyncio.open_connection(*address) for _ in range(2)]
             opened[1][1].write(b"GET / HTTP/1.1\r\n")
             began_s = time.monotonic()
             await stack.aclose()
             took_s = time.monotonic() - began_s
-        assert (await reader.read()).endswith(b"\r\n0\r\n\r\n")  # the stream ended in order
+        assert (await all_of_it).endswith(b"\r\n0\r\n\r\n")  # the stream ended in order
         for each in (writer, opened[0][1], opened[1][1]):
             each.close()
         return took_s
 
     assert asyncio.run(go()) < 2.0
+
+
+def test_a_stream_that_nobody_reads_does_not_hold_the_end_up(
+    standing: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def go() -> float:
+        service = served(standing)
+        async with contextlib.AsyncExitStack() as stack:
+            address = await stack.enter_async_context(listened_to(service))
+            _, writer = await stream_of(service, address, limit=1024)
+            writer.transport.pause_reading()  # type: ignore[attr-defined]
+            for number in range(60):  # more than the kernel takes
+                standing.hub.picture.tell("hawk", f"{number} " + "x" * 200_000)
+            standing.hub.ring()
+            await asyncio.sleep(0.1)
+            began_s = time.monotonic()
+            await stack.aclose()
+            took_s = time.monotonic() - began_s
+            writer.transport.abort()
+        return took_s
+
+    assert asyncio.run(go()) < 2.0
+    assert caplog.text == ""
 
 
 def test_what_is_no_http_is_answered_like_all_else(flying: World) -> None:
