@@ -105,6 +105,12 @@ class Fire(ABC):
         """Which cells burn or have burned by now (y, x)."""
         return self.arrival_time_s <= self.time_s
 
+    @property
+    def burned_ha(self) -> float:
+        """The area burned by now, in whole cells."""
+        cells = int(np.count_nonzero(self.burned()))
+        return cells * self.landscape.cell_size_m**2 / 1e4
+
     def state_at(self, time_s: float) -> NDArray[np.int8]:
         """State of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 

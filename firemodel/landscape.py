@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -201,6 +202,11 @@ class Landscape:
         """Projected x, y in metres of WGS84 coordinates."""
         x_m, y_m = transformers(self.crs)[1].transform(lon_deg, lat_deg)
         return x_m, y_m
+
+    def xy_of_places(self, places: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
+        """Projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
+        lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
+        return np.column_stack(self.xy_of_lat_lon(lat, lon))
 
     def contains(self, x_m: float, y_m: float) -> bool:
         """Whether a point lies on the grid."""

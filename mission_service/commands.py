@@ -9,6 +9,7 @@ from mission_service.burn.plan import IgnitionPlan
 from mission_service.formation.messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
+Level = Literal["info", "warning"]
 
 
 class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
@@ -76,7 +77,7 @@ class Announce(Command, frozen=True, tag=True):
     """A line for the operator."""
 
     text: str
-    level: Literal["info", "warning"] = "info"
+    level: Level = "info"
 
 
 class Say(Command, frozen=True, tag=True):

@@ -69,7 +69,7 @@ class Scenario(Section):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
         if (self.weather_file is None) == (not self.weather):
             raise ValueError("it needs either weather entries or a weather_file")
-        lit = self.ignition or (self.burn is not None and self.planner.rule == "burn")
+        lit = self.ignition or self.burn_flown is not None
         if not (lit or self.fire.perimeter or self.fire.arrival):
             raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
         if self.only is not None and self.only not in names:
@@ -87,6 +87,11 @@ class Scenario(Section):
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
         return self
+
+    @property
+    def burn_flown(self) -> BurnSection | None:
+        """The burn, if it is what this scenario flies."""
+        return self.burn if self.planner.rule == "burn" else None
 
     @property
     def flown(self) -> tuple[VehicleSection, ...]:
@@ -185,26 +190,23 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
     for override in overrides:
         _apply(data, override)
     service = data.pop("service", {})
-    return parse_scenario(data, path), _parse_service(service, path)
+    at = ("service",)
+    settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
+    return parse_scenario(data, path), settings
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
     """Check a scenario given as a dictionary; relative paths count from the file."""
-    try:
-        scenario = Scenario.model_validate(data)
-    except ValidationError as error:
-        raise ScenarioError(f"{path}: {_in_words(error)}") from None
-    found: Scenario = _with_paths(_in_layers(scenario), path, ())
+    found: Scenario = _with_paths(_in_layers(_checked(Scenario, data, path)), path, ())
     return found
 
 
-def _parse_service(data: Any, path: Path) -> ServiceSection:
+def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
+    """What stands at these keys of the file."""
     try:
-        service = ServiceSection.model_validate(data)
+        return kind.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(f"{path}: service.{_in_words(error)}") from None
-    found: ServiceSection = _with_paths(service, path, ("service",))
-    return found
+        raise ScenarioError(f"{path}: {'.'.join((*keys, _in_words(error)))}") from None
 
 
 def _in_layers(scenario: Scenario) -> Scenario:

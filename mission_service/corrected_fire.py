@@ -18,7 +18,7 @@ from firemodel.fire import Burning, Fire
 from firemodel.landscape import Landscape
 from firemodel.rasterise import cells_of
 from firemodel.weather import WeatherStream
-from mission_service.correction_log import CorrectionLog, Held, erases, marks_held
+from mission_service.correction_log import CorrectionLog, Held, marks_held, not_erased
 from mission_service.events import (
     Corrected,
     CrewEvent,
@@ -125,8 +125,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
     """The cells (n, 2) of a stroke, less those that were erased."""
     told = held.correction
-    lat, lon = np.array(told.points, dtype=float).T
-    places = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    places = landscape.xy_of_places(told.points)
     shape: BaseGeometry = shapely.Point(places[0])
     if told.shape == "line":
         shape = shapely.LineString(places)
@@ -134,9 +133,5 @@ def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
         area = shapely.Polygon(places)
         shape = area.exterior if told.state == "burning" else area
     cells = cells_of([shape], landscape)
-    if not held.erasures:
-        return cells
-    x_m, y_m = landscape.xy_of(cells[:, 0].astype(float), cells[:, 1].astype(float))
-    centres = zip(*landscape.lat_lon_of(x_m, y_m), strict=True)
-    kept = [not any(erases(erasure, *at) for erasure in held.erasures) for at in centres]
-    return cells[kept]
+    centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
+    return cells[not_erased(centres_m, held.erasures, landscape)]

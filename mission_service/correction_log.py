@@ -82,8 +82,7 @@ class CorrectionLog:
 
 def marks_of_correction(told: Corrected, landscape: Landscape, spacing_m: float) -> Floats:
     """Marks (n, 4) x, y, at_s, state of what was drawn. Raises FireModelError."""
-    lat, lon = np.array(told.points, dtype=float).T
-    places = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    places = landscape.xy_of_places(told.points)
     at_s, state = told.marked_at_us / 1e6, STATES[told.state]
     return marks_of(told.shape, places, at_s, state, spacing_m)
 
@@ -93,10 +92,18 @@ def marks_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> 
     found = [np.empty((0, 4))]
     for each in held:
         marks = marks_of_correction(each.correction, landscape, spacing_m)
-        places = zip(*landscape.lat_lon_of(marks[:, 0], marks[:, 1]), strict=True)
-        kept = [not any(erases(erasure, *at) for erasure in each.erasures) for at in places]
-        found.append(marks[kept])
+        found.append(marks[not_erased(marks[:, :2], each.erasures, landscape)])
     return np.vstack(found)
+
+
+def not_erased(
+    places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
+) -> NDArray[np.bool_]:
+    """Which of some places (n, 2) x, y lie in no circle of an erasure."""
+    places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
+    return np.array(
+        [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
+    )
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:

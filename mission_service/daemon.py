@@ -29,7 +29,7 @@ from mission_service.planning import BURN, FORMATION
 from mission_service.record import Record
 from mission_service.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
 from mission_service.resume import Unfinished, resumed, set_aside, unfinished
-from mission_service.service import Service, unheard
+from mission_service.service import Progress, Service, unheard, unshown
 from mission_service.service_config import ServiceSection
 from mission_service.state_file import Known
 from mission_service.watchman import Watchman
@@ -37,7 +37,6 @@ from mission_service.world import FireWorld, world_of
 
 STATUS_EVERY_S = 0.2
 
-Progress = Callable[[Record, FireWorld], None]
 # A door to the hub: an interface that runs beside the vehicles until it is cancelled.
 Door = Callable[[Hub], Coroutine[Any, Any, None]]
 
@@ -63,10 +62,6 @@ class Run:
 
 def unwatched() -> None:
     """Nothing else has to go on."""
-
-
-def unshown(record: Record, world: FireWorld) -> None:
-    """Progress that nobody looks at."""
 
 
 def untold(address: str) -> None:
@@ -97,7 +92,7 @@ async def serve(
         if service is None:
             early.append((vehicle, text))
         else:
-            service.warn(vehicle, text)
+            service.announce(vehicle, text)
 
     async with contextlib.AsyncExitStack() as stack:
         # Ports and socket first: what is in use already must not cost an earlier run its journal.
@@ -109,13 +104,7 @@ async def serve(
         known = Known(scenario, landscape)
         cut_off = unfinished(run.journal_path, known, scenario) if run.goes_on else None
         down_from_s = last_written_s(run.journal_path) if cut_off else 0.0
-        kept = None if cut_off else set_aside(run.journal_path, scenario)
-        if kept is not None:
-            words = f"the journal of an earlier burn is kept as {kept.name}; this is a new one"
-            tell("service", words)
-        rest = None if cut_off is None else cut_off.rest()
-        header = header_of(scenario, known.landscape, run.created)
-        journal = Journal(run.journal_path, header, durable=True, rest=rest)
+        journal = _journal_of(run, known, cut_off, tell)
         stack.callback(journal.close)
         gateways = {name: link.gateway for name, link in links.items()}
         latest_us = round(scenario.duration_s * 1e6)
@@ -160,15 +149,7 @@ async def serve(
             group.create_task(asyncio.to_thread(import_module, "firemodel.corrected_cells"))
             while not stop.is_set() and clock.now_us < latest_us:
                 watch()
-                watchman.look(clock_us())
-                for name, line in silence.news(clock_us()):
-                    tell(name, line)
-                    picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
-                for name, line in _refusals(links):
-                    tell(name, line)
-                clock.wall_passed(clock_us())
-                world.advance(clock.now_us)
-                _look_around(hub)
+                _look_around(hub, watchman, silence)
                 progress(record, world)
                 hub.ring()
                 with contextlib.suppress(TimeoutError):
@@ -202,6 +183,18 @@ def _warm_up(scenario: Scenario, landscape: Landscape) -> None:
         from mission_service.planners.warm_up import warm_up as warm_up_planners
 
         warm_up_planners(scenario, landscape)
+
+
+def _journal_of(
+    run: Run, known: Known, cut_off: Unfinished | None, tell: Callable[[str, str], None]
+) -> Journal:
+    """The journal that is gone on with, or a new one; an earlier burn's is kept."""
+    kept = None if cut_off else set_aside(run.journal_path, run.scenario)
+    if kept is not None:
+        tell("service", f"the journal of an earlier burn is kept as {kept.name}; this is a new one")
+    rest = None if cut_off is None else cut_off.rest()
+    header = header_of(run.scenario, known.landscape, run.created)
+    return Journal(run.journal_path, header, durable=True, rest=rest)
 
 
 def _begun(
@@ -269,7 +262,7 @@ def desk_of(
     scenario: Scenario, service: Service, clock: MissionClock, links: dict[str, Link]
 ) -> Desk:
     """Where people's requests are taken; what they lead to leaves at once."""
-    burn = scenario.burn if scenario.planner.rule == BURN else None
+    burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)
     items = () if burn is None else burn.go_items
 
@@ -309,8 +302,17 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
     ]
 
 
-def _look_around(hub: Hub) -> None:
-    """Who has been heard by now."""
+def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
+    """What shows only with time: who is silent or not believed, and how the fire burns on."""
+    now_us = clock_us()
+    watchman.look(now_us)
+    for name, line in silence.news(now_us):
+        hub.service.announce(name, line)
+        hub.picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
+    for name, line in _refusals(hub.links):
+        hub.service.announce(name, line)
+    hub.clock.wall_passed(now_us)
+    hub.world.advance(hub.clock.now_us)
     for name in [name for name in hub.not_ready if name in hub.links and hub.links[name].heard]:
         del hub.not_ready[name]
 

@@ -18,16 +18,13 @@ from mission_service.config import Scenario, flying, load_scenario, scenario_pat
 from mission_service.config_sections import VehicleSection
 from mission_service.daemon import Run, serve
 from mission_service.errors import MissionServiceError, ScenarioError
-from mission_service.fire_setup import landscape_of
+from mission_service.fire_setup import home_of, landscape_of
 from mission_service.formation_flight import waits_at
 from mission_service.formation_seats import Formation
 from mission_service.orbits import Circle, first_mission
 from mission_service.outputs import write_outputs
 from mission_service.planning import FORMATION
-from mission_service.record import Record
-from mission_service.world import FireWorld
-
-Progress = Callable[[Record, FireWorld], None]
+from mission_service.service import Progress
 
 
 def run_demo(
@@ -104,7 +101,9 @@ def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[st
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)
     items = _first_mission(scenario, section, landscape)
-    x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
-    home = (section.home_lat_deg, section.home_lon_deg, float(landscape.elevation_at(x_m, y_m)))
-    write_any(output, Plan(items, home=home), stack_named(section.stack, section.kind))
+    write_any(
+        output,
+        Plan(items, home=home_of(section, landscape)),
+        stack_named(section.stack, section.kind),
+    )
     return len(items)

@@ -1,9 +1,7 @@
 """What comes of all that other processes of a formation say."""
 
 from collections.abc import Callable
-from typing import Literal
 
-from mission_service.commands import Announce
 from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import MissionClock
 from mission_service.service import Service
@@ -37,6 +35,4 @@ class Ears:
 
     def tell(self, text: str, warning: bool) -> None:
         """A line for the user."""
-        level: Literal["info", "warning"] = "warning" if warning else "info"
-        record = self._service.record
-        record.news.append((record.at_us, Announce("formation", text, level)))
+        self._service.announce("formation", text, "warning" if warning else "info")

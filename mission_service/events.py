@@ -3,7 +3,7 @@
 ``at_us`` is mission time in integer microseconds; 0 is the time of ignition of the scenario.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -296,6 +296,15 @@ class SettingsTold(Crew, frozen=True, tag=True):
     alpha: float | None = None
     reversal_margin: float | None = None
     dwell_s: float | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Those that are given, by their names."""
+        told = {name: getattr(self, name) for name in TUNED}
+        return {name: value for name, value in told.items() if value is not None}
+
+
+TUNED = ("alpha", "reversal_margin", "dwell_s")
 
 
 CrewEvent = (

@@ -185,20 +185,20 @@ def taken_back(
 
     ``burned`` is in cells on 360 bearings from ``centre`` (row, col).
     """
-    rows = np.rint(centre[0] - burned * NORTH).astype(np.int64) - row
-    cols = np.rint(centre[1] + burned * EAST).astype(np.int64) - col
-    within = (rows >= 0) & (rows < window.shape[0]) & (cols >= 0) & (cols < window.shape[1])
-    unburned = np.zeros(BEARINGS, dtype=bool)
-    unburned[within] = window[rows[within], cols[within]] == UNBURNED
+
+    def unburned_at(out: Floats, north: Floats, east: Floats) -> NDArray[np.bool_]:
+        rows = np.rint(centre[0] - out * north).astype(np.int64) - row
+        cols = np.rint(centre[1] + out * east).astype(np.int64) - col
+        found = (rows >= 0) & (rows < window.shape[0]) & (cols >= 0) & (cols < window.shape[1])
+        found[found] = window[rows[found], cols[found]] == UNBURNED
+        return np.asarray(found)
+
+    unburned = unburned_at(burned, NORTH, EAST)
     # From there inwards to the first cell that the window does not have unburned.
     least = burned.copy()
     for bearing in np.flatnonzero(unburned).tolist():
         out = np.arange(burned[bearing], -0.5, -0.5)
-        rows = np.rint(centre[0] - out * NORTH[bearing]).astype(np.int64) - row
-        cols = np.rint(centre[1] + out * EAST[bearing]).astype(np.int64) - col
-        on = (rows >= 0) & (rows < window.shape[0]) & (cols >= 0) & (cols < window.shape[1])
-        on[on] = window[rows[on], cols[on]] == UNBURNED
-        ends = np.flatnonzero(~on)
+        ends = np.flatnonzero(~unburned_at(out, NORTH[bearing], EAST[bearing]))
         least[bearing] = out[ends[0]] if ends.size else 0.0
     return unburned, least
 

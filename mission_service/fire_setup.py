@@ -15,7 +15,7 @@ from firemodel.landscape import Landscape
 from firemodel.rothermel import Moisture
 from firemodel.weather import Weather, WeatherStream
 from mission_service.config import Scenario
-from mission_service.config_sections import Ignition, LandscapeSection, WeatherFile
+from mission_service.config_sections import Ignition, LandscapeSection, VehicleSection, WeatherFile
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth, after which it is looked at whether anything still burns
@@ -36,6 +36,12 @@ def landscape_of(scenario: Scenario) -> Landscape:
         shapes = [shape for path in section.barriers for shape in read_shapes(path, found)]
         found = with_barriers(found, shapes)
     return found
+
+
+def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float, float]:
+    """A vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
+    place = (section.home_lat_deg, section.home_lon_deg)
+    return *place, float(landscape.elevation_at(*landscape.xy_of_lat_lon(*place)))
 
 
 def _from_rasters(section: LandscapeSection) -> Landscape:
@@ -101,8 +107,7 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
     """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
     from firemodel.rasterise import cells_of
 
-    lat, lon = np.array(points, dtype=float).T
-    places = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    places = landscape.xy_of_places(points)
     shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
     found = cells_of([shape], landscape)
     burns = ~np.isin(landscape.fuel_model[tuple(found.T)], list(NON_BURNABLE))

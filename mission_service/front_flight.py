@@ -218,6 +218,4 @@ class FrontFlight:
 
 
 def _in_words(told: SettingsTold) -> str:
-    names = ("alpha", "reversal_margin", "dwell_s")
-    given = [(name, getattr(told, name)) for name in names]
-    return ", ".join(f"{name} = {value:g}" for name, value in given if value is not None)
+    return ", ".join(f"{name} = {value:g}" for name, value in told.given.items())

@@ -3,23 +3,26 @@
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from autopilot_bridge.items import Items
 from firemodel.landscape import Landscape
+from firemodel.weather import Weather
 from mission_service.config import Scenario
 from mission_service.control import Desk
 from mission_service.core import Core
 from mission_service.front_flight import FrontFlight
 from mission_service.gateway import MissionClock
 from mission_service.links import Link
-from mission_service.mission_figures import figures_of
-from mission_service.picture import Mission, Picture, item_state, mission_hash
+from mission_service.mission_figures import Figures, figures_of
+from mission_service.picture import DropState, Picture
 from mission_service.record import Record
 from mission_service.service import Service
 from mission_service.service_config import ServiceSection
 from mission_service.world import FireWorld
+
+if TYPE_CHECKING:
+    from mission_service.burn.fire_state import BelievedFire
 
 
 class Hub:
@@ -87,13 +90,26 @@ class Hub:
 
     def fire(self) -> dict[str, Any]:
         """The fire in figures."""
-        fire = self.world.fire
-        burned = int(np.count_nonzero(fire.arrival_time_s <= fire.time_s))
-        area_ha = burned * self.landscape.cell_size_m**2 / 1e4
-        return self.picture.fire(area_ha, self.world.corrections())
+        return self.picture.fire(self.world.fire.burned_ha, self.world.corrections())
 
-    def preview(self, vehicle: str) -> dict[str, Any] | None:
-        """The mission a vehicle would be sent now, in figures; nothing is changed by asking.
+    @property
+    def believed(self) -> "BelievedFire | None":
+        """The fire that a burn's plans are made on; None where nothing is burned on purpose."""
+        if self.scenario.burn_flown is None:
+            return None
+        from mission_service.burn_flight import BurnFlight  # not for all who start
+
+        leader = self.core.leader
+        assert isinstance(leader, BurnFlight)
+        return leader.state.fire
+
+    def weather(self) -> Weather:
+        """What is reckoned with now, as the scenario has it or people have told."""
+        at_s, believed = self.clock.now_us / 1e6, self.believed
+        return self.world.fire.weather.at(at_s) if believed is None else believed.weather_at(at_s)
+
+    def preview(self, vehicle: str) -> tuple[Items, Figures] | None:
+        """The mission a vehicle would be sent now, and its figures; asking changes nothing.
 
         None where there is nothing to preview: it was not heard, or its rule makes no missions.
         """
@@ -105,21 +121,19 @@ class Hub:
         if items is None:
             return None
         start_m = (here.x_m, here.y_m) if known.presence.airborne else None
-        states = tuple(item_state(item) for item in items)
-        named = mission_hash(items)
-        at_us, why = self.picture.at_us, "preview"
-        mission = Mission(0, at_us, why, why, "", named, states)
-        return {
-            "mission": mission,
-            "figures": figures_of(items, self.landscape, known.section, start_m),
-        }
+        return items, figures_of(items, self.landscape, known.section, start_m)
 
     def burn(self) -> dict[str, Any] | None:
         """Where a burn stands: the leader, the interlock, unit, plan and drops; None without."""
-        burn = self.scenario.burn
-        if burn is None or self.scenario.planner.rule != "burn":
+        burn = self.scenario.burn_flown
+        if burn is None:
             return None
         picture = self.picture
+        drops = [
+            DropState(drop.at_us, name, drop.plan_hash, drop.number, *drop.place, drop.outcome)
+            for name, vehicle in self.record.vehicles.items()
+            for drop in vehicle.drops
+        ]
         return {
             "schema": "burn/1",
             "at_us": self.clock.now_us,
@@ -129,5 +143,5 @@ class Hub:
             "stations": [station.model_dump() for station in burn.stations],
             "plan": picture.plan,
             "plan_hash": picture.plan_hash,
-            "drops": picture.drops,
+            "drops": drops,
         }

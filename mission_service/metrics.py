@@ -16,6 +16,7 @@ from prometheus_client.registry import Collector
 from mission_service import __version__
 from mission_service.clocks import last_written_s, wall_us
 from mission_service.hub import Hub
+from mission_service.segments import closed_segments, newest_state
 
 PREFIX = "mission_service_"
 # Name without the prefix: help, labels. Those that end in _total only grow.
@@ -96,14 +97,14 @@ def _of_run(hub: Hub) -> Iterable[tuple[str, Samples]]:
     yield "fire_area_hectares", [((), hub.fire()["area_ha"])]
     yield "fire_changes_total", [((), picture.fire_version - 1)]
     yield "journal_bytes", [((), _bytes_of(hub.journal_path))]
-    state = hub.journal_path.with_suffix(".state")
+    state = newest_state(hub.journal_path)
     if state.exists():
         yield "state_age_seconds", [((), wall_us() / 1e6 - last_written_s(state))]
 
 
 def _bytes_of(journal: Path) -> int:
     """Of the piece that is written and of those before it."""
-    pieces = [journal, *journal.parent.glob(f"{journal.stem}-*{journal.suffix}")]
+    pieces = [journal, *closed_segments(journal).values()]
     return sum(piece.stat().st_size for piece in pieces if piece.exists())
 
 
@@ -128,7 +129,7 @@ def _of_vehicles(hub: Hub) -> dict[str, Samples]:
         say("reversals_total", (name,), state.reversals)
         say("uploads_total", (name, "accepted"), state.uploads_accepted)
         say("uploads_total", (name, "failed"), state.uploads_failed)
-        if hub.scenario.planner.rule == "burn":
+        if hub.scenario.burn_flown is not None:
             say("drops_total", (name, "done"), state.drops_done)
             say("drops_total", (name, "refused"), state.drops_refused)
             say("drops_total", (name, "unknown"), state.drops_unknown)

@@ -34,12 +34,11 @@ def front_times_s(end_s: float) -> list[float]:
 def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]:
     """The run in figures."""
     closest = record.closest
-    burned = int(np.count_nonzero(fire.arrival_time_s <= fire.time_s))
     return {
         "scenario": scenario.name,
         "seed": scenario.seed,
         "mission_time_s": record.at_us / 1e6,
-        "burned_area_ha": burned * fire.landscape.cell_size_m**2 / 1e4,
+        "burned_area_ha": fire.burned_ha,
         "telemetry": record.telemetry,
         "observations": record.observations,
         "closest_pair_m": None if closest is None else round(closest.distance_m, 1),

@@ -243,7 +243,6 @@ class Picture:
         self.cleared: deque[Alarm] = deque(maxlen=MOST_CLEARED)
         self.news: deque[NewsLine] = deque(maxlen=MOST_NEWS)
         self.news_id = 0
-        self.drops: list[DropState] = []
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.fire_version = 1  # grows when people change the fire
@@ -462,10 +461,6 @@ class Picture:
                 vehicle.drops_refused += 1
             case _:
                 vehicle.drops_unknown += 1
-        for drop in reversed(self.drops):
-            if (drop.plan_hash, drop.number) == (event.plan_hash, event.number):
-                drop.outcome = event.outcome
-                break
         self._touch("burn")
 
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
@@ -502,10 +497,6 @@ class Picture:
                 self._touch("burn")
                 return
             case Drop():
-                place = (command.lat_deg, command.lon_deg)
-                self.drops.append(
-                    DropState(self.at_us, name, command.plan_hash, command.number, *place)
-                )
                 self._touch("burn")
                 return
             case _:

@@ -42,6 +42,11 @@ class DropRecord:
     lon_deg: float
     outcome: str = "ordered"
 
+    @property
+    def place(self) -> tuple[float, float]:
+        """Latitude and longitude in degrees."""
+        return self.lat_deg, self.lon_deg
+
 
 @dataclass
 class VehicleRecord:

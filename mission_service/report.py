@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -22,16 +21,9 @@ def clock_text(at_us: int) -> str:
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
-def burned_ha(world: FireWorld) -> float:
-    """Burned area of the true fire."""
-    fire = world.fire
-    burned = np.count_nonzero(fire.arrival_time_s <= fire.time_s)
-    return float(burned) * world.landscape.cell_size_m**2 / 1e4
-
-
 def status_lines(record: Record, world: FireWorld) -> list[str]:
     """One line a vehicle: fire size, direction, reversals, uploads."""
-    fire = f"fire {burned_ha(world):6.0f} ha"
+    fire = f"fire {world.fire.burned_ha:6.0f} ha"
     lines = []
     for name, vehicle in record.vehicles.items():
         accepted = vehicle.uploads["accepted"]

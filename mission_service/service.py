@@ -18,7 +18,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.burn.interlock import Interlock
 from mission_service.burn.mission import has_drop
-from mission_service.commands import Announce, AnyCommand, Drop, Say, UploadMission
+from mission_service.commands import Announce, AnyCommand, Drop, Level, Say, UploadMission
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
 from mission_service.core import Core
@@ -66,6 +66,13 @@ KEPT = (
     "_said_yes",
     "_camera_due_us",
 )
+
+
+Progress = Callable[[Record, FireWorld], None]
+
+
+def unshown(record: Record, world: FireWorld) -> None:
+    """Progress that nobody looks at."""
 
 
 def unheard(message: AnyMessage) -> None:
@@ -214,11 +221,11 @@ class Service:
         for name in KEPT:
             setattr(self, name, kept[name])
 
-    def warn(self, vehicle: str, text: str) -> None:
+    def announce(self, about: str, text: str, level: Level = "warning") -> None:
         """Tell the user of something beside the journal."""
-        self.record.news.append((self.record.at_us, Announce(vehicle, text, "warning")))
+        self.record.news.append((self.record.at_us, Announce(about, text, level)))
         if self.picture is not None:
-            self.picture.tell(vehicle, text, "warning")
+            self.picture.tell(about, text, level)
 
     def _owe(self, window: Window | None) -> None:
         if window is not None:

@@ -16,22 +16,17 @@ from mission_service.config import Scenario
 from mission_service.config_sections import LinkSection, VehicleSection
 from mission_service.core import Core
 from mission_service.events import CrewEvent
-from mission_service.fire_setup import landscape_of, weather_of
+from mission_service.fire_setup import home_of, landscape_of, weather_of
 from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.journal import Journal, header_of
 from mission_service.picture import Picture
 from mission_service.record import Record
-from mission_service.service import Service
+from mission_service.service import Progress, Service, unshown
 from mission_service.world import FireWorld, world_of
 
 PROGRESS_EVERY_US = 60_000_000
 
 Crew = Callable[[int, Core], list[CrewEvent]]
-Progress = Callable[[Record, FireWorld], None]
-
-
-def unshown(record: Record, world: FireWorld) -> None:
-    """Progress that nobody looks at."""
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
@@ -47,13 +42,13 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
     """The mock autopilot of a vehicle, standing at its home."""
-    x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    home_lat_deg, home_lon_deg, home_altitude_amsl_m = home_of(section, landscape)
     return MockAutopilot(
         stack_named(section.stack, section.kind),
         system_id=section.system_id,
-        home_lat_deg=section.home_lat_deg,
-        home_lon_deg=section.home_lon_deg,
-        home_altitude_amsl_m=float(landscape.elevation_at(x_m, y_m)),
+        home_lat_deg=home_lat_deg,
+        home_lon_deg=home_lon_deg,
+        home_altitude_amsl_m=home_altitude_amsl_m,
         airspeed_m_s=section.airspeed_m_s,
     )
 

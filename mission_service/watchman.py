@@ -48,16 +48,15 @@ class Watchman:
         self._looked_us: int | None = None
         self._near_due_us = 0
         self._near: set[str] = set()
-        self.late_us = 0  # how late the last look was
 
     def look(self, now_us: int) -> None:
         """Look around; ``now_us`` is the machine's clock."""
         picture = self._picture
         if self._looked_us is not None:
-            self.late_us = max(now_us - self._looked_us - self._every_us, 0)
-            if self.late_us >= LATE_US:
-                severity: Severity = "severe" if self.late_us >= LATE_SEVERE_US else "warning"
-                text = f"the service was held up for {self.late_us / 1e6:.1f} s"
+            late_us = now_us - self._looked_us - self._every_us
+            if late_us >= LATE_US:
+                severity: Severity = "severe" if late_us >= LATE_SEVERE_US else "warning"
+                text = f"the service was held up for {late_us / 1e6:.1f} s"
                 picture.alarm("late", text, severity)
             else:
                 picture.clear("late")

@@ -13,7 +13,6 @@ from mission_service.api.context import Api
 from mission_service.api.described import V1, body, file, json, route, struct
 from mission_service.api.perimeter import corrections_of
 from mission_service.api.states import Told
-from mission_service.fire_setup import weather_of
 from mission_service.maps import fronts, overlay, perimeters_out
 from mission_service.maps.perimeters_in import LARGEST_BYTES, read_perimeter
 from mission_service.planning import BURN
@@ -267,6 +266,5 @@ def _words(routes: APIRouter, api: Api) -> None:
     )
     async def weather() -> Response:
         hub = api.hub
-        entry = weather_of(hub.scenario).at(hub.clock.now_us / 1e6)
         told = hub.picture.wind_told
-        return answer({"at_us": hub.clock.now_us, "weather": entry, "wind_told": told})
+        return answer({"at_us": hub.clock.now_us, "weather": hub.weather(), "wind_told": told})

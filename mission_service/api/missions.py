@@ -8,7 +8,6 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from autopilot_bridge.check import check
 from autopilot_bridge.items import Items, MissionItem, Plan
 from autopilot_bridge.planfile import write_plan
 from autopilot_bridge.stacks import stack_named
@@ -17,10 +16,11 @@ from mission_service.api import examples
 from mission_service.api.answers import ApiError, answer, asked
 from mission_service.api.context import Api
 from mission_service.api.described import V1, body, json, route, struct
-from mission_service.api.mission_difference import difference_of, farthest_m
-from mission_service.api.states import Figures, Preview, Told
+from mission_service.api.mission_difference import difference_of
+from mission_service.api.states import Preview, Told
+from mission_service.fire_setup import home_of
 from mission_service.hub import Hub
-from mission_service.picture import Mission, MissionState, mission_hash
+from mission_service.picture import Mission, MissionState, item_state, mission_hash
 
 WORDS: dict[str, tuple[type[requests.Request], str, dict[str, Any]]] = {
     "renew": (requests.Renew, "Plan a new mission and send it now.", {}),
@@ -63,34 +63,17 @@ def preview_of(hub: Hub, name: str) -> Preview:
         raise ApiError(
             409, f"{name}: there is nothing to fly yet, or the rule {rule} has no missions"
         )
-    mission, told = found["mission"], found["figures"]
-    section = hub.core.vehicles[name].section
+    items, figures = found
+    shown = tuple(item_state(item) for item in items)
     on_board = hub.picture.missions[name].on_board
-    stack = stack_named(section.stack, section.kind)
-    figures = Figures(
-        told["items"],
-        told["length_m"],
-        told["duration_s"],
-        told["least_height_agl_m"],
-        told["least_height_lat_deg"],
-        told["least_height_lon_deg"],
-        told["most_altitude_amsl_m"],
-        farthest_m(mission.items, section.home_lat_deg, section.home_lon_deg),
-        not told["stays_on_map"],
-        [str(problem) for problem in check(items_of(mission), stack)],
-    )
-    difference = difference_of(() if on_board is None else on_board.items, mission.items)
-    named = mission.mission_hash
-    return Preview(hub.clock.now_us, name, named, mission.items, figures, difference)
+    difference = difference_of(() if on_board is None else on_board.items, shown)
+    return Preview(hub.clock.now_us, name, mission_hash(items), shown, figures, difference)
 
 
 def plan_file(items: Items, hub: Hub, name: str) -> bytes:
     """A QGroundControl .plan file."""
     section = hub.core.vehicles[name].section
-    land = hub.landscape
-    x_m, y_m = land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
-    ground_m = 0.0 if land.elevation_m is None else float(land.elevation_at(x_m, y_m))
-    home = (section.home_lat_deg, section.home_lon_deg, ground_m)
+    home = home_of(section, hub.landscape)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mission.plan"
         write_plan(path, Plan(items, home=home), stack_named(section.stack, section.kind))

@@ -9,11 +9,10 @@ from mission_service.api.answers import answer
 from mission_service.api.context import Api
 from mission_service.api.described import V1, body, json, route, struct
 from mission_service.api.states import Told
+from mission_service.events import TUNED
 from mission_service.hub import Hub
 from mission_service.planners.perimeter import PerimeterPlanner
 from mission_service.requests import Settings
-
-TUNED = ("alpha", "reversal_margin", "dwell_s")
 
 
 def planner_of(hub: Hub) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import msgspec
 
 from mission_service.api.auth import Role
 from mission_service.hub import Hub
+from mission_service.mission_figures import Figures
 from mission_service.picture import (
     Alarm,
     ItemState,
@@ -70,21 +71,6 @@ class State(msgspec.Struct):
     landscape: Land
     rule: str
     planner: dict[str, Any]
-
-
-class Figures(msgspec.Struct):
-    """A mission in figures; heights over the landscape's ground, at the lowest it allows."""
-
-    items: int
-    length_m: float
-    duration_s: float
-    least_height_agl_m: float
-    least_height_lat_deg: float
-    least_height_lon_deg: float
-    highest_amsl_m: float
-    farthest_from_home_m: float
-    outside_landscape: bool
-    problems: list[str]
 
 
 class Difference(msgspec.Struct):

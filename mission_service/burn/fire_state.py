@@ -1,7 +1,6 @@
 """What is believed of the fire in a burn: what was lit, the wind, and what was corrected."""
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +19,6 @@ from mission_service.events import (
     Erased,
     Lit,
     Observed,
-    Place,
     Redone,
     Undone,
     WindTold,
@@ -61,7 +59,9 @@ class BelievedFire:
         self._fitted: GaussianCorrected | None = None
         self._whole = 0  # marks at the last fit that began from nothing
         for line in burn.lit:
-            self._sources = np.vstack([self._sources, _sources(self._xy(line.points), line.at_s)])
+            self._sources = np.vstack(
+                [self._sources, _sources(self._landscape.xy_of_places(line.points), line.at_s)]
+            )
 
     @property
     def simulation(self) -> Simulation:
@@ -113,7 +113,9 @@ class BelievedFire:
         before = self.version
         match event:
             case Lit():
-                self.ignite(_sources(self._xy(event.points), event.lit_at_us / 1e6))
+                self.ignite(
+                    _sources(self._landscape.xy_of_places(event.points), event.lit_at_us / 1e6)
+                )
             case Corrected() | Erased() | Undone() | Redone():
                 if isinstance(event, Corrected):
                     # What cannot be drawn is not taken.
@@ -178,10 +180,6 @@ class BelievedFire:
         """One fit begins where the last one ended: so none may depend on who has asked when."""
         self._simulation = self._corrected(self.base) if len(self._marks) else None
         self.version += 1
-
-    def _xy(self, places: Sequence[Place]) -> Floats:
-        lat, lon = np.array(places, dtype=float).T
-        return np.column_stack(self._landscape.xy_of_lat_lon(lat, lon))
 
 
 def _sources(points_m: Floats, at_s: float) -> Floats:

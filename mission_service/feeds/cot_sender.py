@@ -5,7 +5,6 @@ Nothing waits for who listens: each round sends what is true then; what could no
 
 import asyncio
 import contextlib
-import json
 import socket
 import ssl
 from collections.abc import Callable, Coroutine
@@ -13,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from mission_service.clocks import wall_us
 from mission_service.feeds.cot import fire_events, vehicle_event
-from mission_service.maps.of_run import forecasts_of
+from mission_service.maps.of_run import forecasts_of, front_now
 from mission_service.mqtt.connection import tls_of
-from mission_service.mqtt.front import front_at
 from mission_service.mqtt.names import site_of
 from mission_service.service_config import CotSection
 
@@ -162,8 +160,6 @@ class Sender:
                 await way.send(vehicle_event(here, kind, self._site, wall_us(), stale_us))
 
     async def _tell_fire(self, way: Way, stale_us: int) -> None:
-        hub = self._hub
-        at_us = min(hub.clock.now_us, round(hub.world.fire.time_s * 1e6))
-        front = json.loads(await front_at(at_us, self._forecasts, hub.landscape))
+        front = await front_now(self._hub, self._forecasts)
         for event in fire_events(front, self._site, wall_us(), stale_us):
             await way.send(event)

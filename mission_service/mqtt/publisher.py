@@ -8,7 +8,7 @@ import contextlib
 import logging
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import aiomqtt
 import msgspec
@@ -16,8 +16,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.clocks import clock_us, wall_us
-from mission_service.commands import Announce
-from mission_service.maps.of_run import forecasts_of
+from mission_service.maps.of_run import forecasts_of, front_now
 from mission_service.mqtt.commands import MOST_BYTES, Doorkeeper
 from mission_service.mqtt.connection import (
     TAKE_S,
@@ -25,7 +24,6 @@ from mission_service.mqtt.connection import (
     keep_connected,
     together,
 )
-from mission_service.mqtt.front import front_at
 from mission_service.mqtt.inbox import Inbox
 from mission_service.mqtt.messages import Reply, ServiceStatus
 from mission_service.mqtt.outgoing import Outgoing, Publication
@@ -77,8 +75,6 @@ class Publisher:
         self._inbox = Inbox()
         self._replies: deque[Reply] = deque(maxlen=MOST_REPLIES)
         self._reply_waits = asyncio.Event()
-        hub.gauges["mqtt_connected"] = lambda: float(self.connected)
-        hub.gauges["mqtt_sent_total"] = lambda: float(self.sent.total())
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -122,7 +118,7 @@ class Publisher:
         self.connected = True
         self._hub.picture.clear(BROKER_ALARM)
         if self._told_lost:
-            self._tell(f"the broker at {self.site.broker} is back", "info")
+            self._hub.service.announce("mqtt", f"the broker at {self.site.broker} is back", "info")
         self._told_lost = False
         self._hub.ring()
 
@@ -133,14 +129,9 @@ class Publisher:
         now_us = clock_us()
         if not self._told_lost and now_us >= self._tell_from_us:
             self._told_lost, self._tell_from_us = True, now_us + TELL_AGAIN_US
-            self._tell(text, "warning")
+            self._hub.service.announce("mqtt", text)
         self._hub.picture.alarm(BROKER_ALARM, text)
         self._hub.ring()
-
-    def _tell(self, text: str, level: Literal["info", "warning"]) -> None:
-        record = self._hub.record
-        record.news.append((record.at_us, Announce("mqtt", text, level)))
-        self._hub.picture.tell("mqtt", text, level)
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
         """Commands will come; retained ones are to be seen as such, to be refused."""
@@ -216,10 +207,8 @@ class Publisher:
         hub, loop = self._hub, asyncio.get_running_loop()
         while True:
             began_s, version = loop.time(), hub.picture.fire_version
-            # What burns may be a moment behind the clock.
-            at_us = min(hub.clock.now_us, round(hub.world.fire.time_s * 1e6))
-            payload = await front_at(at_us, self._forecasts, hub.landscape)
-            await self._publish(client, Publication(FRONT, payload))
+            front = {"schema": FRONT.schema, **await front_now(hub, self._forecasts)}
+            await self._publish(client, Publication(FRONT, msgspec.json.encode(front)))
             await asyncio.sleep(CORRECTED_EVERY_S)
             while loop.time() - began_s < FRONT_EVERY_S:
                 if hub.picture.fire_version != version:

@@ -97,12 +97,7 @@ class PerimeterPlanner:
 
     def tune(self, told: SettingsTold) -> None:
         """Other settings from now on."""
-        given = {
-            name: value
-            for name in ("alpha", "reversal_margin", "dwell_s")
-            if (value := getattr(told, name)) is not None
-        }
-        self.settings = replace(self.settings, **given)
+        self.settings = replace(self.settings, **told.given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""

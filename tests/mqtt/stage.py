@@ -23,6 +23,7 @@ from mission_service.mqtt.publisher import Publisher
 from mission_service.mqtt.site import site_in
 from mission_service.picture import Picture
 from mission_service.record import Record
+from mission_service.service import Service
 from mission_service.service_config import MqttSection, ServiceSection
 
 ROOT = "test/v1/default"
@@ -42,10 +43,12 @@ def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]
     arrival_s = 30.0 * np.hypot(rows - 100, cols - 100)
     fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
     world = SimpleNamespace(fire=fire, landscape=landscape)
+    service: Any = SimpleNamespace(world=world, record=Record((), 0), picture=picture)
+    service.announce = functools.partial(Service.announce, service)
     return Hub(
         scenario,
         ServiceSection(mqtt=settings),
-        cast(Any, SimpleNamespace(world=world, record=Record((), 0))),
+        service,
         picture,
         cast(Any, SimpleNamespace(ask=ask)),
         cast(Any, SimpleNamespace(now_us=300_000_000)),

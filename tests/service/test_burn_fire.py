@@ -19,7 +19,8 @@ def believed() -> BelievedFire:
 
 
 def times_s(fire: BelievedFire, *places: Place) -> list[float]:
-    found: list[float] = fire.simulation.ignition_time_s(fire._xy(places)).tolist()
+    places_m = fire._landscape.xy_of_places(places)
+    found: list[float] = fire.simulation.ignition_time_s(places_m).tolist()
     return found
 
 

@@ -51,7 +51,7 @@ SHELL = {
     "mission_service/maps/forecast.py",
     "mission_service/mocks.py",
     "mission_service/mqtt/connection.py",
-    "mission_service/mqtt/front.py",  # in a thread
+    "mission_service/maps/of_run.py",  # in a thread
     "mission_service/mqtt/inbox.py",
     "mission_service/mqtt/publisher.py",
     "mission_service/notify.py",
