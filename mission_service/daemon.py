@@ -130,6 +130,7 @@ async def serve(
             run.out,
             run.journal_path,
         )
+        hub.gauges["state_seconds"] = lambda: keeping.took_s
         hub.not_ready = dict.fromkeys(links, "not heard yet")
         silence = Silence(links, clock_us())
         watchman = Watchman(picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6))

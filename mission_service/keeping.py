@@ -35,6 +35,7 @@ class Keeping:
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
+        self.took_s = 0.0  # for the last state, from its first object to the disk
 
     async def run(self, clock: MissionClock) -> None:
         """Look after the journal until cancelled."""
@@ -82,13 +83,15 @@ class Keeping:
     async def _write(
         self, write_it: Callable[[Frozen], None], rest: Rest, frozen: Frozen | None = None
     ) -> None:
+        began_us = clock_us()
         frozen = frozen or Frozen(self._service.kept(), self._known)
-        self._written, self._written_us = rest, clock_us()
+        self._written, self._written_us = rest, began_us
         try:
             await asyncio.to_thread(write_it, frozen)
         except OSError as error:
             self._trouble(error)
         else:
+            self.took_s = (clock_us() - began_us) / 1e6
             if self._service.picture is not None:
                 self._service.picture.clear("state")
 

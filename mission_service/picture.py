@@ -56,6 +56,7 @@ from mission_service.events import (
     WindMeasured,
     WindTold,
 )
+from mission_service.world import camera_of
 
 MOST_NEWS = 500
 MOST_CLEARED = 50
@@ -80,12 +81,16 @@ class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
 
 
 class OrbitState(msgspec.Struct):
-    """A circle that was ordered, flown anticlockwise with a negative radius."""
+    """The circle round a virtual agent that was ordered, anticlockwise with a negative radius.
+
+    The camera covers a ring along it, ``view_width_m`` wide from the vehicle's height over ground.
+    """
 
     lat_deg: float
     lon_deg: float
     altitude_amsl_m: float
     radius_m: float
+    view_width_m: float
 
 
 class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
@@ -251,6 +256,10 @@ class Picture:
         self.observations = 0
         self.decisions = 0
         self._landscape = landscape
+        self._view_width_m = {
+            section.name: round(2.0 * camera_of(section).radius_m(section.altitude_agl_m), 1)
+            for section in scenario.flown
+        }
         self._fire_told_us = at_us
         self._touch("status", "fire", "burn", "alarms", "news")
         for name in self.vehicles:
@@ -324,13 +333,14 @@ class Picture:
                 for name, vehicle in self.vehicles.items():
                     if event.vehicle in ("", name):
                         vehicle.order = event.order if event.order in ("hold", "return") else ""
+                        vehicle.orbit = None if vehicle.order else vehicle.orbit
                         self._touch(f"vehicle/{name}")
                 if event.order in ("resume", "start"):
                     self.clear("abort")
             case Aborted():
                 self.alarm("abort", f"aborted by {event.by or 'somebody'}", "severe")
                 for name, vehicle in self.vehicles.items():
-                    vehicle.order = "hold"
+                    vehicle.order, vehicle.orbit = "hold", None
                     self._touch(f"vehicle/{name}")
             case SettingsTold():
                 self._touch("status")
@@ -370,9 +380,12 @@ class Picture:
                 self.clear(f"link/{name}")
             case VehicleRebooted():
                 self.missions[name] = MissionState(event.at_us, name)
+                vehicle.orbit = None
                 self._touch(f"mission/{name}")
             case ModeChanged():
                 vehicle.mode, vehicle.armed = event.mode, event.armed
+                if not event.armed:
+                    vehicle.orbit = None
             case BatteryTold():
                 vehicle.battery_pct = event.percent
                 self._battery(name, event.percent)
@@ -479,9 +492,8 @@ class Picture:
                 self._sent(name, command)
                 return
             case Orbit():
-                vehicle.orbit = OrbitState(
-                    command.lat_deg, command.lon_deg, command.altitude_amsl_m, command.radius_m
-                )
+                circle = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
+                vehicle.orbit = OrbitState(*circle, command.radius_m, self._view_width_m[name])
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
             case Announce():
@@ -521,8 +533,6 @@ class Picture:
             mission.proposed = sent
         else:
             mission.sending, mission.proposed = sent, None
-            vehicle = self.vehicles[name]
-            vehicle.orbit = None
         self._touch(f"mission/{name}")
 
     # What goes out ----------------------------------------------------------------------------

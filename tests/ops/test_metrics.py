@@ -1,5 +1,6 @@
 """Figures for Prometheus: what there is, what it says, and that it is written down."""
 
+import asyncio
 import json
 import re
 from collections.abc import Iterator
@@ -9,7 +10,10 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from mission_service.hub import Hub
+from mission_service.keeping import Keeping
 from mission_service.metrics import FIGURES, PREFIX, metrics_of
+from mission_service.service_config import KeepSection
+from mission_service.state_file import Known
 from tests.ops.hubs import hub_after_a_flight, upload_failed
 
 ROOT = Path(__file__).parents[2]
@@ -103,3 +107,13 @@ def test_the_dashboard_shows_every_figure() -> None:
     json.loads(text)
     unseen = [name for name in FIGURES if not re.search(rf"\b{PREFIX}{name}\b", text)]
     assert not unseen, f"no panel shows {unseen}"
+
+
+def test_how_long_a_state_took_is_told(hub: Hub) -> None:
+    keeping = Keeping(hub.service, Known(hub.scenario, hub.landscape), KeepSection())
+    asyncio.run(keeping.write_state())
+    hub.gauges["state_seconds"] = lambda: keeping.took_s
+    found = figures(hub)
+    assert 0.0 < found[f"{PREFIX}state_seconds"][()] < 5.0
+    assert 0.0 <= found[f"{PREFIX}state_age_seconds"][()] < 60.0
+    del hub.gauges["state_seconds"]

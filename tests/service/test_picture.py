@@ -1,20 +1,26 @@
 """The picture that all interfaces show, the watchman's alarms, the table [service]."""
 
+import math
 from pathlib import Path
 
 import pytest
 
-from mission_service.commands import Announce, Decided
+from mission_service.commands import Announce, Decided, Orbit, UploadMission
 from mission_service.config import load_run, load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import (
+    Aborted,
+    AnyEvent,
     BatteryTold,
     CommandFinished,
     FixTold,
     LinkLost,
     LinkRestored,
+    ModeChanged,
+    Ordered,
     Telemetry,
     VehicleConnected,
+    VehicleRebooted,
 )
 from mission_service.fire_setup import landscape_of
 from mission_service.picture import MOST_NEWS, Picture, TelemetryState
@@ -131,3 +137,29 @@ def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:
     assert (service.http.host, service.http.port) == ("::1", 9000)
     assert "service" not in scenario.model_dump()
     assert load_scenario("demo") == scenario
+
+
+def test_an_orbit_is_shown_with_what_its_camera_covers_until_it_is_flown_no_more() -> None:
+    scenario = load_scenario("virtual-agents")
+    picture = Picture(scenario, landscape_of(scenario), 0)
+    name, mode = (
+        scenario.vehicles[0].name,
+        ModeChanged(2, scenario.vehicles[0].name, "guided", True),
+    )
+    ordered = Orbit(name, 36.36, -84.14, 700.0, -90.0)
+    section = scenario.vehicles[0]
+    width_m = 2.0 * section.altitude_agl_m * math.tan(math.radians(section.camera_fov_deg) / 2.0)
+    no_more: list[AnyEvent] = [
+        VehicleRebooted(3, name),
+        ModeChanged(3, name, "auto", False),
+        Ordered(3, "ann", "desk", name, "hold"),
+        Aborted(3, "ann", "desk"),
+    ]
+    for event in no_more:
+        picture.take(mode, [ordered, UploadMission(name, 1, "loiter not far from here", ())])
+        shown = picture.vehicles[name].orbit
+        assert shown is not None
+        assert (shown.lat_deg, shown.radius_m) == (36.36, -90.0)
+        assert shown.view_width_m == pytest.approx(width_m, abs=0.1)
+        picture.take(event, [])
+        assert picture.vehicles[name].orbit is None

@@ -22,6 +22,7 @@ export interface Orbit {
   lon_deg: number;
   altitude_amsl_m: number;
   radius_m: number; // negative: anticlockwise
+  view_width_m: number; // of what the camera covers along it
 }
 
 export interface Vehicle {

@@ -21,6 +21,13 @@ export const vehicleLayers: Layers = {
   sources: { tracks: empty(), missions: empty(), orbits: empty(), vehicles: empty() },
   layers: [
     {
+      id: "coverage",
+      type: "fill",
+      source: "orbits",
+      filter: ["==", ["get", "part"], "coverage"],
+      paint: { "fill-color": "#00838f", "fill-opacity": 0.18 },
+    },
+    {
       id: "tracks",
       type: "line",
       source: "tracks",
@@ -34,6 +41,7 @@ export const vehicleLayers: Layers = {
       id: "orbits",
       type: "line",
       source: "orbits",
+      filter: ["==", ["get", "part"], "orbit"],
       paint: { "line-color": "#006064", "line-width": 2 },
     },
     {
@@ -118,6 +126,7 @@ export const VEHICLE_GROUPS: Record<string, { words: string; layers: string[]; s
     shown: true,
   },
   orbits: { words: "Orbits", layers: ["orbits"], shown: true },
+  coverage: { words: "Coverage of orbits", layers: ["coverage"], shown: true },
 };
 
 /** Keeps the vehicles' sources up to date; a click on one chooses it. */
@@ -252,8 +261,14 @@ function radiusOf(item: Item): number | null {
 function orbitsOf(store: Store): GeoJSON.Feature[] {
   return [...store.vehicles.values()].flatMap((vehicle) => {
     if (!vehicle.orbit) return [];
-    const { lat_deg, lon_deg, radius_m } = vehicle.orbit;
-    return [feature(line(circle([lon_deg, lat_deg], Math.abs(radius_m))))];
+    const { lat_deg, lon_deg, radius_m, view_width_m } = vehicle.orbit;
+    const middle: LonLat = [lon_deg, lat_deg];
+    const [inner, outer] = [-1, 1].map((side) => Math.abs(radius_m) + (side * view_width_m) / 2);
+    const seen = [circle(middle, outer!), ...(inner! > 0 ? [circle(middle, inner!)] : [])];
+    return [
+      feature({ type: "Polygon", coordinates: seen }, { part: "coverage" }),
+      feature(line(circle(middle, Math.abs(radius_m))), { part: "orbit" }),
+    ];
   });
 }
 

@@ -152,7 +152,7 @@ export class VehiclesPanel {
       ],
       [
         "Orbit",
-        vehicle.orbit ? `radius ${metres(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}` : null,
+        vehicle.orbit ? `radius ${metres(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}, sees ${metres(vehicle.orbit.view_width_m)} wide` : null,
       ],
     ];
   }
