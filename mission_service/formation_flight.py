@@ -31,6 +31,7 @@ from mission_service.events import (
     MissionHeld,
     ModeChanged,
     Resumed,
+    Telemetry,
     UploadFinished,
     VehicleEvent,
     VehicleRebooted,
@@ -150,7 +151,10 @@ class FormationFlight:
                 led.loiter = led.sending
             case MissionHeld() if vehicle.read_back == "unknown":
                 led.loiter = None
-            case LinkLost() if led.taken_over:
+            case Telemetry() if self._by_hand(vehicle, led):
+                assert vehicle.presence.here is not None
+                self.formation.watch(vehicle.name, vehicle.presence.here)
+            case LinkLost() if led.taken_over or self.formation.seats[vehicle.name].by_hand:
                 self.formation.lost(vehicle.name)
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
@@ -166,6 +170,13 @@ class FormationFlight:
             case _:
                 pass
         return [*commands, *self.formation.said()]
+
+    def _by_hand(self, vehicle: Vehicle, led: Led) -> bool:
+        """Whether it is in the air, and neither its agent nor its mission leads it."""
+        presence = vehicle.presence
+        if not presence.airborne or presence.here is None:
+            return False
+        return bool(vehicle.ordered) or presence.recalled or not led.leads
 
     def _hear(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
         """What is not of this map is left out, and told once of each who says it."""

@@ -5,6 +5,7 @@ the scenario.
 """
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire_setup import burning_of
-from mission_service.formation.agent import Agent, Intention, Own
+from mission_service.formation.agent import STATE_EVERY_US, Agent, Intention, Own
+from mission_service.formation.by_hand import MEASURED_OVER_S, Motion, expected_orbit
 from mission_service.formation.grid import grid_of
 from mission_service.formation.messages import AnyMessage, Leaving, State
 from mission_service.formation.settings import NEVER_M, Airframe, Camera, Settings
@@ -75,6 +77,8 @@ class Seat:
         self.here: Here | None = None
         self.flies = False
         self.state: State | None = None  # said last
+        self.by_hand = False  # in the air, and flown by somebody else
+        self.moved: deque[Motion] = deque()  # by hand, over the last second or so
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
@@ -169,7 +173,7 @@ class Formation:
     def step(self, name: str, here: Here) -> Intention:
         """A vehicle of the formation is here now; what it means to fly, told to the others."""
         seat = self.seats[name]
-        seat.here, seat.flies = here, True
+        seat.here, seat.flies, seat.by_hand = here, True, False
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
         air_m_s = (velocity_m_s[0] - seat.wind_m_s[0], velocity_m_s[1] - seat.wind_m_s[1])
         own = Own(
@@ -187,11 +191,34 @@ class Formation:
         self._hand_on(seat, own.at_us)
         return intention
 
+    def watch(self, name: str, here: Here) -> None:
+        """Somebody else flies this vehicle: the others are told where, twice a second."""
+        seat = self.seats[name]
+        velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
+        if not seat.by_hand:
+            seat.left(here.at_s)
+            seat.by_hand, seat.state = True, None
+            seat.moved.clear()
+        seat.here = here
+        seat.moved.append((here.at_s, here.x_m, here.y_m, *velocity_m_s))
+        while len(seat.moved) > 2 and seat.moved[1][0] <= here.at_s - MEASURED_OVER_S:
+            seat.moved.popleft()
+        at_us = round(here.at_s * 1e6)
+        if seat.state is not None and at_us - seat.state.at_us < STATE_EVERY_US:
+            return
+        radius_m = seat.agent.settings.loiter_radius_m
+        orbit = expected_orbit(seat.moved[0], seat.moved[-1], radius_m)
+        air_m_s = (velocity_m_s[0] - seat.wind_m_s[0], velocity_m_s[1] - seat.wind_m_s[1])
+        place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
+        speed_m_s = math.hypot(*air_m_s)
+        seat.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
+        self._tell(seat, seat.state)
+
     def is_near_others(self, name: str) -> bool:
         """Whether another of the formation is in its neighbourhood."""
         here = self.seats[name].here
         return here is not None and any(
-            other.flies
+            (other.flies or other.by_hand)
             and other.here is not None
             and name != other_name
             and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
@@ -212,10 +239,12 @@ class Formation:
             self._tell(self.seats[name], state)
 
     def not_lost(self, name: str, at_us: int) -> None:
-        """It is known to fly otherwise."""
-        if name in self._lost:
-            self._lost.remove(name)
-            self._tell(self.seats[name], Leaving(at_us, name, "flies otherwise"))
+        """It is known to fly otherwise, or not at all."""
+        seat = self.seats[name]
+        if name in self._lost or seat.by_hand:
+            self._lost.discard(name)
+            seat.by_hand = False
+            self._tell(seat, Leaving(at_us, name, "flies otherwise"))
 
     def hear(self, name: str, message: AnyMessage) -> None:
         """A vehicle hears another: everything, but of states only those within range.

@@ -37,6 +37,7 @@ from mission_service.events import (
 )
 from mission_service.fire_setup import landscape_of
 from mission_service.formation.agent import Intention, Own
+from mission_service.formation.by_hand import Motion, expected_orbit
 from mission_service.formation.messages import AnyMessage, FireUpdate, Leaving, State
 from mission_service.steering import Here
 
@@ -406,6 +407,51 @@ def test_a_pilot_who_takes_it_has_it_until_it_is_back_in_its_mission(land: Lands
     assert [command for _, command in flight.for_s(10.0)] == []
     flight.mode("mission")
     assert times_s(flight.for_s(1.0), Orbit) != []
+
+
+def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape) -> None:
+    flight = Flight(land)
+    flight.orbiting()
+    flight.for_s(5.0)
+    heard = flight.core.leader.formation.seats["crane"].agent.heard  # type: ignore[attr-defined]
+    heard.clear()
+    flight.mode("position")
+    flight.for_s(10.0)
+    states = [message for message in heard if isinstance(message, State)]
+    assert 18 <= len(states) <= 22  # twice a second
+    assert {(state.sender, state.agent_x_m, state.goal_x_m) for state in states} == {
+        (flight.name, None, None)
+    }
+    here = (states[-1].x_m, states[-1].y_m)
+    assert here == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
+    heard.clear()
+    flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
+    assert heard == [states[-1]]  # from here on they reckon
+    flight.tell(LinkRestored(flight.at_us, flight.name))
+    flight.for_s(1.0)
+    heard.clear()
+    flight.mode("position", armed=False)
+    assert Leaving(flight.at_us, flight.name, "flies otherwise") in heard
+
+
+@pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
+def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
+    def at(time_s: float) -> Motion:
+        course = 1.0 + turn_rad_s * time_s
+        place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # about 0, 0 at 20 m/s
+        place = place if turn_rad_s > 0 else (-place[0], -place[1])
+        return time_s, *place, 20.0 * np.cos(course), 20.0 * np.sin(course)
+
+    x_m, y_m, radius_m = expected_orbit(at(7.0), at(8.0), 150.0)
+    assert (x_m, y_m) == pytest.approx((0.0, 0.0), abs=15.0)  # it lags by half of a second
+    assert radius_m == pytest.approx(-200.0 if turn_rad_s > 0 else 200.0, rel=0.01)
+
+
+def test_who_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
+    still: Motion = (0.0, 10.0, 20.0, 0.2, 0.0)
+    assert expected_orbit(still, (1.0, 10.0, 20.0, 0.0, 0.1), 150.0) == (10.0, 20.0, -150.0)
+    ahead = expected_orbit((0.0, 0.0, 0.0, 15.0, 0.0), (1.0, 15.0, 0.0, 15.0, 0.1), 150.0)
+    assert ahead == pytest.approx((15.0 + 900.0, 6.0, -150.0))
 
 
 def test_a_lost_link_leaves_and_it_is_led_again_when_it_is_back(land: Landscape) -> None:

@@ -1,5 +1,6 @@
 """The formation in the whole loop, in virtual time: mock planes over MAVLink frames."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,15 @@ import pytest
 
 from benchmarks.formation_flight import figures_of
 from mission_service.config import Scenario, load_scenario
+from mission_service.core import Core
 from mission_service.decide import decide
 from mission_service.errors import MissionServiceError
+from mission_service.events import CrewEvent, Ordered
 from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, header_of
 from mission_service.record import Record
 from mission_service.replay import verify
-from mission_service.sim import simulate
+from mission_service.sim import Simulation, simulate
 from mission_service.world import FireWorld
 
 APART_M = 340.0  # of homes, so that all may take off at once
@@ -115,3 +119,26 @@ def test_both_stacks_fly_together_over_a_bad_link(tmp_path: Path) -> None:
     assert run.figures["phase_within_15_deg"] >= 0.95
     assert run.figures["samples"] > 3 * 60
     assert verify(run.journal).difference is None
+
+
+def test_one_that_somebody_holds_is_kept_clear_of_for_as_long_as_that_takes(
+    tmp_path: Path,
+) -> None:
+    scenario = at_once(load_scenario("virtual-agents", ("duration_s=800",)))
+    landscape = landscape_of(scenario)
+    header = header_of(scenario, landscape.digest(), "2026-01-01")
+    held: list[CrewEvent] = [Ordered(330_000_000, "ann", "desk", "crane", "hold")]
+
+    def hold(at_us: int, core: Core) -> list[CrewEvent]:
+        return [held.pop()] if held and at_us >= held[0].at_us else []
+
+    with contextlib.closing(Journal(tmp_path / "journal.jsonl", header, durable=False)) as journal:
+        simulation = Simulation(scenario, journal, landscape, hold)
+        record = simulation.service.record
+        simulation.run(450.0)
+        record.closest = None
+        simulation.run(800.0)
+    words = [announced.text for _, announced in record.news if announced.vehicle == "crane"]
+    assert any("told to hold" in text for text in words)
+    assert record.closest is not None
+    assert record.closest.distance_m > 2 * 30.0, record.closest

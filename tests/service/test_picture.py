@@ -142,16 +142,13 @@ def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:
 def test_an_orbit_is_shown_with_what_its_camera_covers_until_it_is_flown_no_more() -> None:
     scenario = load_scenario("virtual-agents")
     picture = Picture(scenario, landscape_of(scenario), 0)
-    name, mode = (
-        scenario.vehicles[0].name,
-        ModeChanged(2, scenario.vehicles[0].name, "guided", True),
-    )
-    ordered = Orbit(name, 36.36, -84.14, 700.0, -90.0)
     section = scenario.vehicles[0]
+    name, mode = section.name, ModeChanged(2, section.name, 0, True, "guided")
+    ordered = Orbit(name, 36.36, -84.14, 700.0, -90.0)
     width_m = 2.0 * section.altitude_agl_m * math.tan(math.radians(section.camera_fov_deg) / 2.0)
     no_more: list[AnyEvent] = [
         VehicleRebooted(3, name),
-        ModeChanged(3, name, "auto", False),
+        ModeChanged(3, name, 0, False, "auto"),
         Ordered(3, "ann", "desk", name, "hold"),
         Aborted(3, "ann", "desk"),
     ]

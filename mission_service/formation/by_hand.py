@@ -1,0 +1,34 @@
+"""UAVs of the formation that somebody else flies: what the others are to expect of them.
+
+A person holds one, calls it home, or flies it by hand: it has no virtual agent, minds nobody, and
+is told of as it moves, so that the others keep clear of it.
+"""
+
+import math
+
+MEASURED_OVER_S = 1.0  # a turn; over less, noise would be taken for one
+STRAIGHT_RAD_S = 0.02  # who turns more slowly flies straight on, as far as others need to look
+AHEAD_S = 60.0
+LEAST_SPEED_M_S = 1.0
+
+Motion = tuple[float, float, float, float, float]  # at_s, x_m, y_m, velocity_x_m_s, velocity_y_m_s
+
+
+def expected_orbit(before: Motion, now: Motion, radius_m: float) -> tuple[float, float, float]:
+    """The circle (x, y, radius; negative: anticlockwise) that somebody seems to be on or fly to.
+
+    From how it turned between two moments; who flies straight is on its way to a circle of
+    ``radius_m`` (> 0) a minute ahead.
+    """
+    at_s, x_m, y_m, vx_m_s, vy_m_s = now
+    speed_m_s = math.hypot(vx_m_s, vy_m_s)
+    if speed_m_s < LEAST_SPEED_M_S:
+        return x_m, y_m, -radius_m
+    turned_rad = math.atan2(
+        before[3] * vy_m_s - before[4] * vx_m_s, before[3] * vx_m_s + before[4] * vy_m_s
+    )
+    rate_rad_s = turned_rad / (at_s - before[0]) if at_s > before[0] else 0.0
+    if abs(rate_rad_s) < STRAIGHT_RAD_S:
+        return x_m + AHEAD_S * vx_m_s, y_m + AHEAD_S * vy_m_s, -radius_m
+    turn_m = speed_m_s / rate_rad_s  # to the left of it; negative: to the right
+    return x_m - vy_m_s / speed_m_s * turn_m, y_m + vx_m_s / speed_m_s * turn_m, -turn_m
