@@ -80,15 +80,18 @@ def demo(
     log_level: str,
     as_json: bool,
 ) -> None:
-    """Mock autopilots and the daemon over UDP on loopback, faster than real time.
+    """Mock autopilots, the daemon and its map over UDP on loopback, faster than real time.
 
     SCENARIO is a file or a shipped one by name (default: demo).
     """
     from mission_service.config import flying, load_run
     from mission_service.daemon import Run
     from mission_service.demo import run_demo
+    from mission_service.service_config import HttpSection
 
     loaded, settings = load_run(scenario, overrides)
+    if settings.http is None:  # a demo has a map, whatever the scenario
+        settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
     report = _logger(log, log_level) or _reporter(as_json)
     journal = folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, _now(), settings, logs=log is not None, goes_on=False)

@@ -108,8 +108,8 @@ class Hub:
         at_s, believed = self.clock.now_us / 1e6, self.believed
         return self.world.fire.weather.at(at_s) if believed is None else believed.weather_at(at_s)
 
-    def preview(self, vehicle: str) -> tuple[Items, Figures] | None:
-        """The mission a vehicle would be sent now, and its figures; asking changes nothing.
+    def preview(self, vehicle: str) -> Items | None:
+        """The mission a vehicle would be sent now; asking changes nothing.
 
         None where there is nothing to preview: it was not heard, or its rule makes no missions.
         """
@@ -117,11 +117,14 @@ class Hub:
         here = known.presence.here
         if here is None or not isinstance(leader, FrontFlight):
             return None
-        items = leader.preview(known, here)
-        if items is None:
-            return None
-        start_m = (here.x_m, here.y_m) if known.presence.airborne else None
-        return items, figures_of(items, self.landscape, known.section, start_m)
+        return leader.preview(known, here)
+
+    def figures(self, vehicle: str, items: Items) -> Figures:
+        """What a mission of a vehicle leads to, from where it is now."""
+        known = self.core.vehicles[vehicle]
+        here = known.presence.here if known.presence.airborne else None
+        start_m = None if here is None else (here.x_m, here.y_m)
+        return figures_of(items, self.landscape, known.section, start_m)
 
     def burn(self) -> dict[str, Any] | None:
         """Where a burn stands: the leader, the interlock, unit, plan and drops; None without."""

@@ -56,18 +56,23 @@ def items_of(mission: Mission) -> Items:
 
 
 def preview_of(hub: Hub, name: str) -> Preview:
-    """What the vehicle would be sent now. Raises ApiError 409 if there is nothing."""
-    found = hub.preview(name)
-    if found is None:
+    """What the vehicle would be sent now, or what waits for a word.
+
+    Raises ApiError 409 if there is nothing.
+    """
+    mission = hub.picture.missions[name]
+    proposed, on_board = mission.proposed, mission.on_board
+    items = hub.preview(name) if proposed is None else items_of(proposed)
+    if items is None:
         rule = hub.scenario.planner.rule
         raise ApiError(
             409, f"{name}: there is nothing to fly yet, or the rule {rule} has no missions"
         )
-    items, figures = found
     shown = tuple(item_state(item) for item in items)
-    on_board = hub.picture.missions[name].on_board
     difference = difference_of(() if on_board is None else on_board.items, shown)
-    return Preview(hub.clock.now_us, name, mission_hash(items), shown, figures, difference)
+    return Preview(
+        hub.clock.now_us, name, mission_hash(items), shown, hub.figures(name, items), difference
+    )
 
 
 def plan_file(items: Items, hub: Hub, name: str) -> bytes:
@@ -114,7 +119,7 @@ def add(routes: APIRouter, api: Api) -> None:
         f"{V1}/vehicles/{{name}}/mission/preview",
         **route(
             "fly",
-            "What would be sent now, its figures, and what is different on board.",
+            "What waits for a word or would be sent now, its figures, what it changes.",
             struct(Preview, examples.PREVIEW),
         ),
     )

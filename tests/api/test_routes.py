@@ -23,7 +23,7 @@ from mission_service.api.journal_lines import JournalLines
 from mission_service.events import Corrected, Ordered, SettingsTold, WindTold
 from mission_service.journal import Journal, JournalReader
 from mission_service.picture import mission_hash
-from tests.api.worlds import Served, World, client, scenario_of, served, world_in
+from tests.api.worlds import SMALL, Served, World, client, scenario_of, served, world_in
 
 V1 = "/api/v1"
 CENTRE = (36.364232, -84.140907)
@@ -157,6 +157,25 @@ def test_a_preview_changes_nothing_and_a_renewal_is_sent(tmp_path: Path) -> None
             sent = world.hub.picture.missions["hawk"].sending
         assert sent is not None
         assert (await got(http, "/vehicles/hawk/mission"))["sending"]["mission_id"] > 1
+
+    asked(world, ask)
+
+
+def test_the_figures_shown_are_those_of_the_mission_that_waits_for_a_word(tmp_path: Path) -> None:
+    changes = (*SMALL, "mission.approval=each")
+    world = world_in(tmp_path, scenario_of(changes=changes))
+    world.fly(3602.0)
+    waits = world.hub.picture.missions["hawk"].proposed
+    assert waits is not None
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        preview = await told(http, "/vehicles/hawk/mission/preview")
+        assert preview["mission_hash"] == waits.mission_hash
+        assert preview["figures"]["items"] == len(waits.items) == len(preview["items"])
+        assert preview["figures"]["problems"] == []
+        assert preview["difference"]["added"] == len(waits.items)
+        await told(http, "/vehicles/hawk/mission/accept", hash=preview["mission_hash"])
+        assert (await got(http, "/vehicles/hawk/mission"))["proposed"] is None
 
     asked(world, ask)
 

@@ -73,6 +73,13 @@ autostart = true
 """
     + HTTP
 )
+FORMATION = (
+    FIRE.replace('rule = "damped"', 'rule = "formation"')
+    + """
+[mission]
+approval = "each"
+"""
+)
 BURN = (
     scenario_path("burn")
     .read_text(encoding="utf-8")
@@ -93,9 +100,15 @@ class Service(NamedTuple):
 
     def get(self, path: str) -> Any:
         """The JSON at a path of the API."""
-        asked = urllib.request.Request(
-            f"{self.address}/api/v1/{path}", headers={"Authorization": f"Bearer {self.boss}"}
-        )
+        return self._ask(path, None)
+
+    def post(self, path: str, **body: Any) -> Any:
+        """What is answered to a request."""
+        return self._ask(path, json.dumps(body).encode())
+
+    def _ask(self, path: str, body: bytes | None) -> Any:
+        headers = {"Authorization": f"Bearer {self.boss}", "Content-Type": "application/json"}
+        asked = urllib.request.Request(f"{self.address}/api/v1/{path}", body, headers)
         with urllib.request.urlopen(asked, timeout=20) as answer:
             return json.load(answer)
 

@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.web import browser as screen
 from tests.web.browser import Seen, draw, page_of, place_of, share_burned, share_expected
-from tests.web.service import BURN, FIRE, Service, running, wait_for
+from tests.web.service import BURN, FIRE, FORMATION, Service, running, wait_for
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 
@@ -218,10 +218,21 @@ def test_abort_by_button_and_by_keyboard_holds_the_vehicles(
     desktop: tuple[Page, Seen], fire: Service
 ) -> None:
     page, _ = desktop
+    page.evaluate(
+        """() => {
+          const start = OscillatorNode.prototype.start;
+          window.sounded = [];
+          OscillatorNode.prototype.start = function (at) {
+            window.sounded.push(this.frequency.value);
+            start.call(this, at);
+          };
+        }"""
+    )
     page.click("#abort")
     assert orders(fire) == {""}, "one press is not enough"
     page.click("#abort")
     wait_for(lambda: orders(fire) == {"hold"}, 30, "all hold")
+    wait_for(lambda: page.evaluate("window.sounded").count(960) >= 4, 30, "it is heard")
     expect(page.locator("#alarms")).to_contain_text("aborted by boss")
     picture(page, "abort")
     page.keyboard.press("k")
@@ -371,6 +382,51 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
         expect(page.locator(".alarm.severe")).to_contain_text("old")
         picture(page, "service-lost")
         seen.complaints.clear()  # of each try that nobody answered
+
+
+def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    with running(tmp_path, FORMATION, SPEEDUP) as service:
+
+        def waits(name: str = "hawk") -> Any:
+            found = service.get(f"vehicles/{name}/mission")["proposed"]
+            return found and found["mission_hash"]
+
+        wait_for(waits, 60, "a mission is proposed")
+        with page_of(chromium, service.address, service.boss, DESKTOP) as (page, seen):
+            question = page.locator("#panel-vehicles .question")
+            expect(question).to_contain_text("fly to the fire")
+            expect(page.locator("#panel-vehicles")).to_contain_text("Lowest height")
+            page.get_by_role("button", name="Refuse").click()
+            wait_for(lambda: not waits(), 30, "it waits no more")
+            assert on_board(service) is None
+            wait_for(waits, 60, "another one is proposed")
+            picture(page, "accept")
+            page.get_by_role("button", name="Accept").click()
+            flies = wait_for(lambda: on_board(service), 30, "it is on board")
+            assert flies["outcome"] == "accepted"
+
+            def covered() -> Any:
+                for name in ("hawk", "kite"):  # renewed on the way: each waits for a word
+                    if named := waits(name):
+                        service.post(f"vehicles/{name}/mission/accept", hash=named)
+                return service.get("vehicles/hawk")["orbit"]
+
+            orbit = wait_for(covered, 120, "hawk orbits")
+            assert orbit["view_width_m"] > 100
+            middle = [orbit["lon_deg"], orbit["lat_deg"]]
+            page.evaluate("center => missionMap.jumpTo({ center })", middle)
+            wait_for(
+                lambda: page.evaluate(
+                    "missionMap.queryRenderedFeatures({ layers: ['coverage'] }).length"
+                ),
+                30,
+                "what it covers is drawn",
+            )
+            picture(page, "orbits")
+            # Figures that are asked for just when somebody else accepts the mission.
+            assert all("409" in complaint for complaint in seen.complaints)
 
 
 def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_path: Path) -> None:

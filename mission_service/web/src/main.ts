@@ -28,6 +28,7 @@ import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./ve
 
 const groups: Record<string, Group> = { ...FIRE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS };
 const store = new Store();
+const TRACKS_AGAIN_MS = 10_000;
 let map: MapView | null = null;
 let pens: Pens | null = null;
 let refreshFire: () => void = () => undefined;
@@ -86,6 +87,9 @@ async function makeMapOnce(): Promise<void> {
   Object.assign(window, { missionMap: made }); // for the console, and for tests
   byId("map").dataset.ready = "yes";
   await fetchTracks(store);
+  setInterval(() => {
+    if (store.missed) void fetchTracks(store);
+  }, TRACKS_AGAIN_MS);
 }
 
 /** Where fire, vehicles and burn unit are. */

@@ -32,7 +32,7 @@ export type Topic =
   | "moment"; // the time that is looked at
 
 const MOST_NEWS = 200;
-const TRACK_POINTS = 400;
+const MISSED_S = 5; // between two places of a vehicle: this page was too slow for more
 export const TRACK_S = 900; // longer ones hide the fire
 const SILENT_MS = 15_000; // the service says something each 10 s
 const HIDDEN_MS = 250;
@@ -49,6 +49,7 @@ export class Store {
   telemetry = new Map<string, Telemetry>();
   missions = new Map<string, MissionState>();
   tracks = new Map<string, TrackPoint[]>();
+  missed = false; // places that the service knows and this page does not
   chosen = "";
   inMin = 0; // the time looked at, from now
   linked = false;
@@ -217,15 +218,13 @@ export class Store {
     this.telemetry.set(here.vehicle, here);
     this.time(here.at_us);
     const track = this.tracks.get(here.vehicle) ?? [];
-    const last = track.at(-1);
-    if (last && last[0] === here.lon_deg && last[1] === here.lat_deg) return;
-    track.push([here.lon_deg, here.lat_deg, here.at_us / 1e6]);
+    const now: TrackPoint = [here.lon_deg, here.lat_deg, here.at_us / 1e6];
+    // The last point moves on with the vehicle until it is far enough from the one before.
+    const everyS = Math.max(1, this.telemetry.size / 10);
+    if (track.length > 1 && now[2] - track.at(-2)![2] < everyS) track.pop();
+    this.missed ||= now[2] - (track.at(-1)?.[2] ?? now[2]) > MISSED_S;
+    track.push(now);
     while (track[0]![2] < this.nowS - TRACK_S) track.shift();
-    // Every other point of the older half goes: old tracks get coarse.
-    if (track.length > TRACK_POINTS) {
-      const half = TRACK_POINTS / 2;
-      track.splice(0, half, ...track.slice(0, half).filter((_, i) => i % 2 === 0));
-    }
     this.tracks.set(here.vehicle, track);
   }
 

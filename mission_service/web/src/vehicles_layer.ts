@@ -160,20 +160,21 @@ interface FlownTrack {
   properties: { at_us: number[] };
 }
 
-/** Tracks flown before this page was there. */
+/** Tracks flown before this page was there, or while it was too slow. */
 export async function fetchTracks(store: Store): Promise<void> {
+  store.missed = false;
   const MOST = 20;
   for (const name of [...store.vehicles.keys()].slice(0, MOST)) {
     const afterUs = Math.round((store.nowS - TRACK_S) * 1e6);
-    const told = await get<FlownTrack>(`vehicles/${name}/track?after_us=${afterUs}&limit=400`);
+    const told = await get<FlownTrack>(`vehicles/${name}/track?after_us=${afterUs}&limit=${TRACK_S}`);
     const flown = (told.geometry?.coordinates ?? []).map(([lon, lat], i): TrackPoint => [
       lon!,
       lat!,
       (told.properties.at_us[i] ?? 0) / 1e6,
     ]);
-    const since = store.tracks.get(name) ?? [];
-    const until = since[0]?.[2] ?? Infinity;
-    store.tracks.set(name, [...flown.filter(([, , atS]) => atS < until), ...since]);
+    const untilS = flown.at(-1)?.[2] ?? -Infinity;
+    const since = (store.tracks.get(name) ?? []).filter(([, , atS]) => atS > untilS);
+    store.tracks.set(name, [...flown, ...since]);
   }
   store.changed("telemetry");
 }
