@@ -220,6 +220,7 @@ def run(
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of faults by chance.")
 @SIGNING_KEY
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
+@click.option("--until-eof", is_flag=True, hidden=True)  # how ``demo`` runs them
 def mock(
     scenario: str | None,
     stack: str,
@@ -238,6 +239,7 @@ def mock(
     seed: int,
     signing_key: str | None,
     as_json: bool,
+    until_eof: bool,
 ) -> None:
     """Mock autopilots as a process of their own, until Ctrl-C.
 
@@ -278,7 +280,7 @@ def mock(
         mocks = [OnLink(fleet, link or "udpout:127.0.0.1:14550")]
     if signing_key is not None:
         mocks = [replace(each, signing_key=signing_key) for each in mocks]
-    run(mocks, speedup, as_json, click.echo)
+    run(mocks, speedup, as_json, click.echo, until_eof)
 
 
 @main.command()

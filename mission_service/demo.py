@@ -53,14 +53,22 @@ def run_demo(
 def _mock_process(
     scenario: str, section: VehicleSection, speedup: float
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """One mock autopilot that calls the port the daemon listens on."""
+    """One mock autopilot that calls the port the daemon listens on; it does not outlive us."""
     command = [
         *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path(scenario))),
-        *("--vehicle", section.name, "--speedup", str(speedup), "--link", other_end(section.link)),
+        *(
+            "--until-eof",
+            "--vehicle",
+            section.name,
+            "--speedup",
+            str(speedup),
+            "--link",
+            other_end(section.link),
+        ),
     ]
     if section.signing_key is not None:
         command += ["--signing-key", section.signing_key]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
         yield process
     finally:
@@ -70,6 +78,8 @@ def _mock_process(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait(timeout=5)
+        if process.stdin is not None:
+            process.stdin.close()
 
 
 def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:

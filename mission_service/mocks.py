@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import signal
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -216,11 +217,16 @@ def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
 
 
 def run(
-    all_mocks: list[OnLink], speedup: float, as_json: bool, echo: Callable[[str], None]
+    all_mocks: list[OnLink],
+    speedup: float,
+    as_json: bool,
+    echo: Callable[[str], None],
+    until_eof: bool = False,
 ) -> None:
     """Fly until SIGINT or SIGTERM; says one line a vehicle once its link is open.
 
-    Signs with the keys named, or once SETUP_SIGNING has told one.
+    With ``until_eof`` also until the end of standard input, a pipe: whoever has the other end may
+    be killed. Signs with the keys named, or once SETUP_SIGNING has told one.
     """
     timestamps = Timestamps(wall_us)
 
@@ -241,6 +247,8 @@ def run(
         assert task is not None
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+        if until_eof:
+            asyncio.get_running_loop().add_reader(sys.stdin, task.cancel)
         with contextlib.suppress(asyncio.CancelledError):
             async with asyncio.TaskGroup() as group:
                 for mocks in all_mocks:

@@ -109,3 +109,14 @@ def test_mocks_listen_tell_of_themselves_and_end_cleanly(
         ("ardupilot", "copter", 5.0)
     }
     assert told[0]["link"] == f"udpin:127.0.0.1:{port}"
+
+
+def test_it_does_not_outlive_who_has_the_other_end_of_its_standard_input() -> None:
+    command = [*CLI, "mock", "--until-eof", "--link", f"udpout:127.0.0.1:{free_port()}"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as mock:
+        assert mock.stdin is not None
+        assert mock.stdout is not None
+        assert mock.stdout.readline().startswith(b"mock ")
+        assert mock.poll() is None
+        mock.stdin.close()
+        assert mock.wait(timeout=10) == 0
