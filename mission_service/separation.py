@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
+from mission_service.planners.heights import heights_near
 from mission_service.steering import Here
 
 Floats = NDArray[np.float64]
@@ -79,10 +80,10 @@ def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
 
-def place_of(here: Here) -> Track:
-    """Where a vehicle is now."""
-    altitude = np.array([here.altitude_m])
-    return Track(np.array([[here.x_m, here.y_m]]), altitude, altitude)
+def places_of(heres: list[Here]) -> Track:
+    """Where vehicles are now, at least one."""
+    places = np.array([(here.x_m, here.y_m, here.altitude_m) for here in heres])
+    return Track(places[:, :2], places[:, 2], places[:, 2])
 
 
 def along(start: Floats, end: Floats) -> Floats:
@@ -103,20 +104,18 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
     if not len(points_m):
         return found
     west_m, south_m, east_m, north_m = box_around(points_m)
-    for track in tracks:
-        box_m = track.box_m
-        if box_m[0] > east_m + NEAR_M or box_m[2] < west_m - NEAR_M:
-            continue
-        if box_m[1] > north_m + NEAR_M or box_m[3] < south_m - NEAR_M:
-            continue
-        x_m, y_m = track.points_m[:, 0], track.points_m[:, 1]
-        around = (x_m >= west_m - NEAR_M) & (x_m <= east_m + NEAR_M)
-        around &= (y_m >= south_m - NEAR_M) & (y_m <= north_m + NEAR_M)
-        if not around.any():
-            continue
-        far_m = np.hypot(points_m[:, 0, None] - x_m[around], points_m[:, 1, None] - y_m[around])
-        highest_m = track.highest_m[around]
-        found = np.maximum(found, np.where(far_m <= NEAR_M, highest_m, -np.inf).max(axis=1))
+    near = [
+        track
+        for track in tracks
+        if track.box_m[0] <= east_m + NEAR_M
+        and track.box_m[2] >= west_m - NEAR_M
+        and track.box_m[1] <= north_m + NEAR_M
+        and track.box_m[3] >= south_m - NEAR_M
+    ]
+    if near:
+        others_m = np.concatenate([track.points_m for track in near])
+        highest_m = np.concatenate([track.highest_m for track in near])
+        heights_near(points_m, others_m, highest_m, NEAR_M, found)
     return found
 
 

@@ -21,7 +21,7 @@ from mission_service.separation import (
     heights_below,
     is_near,
     place_aside,
-    place_of,
+    places_of,
     track_of,
 )
 from mission_service.steering import Presence
@@ -111,7 +111,8 @@ class Spacing:
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
         places = [other.presence.here for other in below if other.presence.airborne]
-        return tracks + [place_of(here) for here in places if here is not None]
+        heres = [here for here in places if here is not None]
+        return [*tracks, places_of(heres)] if heres else tracks
 
     def _missions_below(self, name: str) -> tuple[int, ...]:
         return tuple(other.sent for other in self._below[name])

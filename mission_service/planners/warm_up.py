@@ -8,6 +8,7 @@ from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.events import Observed
 from mission_service.planning import fire_position, planners_of
+from mission_service.separation import Track, heights_below
 
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
 LAP_STEPS, LAPS = 48, 1.6
@@ -20,6 +21,7 @@ def warm_up(scenario: Scenario, landscape: Landscape) -> None:
 
     So all that a rule does has been done once, and is compiled, or read from the disk.
     """
+    heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
     few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})
     planners = planners_of(few, landscape)
     rows, cols = landscape.shape
