@@ -95,7 +95,7 @@ LAND = {
     "cols": 500,
 }
 STATUS = {
-    "schema": "status/1",
+    "schema": "run/1",
     "at_us": 1830000000,
     "time_unix_us": 1790000000000000,
     "scenario": "demo",

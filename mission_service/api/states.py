@@ -32,7 +32,7 @@ class Told(msgspec.Struct):
     said: list[str]
 
 
-class StatusState(msgspec.Struct, tag="status/1", tag_field="schema"):
+class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
     """The run as a whole. ``not_ready``: what it lacks before it does its work."""
 
     at_us: int
