@@ -79,7 +79,7 @@ class Told:
         """Write down what is new."""
         picture = hub.picture
         for line in picture.news:
-            if line.id > self._last_id:
+            if line.id > max(self._last_id, picture.told_before):
                 self._last_id = line.id
                 level = logging.WARNING if line.level == "warning" else logging.INFO
                 said = {"vehicle": line.vehicle, "at_us": line.at_us}

@@ -243,6 +243,7 @@ class Picture:
         self.cleared: deque[Alarm] = deque(maxlen=MOST_CLEARED)
         self.news: deque[NewsLine] = deque(maxlen=MOST_NEWS)
         self.news_id = 0
+        self.told_before = 0  # the last line of before the service was down
         self.drops: list[DropState] = []
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
