@@ -21,9 +21,9 @@ class Texts:
             return [*self._end(), message]
         if kind != "STATUSTEXT":
             return [message]
-        if message.id == 0:
-            return [*self._end(), message]
-        if self._begun is not None and self._begun.id == message.id:
+        # Texts in one piece have id 0, and so has PX4's first long one.
+        one_more = message.id or message.chunk_seq
+        if one_more and self._begun is not None and self._begun.id == message.id:
             if message.chunk_seq < self._next_chunk:
                 return []  # doubled
             if message.chunk_seq == self._next_chunk:

@@ -8,7 +8,7 @@ import math
 from firemodel.landscape import Landscape
 from mission_service.approach import landing_of_vehicle
 from mission_service.approvals import MissionApprovals
-from mission_service.commands import AnyCommand, Hold, Return, StartMission
+from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
 from mission_service.crew_orders import CrewOrders, hold_again
 from mission_service.events import (
@@ -20,6 +20,7 @@ from mission_service.events import (
     LinkRestored,
     MissionAccepted,
     MissionHeld,
+    MissionProgress,
     ModeChanged,
     Resumed,
     Telemetry,
@@ -130,7 +131,9 @@ class Core:
     ) -> list[AnyCommand]:
         match event:
             case Telemetry():
-                return self._moved(vehicle, event.at_us / 1e6, decision)
+                found_so = vehicle.presence.recalled and not was_recalled
+                told = [_on_its_way_home(vehicle, vehicle.presence.mode)] if found_so else []
+                return [*told, *self._moved(vehicle, event.at_us / 1e6, decision)]
             case UploadFinished():
                 return self._upload_finished(vehicle, event)
             case VehicleConnected():
@@ -154,6 +157,9 @@ class Core:
             case ModeChanged():
                 vehicle.mode = event.mode
                 return self._mode_changed(vehicle, event, was_airborne, was_recalled)
+            case MissionProgress(current_seq=seq) if seq > 0:
+                vehicle.takes_off = False  # the takeoff is behind it
+                return []
             case _:  # for the planners, people and the journal
                 return []
 
@@ -254,7 +260,7 @@ class Core:
             self.spacing.forget(vehicle.name)
             return [say(vehicle, "landed")]
         if vehicle.presence.recalled and not was_recalled:
-            return [say(vehicle, f"on its way home ({event.mode})", warning=True)]
+            return [_on_its_way_home(vehicle, event.mode)]
         if was_recalled and not vehicle.presence.recalled:
             vehicle.flown_line = None
             return [say(vehicle, "back in its mission")]
@@ -279,12 +285,18 @@ class Core:
         if vehicle.ordered:
             if vehicle.mode in ("mission", *GOING_HOME):
                 vehicle.hold_again_at_s = at_s
-            return [commands[0]]
+            return [
+                commands[0],
+                say(vehicle, "told to hold before: until it is resumed", warning=True),
+            ]
         if not presence.airborne:
             if was.starting and vehicle.flown_line is not None:
                 vehicle.start_again_at_s = at_s
             elif vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s):
                 vehicle.holding, vehicle.start_again_at_s = True, None
+            elif vehicle.started and not vehicle.start_again_at_s:  # landed or restarted, unseen
+                words = "on the ground: it waits until it is started"
+                commands.append(say(vehicle, words, warning=True))
         elif presence.recalled or vehicle.mode == "mission" or not self.leader.in_mission(name):
             pass
         elif was.starting or was.pending is not None:  # what holds it is our own doing
@@ -323,6 +335,7 @@ class Core:
 
     def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
         vehicle.flown_line, vehicle.accepted = pending.line, pending
+        vehicle.takes_off = pending.takes_off
         if vehicle.ordered:  # it was on its way when somebody said hold
             vehicle.hold_again_at_s = at_s
             return []
@@ -359,6 +372,11 @@ class Core:
         vehicle.deployed = vehicle.started = vehicle.holding = False
         vehicle.sent_home = vehicle.going_home = False
         vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.doubt = None
+        vehicle.takes_off = False
         vehicle.start_again_at_s = vehicle.return_again_at_s = None
         self.spacing.forget(vehicle.name)
         return [say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]
+
+
+def _on_its_way_home(vehicle: Vehicle, mode: str) -> Announce:
+    return say(vehicle, f"on its way home ({mode})", warning=True)

@@ -222,6 +222,7 @@ async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, dow
     clock.go_on(news.at_us, began_us)
     if service.picture is not None:
         service.picture.clear_all_but("abort")
+        service.picture.told_before = service.picture.news_id
     service.go_on(cut_off.missing, news, clock_us())
 
 

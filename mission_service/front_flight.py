@@ -119,7 +119,7 @@ class FrontFlight:
 
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Give way, or renew the mission if that is due."""
-        if vehicle.pending is not None:
+        if vehicle.pending is not None or _takes_off(vehicle):
             return []
         aside = self._out_of_the_way(vehicle, here)
         if aside is not None:
@@ -215,6 +215,15 @@ class FrontFlight:
             least_at=self.spacing.least_altitudes(vehicle.name),
             start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
         )
+
+
+def _takes_off(vehicle: Vehicle) -> bool:
+    """Whether its autopilot still takes off: another mission would end that, however low it is.
+
+    ArduPlane then climbs at 1 to 4 m/s rather than 10, and a PX4 plane that took off soon after its
+    start sinks to the ground (flown). Past its takeoff is who has gone on to the next item.
+    """
+    return vehicle.takes_off and vehicle.mode == "mission"
 
 
 def _in_words(told: SettingsTold) -> str:

@@ -78,12 +78,11 @@ class Told:
     def catch_up(self, hub: Hub) -> None:
         """Write down what is new."""
         picture = hub.picture
-        for line in picture.news:
-            if line.id > self._last_id:
-                self._last_id = line.id
-                level = logging.WARNING if line.level == "warning" else logging.INFO
-                said = {"vehicle": line.vehicle, "at_us": line.at_us}
-                self._log.log(level, "%s: %s", line.vehicle, line.text, extra=said)
+        for line in picture.news_after(self._last_id):
+            self._last_id = line.id
+            level = logging.WARNING if line.level == "warning" else logging.INFO
+            said = {"vehicle": line.vehicle, "at_us": line.at_us}
+            self._log.log(level, "%s: %s", line.vehicle, line.text, extra=said)
         alarms = {key: alarm.text for key, alarm in picture.alarms.items()}
         for key, text in alarms.items():
             if key not in self._alarms:

@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_TAKEOFF
 
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import UploadMission
@@ -33,7 +34,12 @@ class MissionsSent:
         if len(path_m) == 1:  # a place to loiter at
             path_m = np.array([(here.x_m, here.y_m), path_m[0]])
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
-        vehicle.pending = Pending(mission_id, shapely.LineString(shapely.get_coordinates(line)))
+        takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF
+        vehicle.pending = Pending(
+            mission_id,
+            shapely.LineString(shapely.get_coordinates(line)),
+            takes_off,
+        )
         vehicle.uploaded_at_s = here.at_s
         vehicle.due = ""
         return UploadMission(vehicle.name, mission_id, why, items)

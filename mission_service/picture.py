@@ -248,6 +248,7 @@ class Picture:
         self.cleared: deque[Alarm] = deque(maxlen=MOST_CLEARED)
         self.news: deque[NewsLine] = deque(maxlen=MOST_NEWS)
         self.news_id = 0
+        self.told_before = 0  # the last line of before the service was down
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.fire_version = 1  # grows when people change the fire
@@ -310,6 +311,10 @@ class Picture:
         self.news_id = self.version + 1  # so that it also says since when it is news
         self.news.append(NewsLine(self.news_id, self.at_us, vehicle, level, text))
         self._touch("news")
+
+    def news_after(self, line_id: int) -> list[NewsLine]:
+        """Lines after one, for who hands them on; none that were told before a restart."""
+        return [line for line in self.news if line.id > max(line_id, self.told_before)]
 
     def fire_changed(self) -> None:
         """People have changed what is known of the fire."""

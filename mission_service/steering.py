@@ -52,6 +52,7 @@ class Presence:
     recalled: bool = False  # on its way home, or told to go
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
+    mode: str = ""  # as told last
     here: Here | None = None
 
     @property
@@ -94,6 +95,7 @@ class Steering:
                 self.planners[name].left(at_s)
             case VehicleRebooted():
                 presence.airborne = presence.recalled = False
+                presence.mode = ""
                 self.planners[name].left(at_s)
             case ModeChanged():
                 self._mode_changed(name, event.mode, event.armed, at_s)
@@ -108,6 +110,7 @@ class Steering:
 
     def _mode_changed(self, name: str, mode: str, armed: bool, at_s: float) -> None:
         presence = self.presence[name]
+        presence.mode = mode
         if not armed:
             presence.airborne = presence.recalled = False
             self.planners[name].left(at_s)
@@ -127,6 +130,8 @@ class Steering:
         # Home may lie on a hill: once up, a vehicle flies until it disarms.
         if not presence.airborne and told.altitude_relative_m >= self._airborne_m:
             presence.airborne, presence.took_off_at_s = True, at_s
+            if presence.mode in GOING_HOME:  # told before it was known to be in the air
+                self.recall(told.vehicle, at_s)
         if not presence.flies or at_s < self._deploy_at_s:
             return None
         return self.planners[told.vehicle].at(row, col, at_s)

@@ -23,6 +23,7 @@ class Pending:
 
     mission_id: int
     line: shapely.LineString
+    takes_off: bool = False  # whether it begins with a takeoff
 
 
 @dataclass
@@ -54,6 +55,7 @@ class Vehicle:
     sent_home: bool = False
     pending: Pending | None = None
     flown_line: shapely.LineString | None = None  # of the mission on board that can be trusted
+    takes_off: bool = False  # by its mission, and has not gone on to the next item
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
     due: str = ""  # why a new mission is due at once

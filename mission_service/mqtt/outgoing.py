@@ -62,10 +62,9 @@ class Outgoing:
 
     def news(self, picture: Picture) -> Iterator[Publication]:
         """Lines for people that were not sent; each counts as sent when the next is asked for."""
-        for line in list(picture.news):
-            if line.id > self._news_id:
-                yield Publication(EVENT, _encode(line))
-                self._news_id = line.id
+        for line in picture.news_after(self._news_id):
+            yield Publication(EVENT, _encode(line))
+            self._news_id = line.id
 
 
 def _state(picture: Picture, kind: str, name: str) -> Publication:

@@ -44,8 +44,24 @@ def texts_of(*chunks: Chunk, then_s: float = 0.0) -> list[str]:
         ([(FIRST, 7, 0), (LAST, 7, 2)], [FIRST.decode(), "n)"]),
         ([(FIRST, 7, 0), (FIRST, 7, 1), (LAST, 7, 2)], [FIRST.decode() + WHOLE]),
         ([(FIRST, 7, 0)], []),
+        ([(FIRST, 0, 0), (LAST, 0, 1)], [WHOLE]),  # PX4 counts its long ones from 0
+        (
+            [(FIRST, 0, 0), (FIRST, 0, 0), OTHER],
+            [FIRST.decode(), FIRST.decode(), "Takeoff detected"],
+        ),
     ],
-    ids=["one", "two", "doubled", "broken off", "two texts", "gap", "three", "begun"],
+    ids=[
+        "one",
+        "two",
+        "doubled",
+        "broken off",
+        "two texts",
+        "gap",
+        "three",
+        "begun",
+        "id 0",
+        "alike",
+    ],
 )
 def test_chunks_become_one_text(chunks: list[Chunk], told: list[str]) -> None:
     assert texts_of(*chunks) == told

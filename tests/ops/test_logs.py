@@ -111,3 +111,13 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     assert len(texts) == len(set(texts)), "said twice"
     assert [line["level"] for line in lines if line.get("alarm")] == ["error", "info"]
     assert texts[-2:] == ["hawk: the last word", "alarm link/hawk: cleared"]
+
+
+def test_what_was_told_before_a_restart_is_not_logged_again(tmp_path: Path) -> None:
+    stream = set_up("json")
+    with hub_after_a_flight(tmp_path) as hub:
+        hub.picture.told_before = hub.picture.news_id
+        hub.picture.tell("hawk", "read back")
+        logs.Told().catch_up(hub)
+    lines = [json.loads(line)["message"] for line in stream.getvalue().splitlines()]
+    assert [line for line in lines if not line.startswith("alarm")] == ["hawk: read back"]

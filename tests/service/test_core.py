@@ -13,6 +13,7 @@ from mission_service.events import (
     CommandFinished,
     LinkLost,
     LinkRestored,
+    MissionProgress,
     ModeChanged,
     Telemetry,
     UploadFinished,
@@ -127,6 +128,19 @@ def test_a_refused_mission_is_told_and_tried_again_later(land: Landscape) -> Non
     assert "because" in told.text
     assert uploads(flight.at_height(0.0, later_s=1.0)) == []
     assert len(uploads(flight.at_height(0.0, later_s=5.0))) == 1
+
+
+def test_a_takeoff_is_not_cut_short_by_another_mission(land: Landscape) -> None:
+    # Seen with PX4 1.17: with another mission at 15 m a plane sank to the ground and slid on.
+    flight = Flight(load_scenario("default"), land)
+    (first,) = uploads(flight.at_height(0.0))
+    flight.finished(first.mission_id, "accepted")
+    flight.tell(ModeChanged(flight.at_us, "hawk", 0, True, "mission"))
+    flight.at_height(16.0)
+    assert uploads(flight.restored()) == []
+    assert uploads(flight.at_height(first.items[0].z - 400.0, later_s=10.0)) == []
+    flight.tell(MissionProgress(flight.at_us, "hawk", 1))
+    assert len(uploads(flight.at_height(150.0, later_s=10.0))) == 1
 
 
 def airborne(land: Landscape, atomic: bool) -> tuple[Flight, UploadMission]:

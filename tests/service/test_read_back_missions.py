@@ -12,6 +12,7 @@ import pytest
 
 from autopilot_bridge.transfer import TransferResult
 from mission_service.commands import (
+    Announce,
     AnyCommand,
     Hold,
     Orbit,
@@ -238,6 +239,18 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
     flight.fly(10.0)
     held = next(each for each in flight.after_resumed() if isinstance(each, MissionHeld))
     assert (held.mission_id, held.items) == (0, None)
+
+
+def test_one_that_came_down_unseen_waits_for_a_start_and_says_so(flight: Flight) -> None:
+    flight.fly(60.0)
+    flight.keep_state()
+    flight.simulation.rigs[0].mock.reboot(flight.simulation.link_us)
+    flight.begin_again()
+    flight.fly(30.0)
+    told = flight.after_resumed()
+    words = [each.text for each in told if isinstance(each, Announce)]
+    assert any("waits until it is started" in text for text in words)
+    assert StartMission not in kinds(told)
 
 
 def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:

@@ -155,6 +155,19 @@ def test_a_vehicle_recalled_by_its_pilot_leaves_until_it_is_sent_back(
     assert flight.planner.places == places + 1
 
 
+def test_one_on_its_way_home_when_it_is_first_heard_is_left_alone(land: Landscape) -> None:
+    scenario = load_scenario("default")
+    core, home = Core(scenario, land), scenario.vehicles[0]
+    at_us = round(scenario.deploy_at_s * 1e6)
+    core.handle(VehicleConnected(at_us, "hawk", "a stack", True))
+    assert core.handle(ModeChanged(at_us, "hawk", 0, True, "return")) == []  # may be on the ground
+    place = (home.home_lat_deg, home.home_lon_deg)
+    (told,) = core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0))
+    assert isinstance(told, Announce)
+    assert "on its way home" in told.text
+    assert core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)) == []
+
+
 def test_a_lost_link_a_restart_and_disarming_leave_too(land: Landscape) -> None:
     flight = Flight(land)
     flight.tell(LinkLost(flight.at_us, "hawk", 3.0))
