@@ -146,8 +146,7 @@ async def serve(
             others = [group.create_task(serve_control(listening, desk))]
             others += [group.create_task(door(hub)) for door in doors]
             others.append(group.create_task(keeping.run(clock)))
-            # What only the first correction needs, and takes long to load.
-            group.create_task(asyncio.to_thread(import_module, "firemodel.corrected_cells"))
+            group.create_task(asyncio.to_thread(_load_for_corrections))
             while not stop.is_set() and clock.now_us < latest_us:
                 watch()
                 _look_around(hub, watchman, silence)
@@ -196,6 +195,12 @@ def _journal_of(
     rest = None if cut_off is None else cut_off.rest()
     header = header_of(run.scenario, known.landscape, run.created)
     return Journal(run.journal_path, header, durable=True, rest=rest)
+
+
+def _load_for_corrections() -> None:
+    """What only the first correction needs, and takes long to load."""
+    for name in ("firemodel.corrected_cells", "contourpy", "rasterio.features"):
+        import_module(name)
 
 
 def _begun(
