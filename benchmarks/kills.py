@@ -38,7 +38,7 @@ from mission_service.config import Scenario, flying, load_run
 from mission_service.control_client import Control
 from mission_service.errors import ControlError, RequestError
 from mission_service.replay import verify
-from mission_service.segments import closed_segments
+from mission_service.segments import begin_state, closed_segments
 
 RULES = {"damped": "demo", "team.balanced": "team", "formation": "virtual-agents", "burn": "burn"}
 GOES_ON_WITHIN_S = 5.0
@@ -331,7 +331,12 @@ class Watched:
         self.found.events += result.events
         self.found.recognised += self._read_back[0]
         self.found.unknown += self._read_back[1]
-        for closed in list(closed_segments(self.path).values())[-2:]:
+        begun = [
+            closed
+            for number, closed in closed_segments(self.path).items()
+            if number == 1 or begin_state(self.path, number).exists()  # killed before it was there
+        ]
+        for closed in begun[-2:]:
             alone = verify(closed)
             if alone.difference is not None:
                 self._is_wrong(f"replay of {closed.name} from its state: {alone.difference}")

@@ -252,3 +252,16 @@ def test_what_belongs_to_a_burn_is_kept_together(kept: Kept, tmp_path: Path) -> 
     path = kept.again(tmp_path)
     assert set_aside(path, kept.scenario) is None
     assert not any(each.name in kept.files for each in tmp_path.iterdir())
+
+
+def test_what_is_left_of_a_journal_begins_with_a_state(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    for number in (1, 2, 3, 4, 5):  # killed before the state of the third was written
+        segment_path(path, number).write_bytes(b"x" * 100)
+        if number in (2, 4, 5):
+            begin_state(path, number).write_bytes(b"x" * 10)
+    path.write_bytes(b"x" * 100)
+    assert trim(path, 629) == [segment_path(path, 1)]
+    assert trim(path, 529) == [segment_path(path, 2), segment_path(path, 3)]
+    assert trim(path, 400) == []
+    assert begin_state(path, 4).exists()
