@@ -100,7 +100,7 @@ def trim(path: Path, keep_bytes: int) -> list[Path]:
     What is left begins with a state, or it could not be replayed: one that was killed before it
     wrote the state of a segment has none for that.
     """
-    closed, gone = closed_segments(path), []
+    closed, gone = closed_segments(path), list[Path]()
     size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
     for number, each in list(closed.items())[: max(len(closed) + 1 - NEVER_DELETED, 0)]:
         if size <= keep_bytes and (not gone or begin_state(path, number).exists()):
