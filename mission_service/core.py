@@ -297,6 +297,10 @@ class Core:
             elif vehicle.started and not vehicle.start_again_at_s:  # landed or restarted, unseen
                 words = "on the ground: it waits until it is started"
                 commands.append(say(vehicle, words, warning=True))
+        elif was.resumed and vehicle.read_back == "unknown":
+            vehicle.started = False  # it is sent another mission, and begins with that
+        elif was.resumed:
+            commands.append(StartMission(name))
         elif presence.recalled or vehicle.mode == "mission" or not self.leader.in_mission(name):
             pass
         elif was.starting or was.pending is not None:  # what holds it is our own doing

@@ -1,6 +1,7 @@
 """What people order of vehicles along a front or in formation: events to commands. Pure."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from mission_service.approvals import MissionApprovals
 from mission_service.commands import AnyCommand, Hold, Return, StartMission
@@ -106,6 +107,9 @@ class CrewOrders:
         vehicle.ordered, vehicle.hold_again_at_s = "", None
         vehicle.presence.recalled = vehicle.sent_home = vehicle.going_home = False
         vehicle.return_again_at_s = None
+        if in_formation and vehicle.presence.airborne and vehicle.doubt is not None:
+            vehicle.doubt = replace(vehicle.doubt, resumed=True)
+            return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
         if in_formation and vehicle.presence.airborne:
             # Into its mission, which ends at the fire's edge: from there it is led again.
             return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]

@@ -15,7 +15,7 @@ def doubt(vehicle: Vehicle) -> None:
     pending = vehicle.pending or (was.pending if was else None)
     recalled = vehicle.presence.recalled or bool(was and was.recalled)
     starting = vehicle.start_under_way or bool(was and was.starting)
-    vehicle.doubt = Doubt(pending, recalled, starting)
+    vehicle.doubt = Doubt(pending, recalled, starting, bool(was and was.resumed))
     vehicle.presence.online = vehicle.start_under_way = False
     vehicle.pending = vehicle.flown_line = None
 

@@ -33,6 +33,7 @@ class Doubt:
     pending: Pending | None
     recalled: bool
     starting: bool
+    resumed: bool = False  # by a person, since: it is started when its mission is known
 
 
 @dataclass

@@ -272,3 +272,28 @@ def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:
         first = next(place for place, each in enumerate(mine) if isinstance(each, MissionHeld))
         assert any(isinstance(each, Orbit) for each in mine[first:]), name
         assert not any(isinstance(each, Orbit | UploadMission) for each in mine[:first]), name
+
+
+def test_who_is_resumed_in_a_formation_is_started_when_its_mission_is_known(tmp_path: Path) -> None:
+    scenario = flying(load_scenario("virtual-agents"))
+    scenario = at_once(scenario.model_copy(update={"vehicles": scenario.vehicles[:2]}))
+    flight = Flight(tmp_path, scenario)
+    flight.fly_until(Orbit, 2)
+    flight.begin_again()
+    flight.fly(20.0)
+    flight.tell("hold")
+    flight.fly(10.0)
+    flight.keep_state()
+    flight.begin_again()
+    vehicles = flight.simulation.core.vehicles
+    while not any(vehicle.presence.online for vehicle in vehicles.values()):
+        flight.simulation.step()
+    heard = next(name for name, vehicle in vehicles.items() if vehicle.presence.online)
+    assert vehicles[heard].doubt is not None
+    flight.tell("resume")
+    flight.fly(20.0)
+    told = flight.after_resumed()
+    mine = [each for each in told if getattr(each, "vehicle", "") == heard]
+    first = next(place for place, each in enumerate(mine) if isinstance(each, MissionHeld))
+    assert StartMission not in kinds(mine[:first])
+    assert StartMission in kinds(mine[first:])
