@@ -14,8 +14,8 @@ from functools import cache
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-_STARTS = bytes((mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2))
-_START = re.compile(b"[" + re.escape(_STARTS) + b"]")
+STARTS = bytes((mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2))
+_START = re.compile(b"[" + re.escape(STARTS) + b"]")
 SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 SIGNATURE_BYTES = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
 V2 = mavlink.PROTOCOL_MARKER_V2
@@ -44,7 +44,7 @@ class Framer:
         to fill up would hold back the frames behind it.
         """
         before: list[bytes] = []
-        if self._rest and data[:1] in (_STARTS[:1], _STARTS[1:]) and _frame_length(data, 0, True):
+        if self._rest and data[:1] in (STARTS[:1], STARTS[1:]) and frame_length(data, 0, True):
             before = self._scan(self._rest, all_is_here=True)
         if not self._rest:
             self._step_at = 0
@@ -67,7 +67,7 @@ def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], in
     at = 0
     while (start := _START.search(data, at)) is not None:
         at = start.start()
-        length = _frame_length(data, at, at == step_at)
+        length = frame_length(data, at, at == step_at)
         if length is None and not all_is_here:
             break
         if length:
@@ -116,12 +116,17 @@ def target_system_of(frame: bytes) -> int:
     return payload[at] if at is not None and at < len(payload) else 0
 
 
+def is_known(message_id: int) -> bool:
+    """Whether the dialect has it."""
+    return message_id in _KNOWN
+
+
 def checksum(data: bytes, message_id: int) -> int:
     """Of a frame of a known message, from behind its marker to the end of its payload."""
     return mcrf4xx(_KNOWN[message_id][1], mcrf4xx(data))
 
 
-def _frame_length(data: bytes, at: int, in_step: bool) -> int | None:
+def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     """Length of the frame that starts here; 0 when none does, None when more bytes must tell."""
     have = len(data) - at
     marker = data[at]
@@ -145,6 +150,6 @@ def _frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     if have < length:
         return None
     if known is None:  # of another dialect, its checksum unknown: believed between frames only
-        return length if in_step and (have == length or data[at + length] in _STARTS) else 0
+        return length if in_step and (have == length or data[at + length] in STARTS) else 0
     crc = checksum(data[at + 1 : at + end], message_id)
     return length if crc == data[at + end] | data[at + end + 1] << 8 else 0

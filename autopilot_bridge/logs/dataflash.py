@@ -1,0 +1,347 @@
+"""ArduPilot's DataFlash logs (.bin): messages that describe themselves.
+
+A message is A3 95, its type, its values; FMT messages (type 128) name a type's columns and their
+formats. Read: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is microseconds since boot
+(``TimeUS``); GPS messages say when that was.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import (
+    Attitude,
+    Battery,
+    Connected,
+    GpsFix,
+    ItemReached,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Speed,
+    Text,
+    Wind,
+)
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.logs.entries import Damage, Entry, LogEvent, MissionLoaded, Outputs
+from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.stacks import Stack, stack_named
+from autopilot_bridge.telemetry import FIXES
+
+HEAD = b"\xa3\x95"
+FMT = 128
+FMT_BYTES = 89
+LONGEST_BYTES = 255
+GPS_EPOCH_US = 315_964_800_000_000  # 6 January 1980
+LEAP_US = 18_000_000  # GPS is ahead of UTC by these since 2017
+WEEK_US = 7 * 86_400_000_000
+# Of each letter: what struct calls it, and what its value is divided by; a text is stripped.
+LETTERS: dict[str, tuple[str, float]] = {
+    "a": ("64s", 0.0),
+    "b": ("b", 1.0),
+    "B": ("B", 1.0),
+    "h": ("h", 1.0),
+    "H": ("H", 1.0),
+    "i": ("i", 1.0),
+    "I": ("I", 1.0),
+    "f": ("f", 1.0),
+    "g": ("e", 1.0),
+    "d": ("d", 1.0),
+    "n": ("4s", -1.0),
+    "N": ("16s", -1.0),
+    "Z": ("64s", -1.0),
+    "c": ("h", 100.0),
+    "C": ("H", 100.0),
+    "e": ("i", 100.0),
+    "E": ("I", 100.0),
+    "L": ("i", 1e7),
+    "M": ("B", 1.0),
+    "q": ("q", 1.0),
+    "Q": ("Q", 1.0),
+}
+ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Disarming motors")
+Values = dict[str, Any]
+
+
+class DataFlashLog:
+    """A .bin file of one vehicle, whose system id it does not say: 1, unless told otherwise."""
+
+    def __init__(self, path: Path, system_id: int = 1) -> None:
+        self.path = path
+        self.system_id = system_id
+        self.messages = 0
+        self.damage: list[Damage] = []
+
+    def unix_offset_us(self) -> int | None:
+        """By the first GPS message that knows its time."""
+        for name, values in self._messages(frozenset(("GPS",))):
+            if name == "GPS" and values.get("GWk", 0) > 0:
+                gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
+                return int(GPS_EPOCH_US + gps_us - LEAP_US - values["TimeUS"])
+        return None
+
+    def entries(self) -> Iterator[Entry]:
+        """From the beginning."""
+        flight = _Flight()
+        for name, values in self._messages(frozenset(_TELLS)):
+            for event in _TELLS[name](flight, values, values["TimeUS"]):
+                yield Entry(self.system_id, event)
+
+    def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
+        """Name and values of each message of the kinds wanted that has a time."""
+        self.messages, self.damage = 0, []
+        lengths = [0] * 256
+        lengths[FMT] = FMT_BYTES
+        kinds: list[_Kind | None] = [None] * 256
+        data, at, base, lost_at = b"", 0, 0, -1
+        source, more = pieces(self.path), True
+        while more:
+            piece = next(source, b"")
+            more = bool(piece)
+            base += at
+            data, at = data[at:] + piece, 0
+            end = len(data) - (LONGEST_BYTES if more else 0)
+            while at < end:
+                length = _length_at(data, at, lengths)
+                if not length:
+                    lost_at = base + at if lost_at < 0 else lost_at
+                    found = data.find(HEAD, at + 1)
+                    at = max(end, at + 1) if found < 0 else min(found, max(end, at + 1))
+                    continue
+                if lost_at >= 0:
+                    self._lost(lost_at, base + at)
+                    lost_at = -1
+                self.messages += 1
+                number = data[at + 2]
+                kind = kinds[number]
+                if kind is not None:
+                    values = kind.read(data, at + 3)
+                    if values is not None:
+                        yield kind.name, values
+                elif number == FMT:
+                    described = _Kind(data[at + 3 : at + FMT_BYTES])
+                    if described.right:
+                        lengths[described.number] = described.length
+                        named = described.name in wanted
+                        kinds[described.number] = described if named else None
+                at += length
+        if lost_at >= 0:
+            self._lost(lost_at, base + at)
+
+    def _lost(self, begin: int, end: int) -> None:
+        self.damage.append(Damage(begin, end - begin, "no DataFlash message that was described"))
+
+
+def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
+    """Of the message that begins here; 0 if none does, or not all of it is there.
+
+    Messages have no checksum: what looks like one in noise is believed only if another follows.
+    """
+    if data[at : at + 2] != HEAD or at + 3 > len(data):
+        return 0
+    length = lengths[data[at + 2]]
+    if not length or at + length > len(data):
+        return 0
+    follows = data[at + length : at + length + 2]
+    return length if HEAD.startswith(follows) else 0
+
+
+class _Kind:
+    """A message type, as its FMT describes it."""
+
+    def __init__(self, told: bytes) -> None:
+        self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", told)
+        self.name = _text(name)
+        self._columns = _text(columns).split(",")
+        known = [LETTERS.get(letter) for letter in _text(letters)]
+        self._struct = struct.Struct("<" + "".join(each[0] for each in known if each))
+        self._scales = [each[1] for each in known if each]
+        self._plain = all(scale == 1.0 for scale in self._scales)
+        self.right = (
+            None not in known
+            and len(known) == len(self._columns)
+            and self._struct.size + 3 == self.length
+        )
+        self.timed = "TimeUS" in self._columns
+
+    def read(self, data: bytes, at: int) -> Values | None:
+        """The values by their columns, in the units that people use; None without a time."""
+        if not self.timed:
+            return None
+        values = self._struct.unpack_from(data, at)
+        if self._plain:
+            return dict(zip(self._columns, values, strict=True))
+        return {
+            column: value
+            if scale == 1.0
+            else _text(value)
+            if scale < 0.0
+            else value
+            if scale == 0.0
+            else value / scale
+            for column, value, scale in zip(self._columns, values, self._scales, strict=True)
+        }
+
+
+def _text(data: bytes) -> str:
+    return data.split(b"\0", 1)[0].decode("utf-8", "replace")
+
+
+class _Flight:
+    """What has been told so far, for events that take more than one message."""
+
+    def __init__(self) -> None:
+        self.stack: Stack | None = None
+        self.armed = False
+        self.mode: int | None = None
+        self.velocity = (0.0, 0.0, 0.0)  # north, east, down
+        self.by_filter = False  # velocity is the EKF's, not the GPS receiver's
+        self.yaw_deg = 0.0
+        self.airspeed_m_s: float | None = None
+        self.throttle_percent = 0
+        self.items: dict[int, MissionItem] = {}
+        self.current: int | None = None
+        self.told: dict[type, tuple[object, ...]] = {}
+
+    def news(self, event: Battery | GpsFix) -> list[LogEvent]:
+        """Where it has changed."""
+        before = self.told.get(type(event))
+        self.told[type(event)] = event.without_time()
+        return [] if before == event.without_time() else [event]
+
+
+def _pos(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    if not (told["Lat"] or told["Lng"]):
+        return []
+    above_m = told.get("RelHomeAlt", math.nan)
+    place = (told["Lat"], told["Lng"], told["Alt"], above_m)
+    return [Position(at_us, at_us, *place, *flight.velocity, flight.yaw_deg)]
+
+
+def _xkf1(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    if told.get("C", 0) == 0:
+        flight.velocity, flight.by_filter = (told["VN"], told["VE"], told["VD"]), True
+    return []
+
+
+def _xkf2(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    north, east = told["VWN"], told["VWE"]
+    if told.get("C", 0) or not (north or east):
+        return []
+    from_deg = math.degrees(math.atan2(-east, -north)) % 360.0
+    return [Wind(at_us, from_deg, math.hypot(north, east))]
+
+
+def _att(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    flight.yaw_deg = told["Yaw"] % 360.0
+    return [Attitude(at_us, at_us, told["Roll"], told["Pitch"], flight.yaw_deg)]
+
+
+def _gps(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    if told.get("I", 0):
+        return []
+    fix = FIXES[told["Status"]] if told["Status"] < len(FIXES) else f"fix {told['Status']}"
+    if not flight.by_filter:
+        course_rad = math.radians(told["GCrs"])
+        north, east = told["Spd"] * math.cos(course_rad), told["Spd"] * math.sin(course_rad)
+        flight.velocity = (north, east, told["VZ"])
+    climb_m_s = -float(told["VZ"])
+    speed = Speed(at_us, flight.airspeed_m_s, told["Spd"], climb_m_s, flight.throttle_percent)
+    return [*flight.news(GpsFix(at_us, fix, told["NSats"])), speed]
+
+
+def _ctun(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    if "As" in told:
+        flight.airspeed_m_s = told["As"]
+    throttle = told.get("ThO", 0.0)
+    share = 100.0 if flight.stack is not None and flight.stack.vehicle == "copter" else 1.0
+    flight.throttle_percent = round(share * throttle) if math.isfinite(throttle) else 0
+    return []
+
+
+def _mode(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    return _now(flight, told["ModeNum" if "ModeNum" in told else "Mode"], flight.armed, at_us)
+
+
+def _now(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[LogEvent]:
+    if (mode, armed) == (flight.mode, flight.armed):
+        return []
+    flight.mode, flight.armed = mode, armed
+    if mode is None:
+        return []
+    name = "" if flight.stack is None else flight.stack.mode_name(mode)
+    return [ModeChanged(at_us, mode, armed, name)]
+
+
+def _arm(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    return _now(flight, flight.mode, bool(told["ArmState"]), at_us)
+
+
+def _msg(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    text = told["Message"]
+    found: list[LogEvent] = []
+    for word, vehicle in (("ArduPlane", "plane"), ("ArduCopter", "copter")):
+        if flight.stack is None and text.startswith(word):
+            flight.stack = stack_named("ardupilot", vehicle)
+            found = [Connected(at_us, flight.stack)]
+    # Logs often begin with arming, before there is an ARM.
+    armed = text in ARMED or (flight.armed and text not in DISARMED)
+    changed = _now(flight, flight.mode, armed, at_us)
+    return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
+
+
+def _cmd(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    """The whole mission is logged, its home first, at the start and whenever there is another."""
+    number, count = told["CNum"], told["CTot"]
+    if number == 0:
+        flight.items.clear()
+    params = (told["Prm1"], told["Prm2"], told["Prm3"], told["Prm4"])
+    x, y = round(told["Lat"] * 1e7), round(told["Lng"] * 1e7)
+    flight.items[number] = MissionItem(told["CId"], told["Frame"], x, y, told["Alt"], *params)
+    if number + 1 < count or len(flight.items) < count or count < 2:
+        return []
+    user = tuple(flight.items[place] for place in range(1, count))
+    flight.items.clear()
+    return [MissionLoaded(at_us, user)]
+
+
+def _mise(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    """An item is begun, so the one before it was reached."""
+    seq, before = told["CNum"] - 1, flight.current
+    flight.current = seq
+    if before is None or seq != before + 1:
+        return [MissionProgress(at_us, seq)]
+    return [ItemReached(at_us, before), MissionProgress(at_us, seq)]
+
+
+def _rcou(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    pulses = (told.get(f"C{number}") for number in range(1, 15))
+    return [Outputs(at_us, tuple(pulse for pulse in pulses if pulse is not None))]
+
+
+def _bat(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    if told.get("Inst", 0):
+        return []
+    percent = told.get("RemPct")
+    return flight.news(Battery(at_us, 0, percent, round(told["Volt"], 2), round(told["Curr"], 1)))
+
+
+_TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
+    "POS": _pos,
+    "XKF1": _xkf1,
+    "XKF2": _xkf2,
+    "ATT": _att,
+    "GPS": _gps,
+    "CTUN": _ctun,
+    "MODE": _mode,
+    "ARM": _arm,
+    "MSG": _msg,
+    "CMD": _cmd,
+    "MISE": _mise,
+    "RCOU": _rcou,
+    "BAT": _bat,
+}

@@ -1,0 +1,101 @@
+"""What a log tells: the events of a vehicle's client, and what only logs have."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from autopilot_bridge.client_events import (
+    Connected,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Rebooted,
+    TelemetryEvent,
+    Text,
+)
+from autopilot_bridge.items import Items
+
+
+@dataclass(frozen=True, slots=True)
+class MissionLoaded:
+    """The vehicle has this mission now (the user's items, without ArduPilot's home)."""
+
+    at_us: int
+    items: Items
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What the autopilot put out to its servos, the first one first, in microseconds of pulse."""
+
+    at_us: int
+    pulse_us: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GripperMoved:
+    """A gripper was told to let go, or to hold."""
+
+    at_us: int
+    releases: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """COMMAND_ACK: what the autopilot made of a command (MAV_CMD, MAV_RESULT)."""
+
+    at_us: int
+    command: int
+    result: int
+
+
+LogEvent = (
+    Connected
+    | LinkLost
+    | LinkRestored
+    | Rebooted
+    | TelemetryEvent
+    | MissionProgress
+    | ItemReached
+    | ModeChanged
+    | Text
+    | MissionLoaded
+    | Outputs
+    | GripperMoved
+    | Acknowledged
+)
+
+
+class Entry(NamedTuple):
+    """An event of one vehicle, by its MAVLink system id, at ``event.at_us`` of the log's clock."""
+
+    system_id: int
+    event: LogEvent
+
+
+class Damage(NamedTuple):
+    """Bytes of a log that could not be read, and why."""
+
+    at_byte: int
+    skipped_bytes: int
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.skipped_bytes} bytes at {self.at_byte}: {self.why}"
+
+
+class Log(Protocol):
+    """One file. ``messages`` counts what was read so far, decoded or passed over."""
+
+    path: Path
+    messages: int
+    damage: list[Damage]
+
+    def entries(self) -> Iterator[Entry]:
+        """From the beginning. Raises BridgeError where the file cannot be opened."""
+
+    def unix_offset_us(self) -> int | None:
+        """What to add to its clock for microseconds since 1970; None if it never says."""

@@ -1,0 +1,65 @@
+"""Which reader a log takes, and several logs as one."""
+
+import heapq
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.logs.dataflash import HEAD, DataFlashLog
+from autopilot_bridge.logs.entries import Entry, Log
+from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.logs.tlog import TlogLog
+from autopilot_bridge.logs.ulog import MAGIC, UlogLog
+
+SUFFIXES = (".tlog", ".bin", ".ulg")
+
+
+def open_log(path: Path) -> Log:
+    """By what it begins with, else by its name. Raises BridgeError in one line."""
+    begin = next(pieces(path), b"")
+    if not begin:
+        raise BridgeError(f"{path}: is empty")
+    if begin.startswith(MAGIC):
+        return UlogLog(path)
+    if begin.startswith(HEAD):
+        return DataFlashLog(path)
+    match path.suffix.lower():  # one whose beginning is damaged
+        case ".tlog":
+            return TlogLog(path)
+        case ".bin":
+            return DataFlashLog(path)
+        case ".ulg":
+            return UlogLog(path)
+    raise BridgeError(f"{path}: is no log that is known here: {', '.join(SUFFIXES)}")
+
+
+class Told(NamedTuple):
+    """An entry of one of several logs, on the clock that they share."""
+
+    at_us: int
+    log: int  # which of them
+    entry: Entry
+
+
+def merged(logs: Sequence[Log]) -> Iterator[Told]:
+    """All entries by time: of 1970 where all logs know it, else each log's own.
+
+    Within a log the order is the file's; autopilots write some topics a little late.
+    """
+    offsets = [log.unix_offset_us() for log in logs]
+    shared = all(offset is not None for offset in offsets) and len(logs) > 1
+    streams = [
+        _on_clock(log, number, offset if shared and offset is not None else 0)
+        for number, (log, offset) in enumerate(zip(logs, offsets, strict=True))
+    ]
+    for _, _, told in heapq.merge(*streams, key=lambda each: each[:2]):
+        yield told
+
+
+def _on_clock(log: Log, number: int, offset_us: int) -> Iterator[tuple[int, int, Told]]:
+    latest_us = -(1 << 62)
+    for entry in log.entries():
+        at_us = entry.event.at_us + offset_us
+        latest_us = max(latest_us, at_us)
+        yield latest_us, number, Told(at_us, number, entry)

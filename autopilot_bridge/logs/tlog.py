@@ -1,0 +1,266 @@
+"""MAVLink telemetry logs: records of eight bytes, big-endian, the time, and one frame.
+
+Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
+``autopilot_bridge/tlog.py`` write them; MAVProxy keeps the number of the link in the lowest two
+bits. Only frames whose checksum is right are believed. Of other dialects' messages the length is,
+if another record follows.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import ClientEvent
+from autopilot_bridge.codec import Codec, Message, item_of
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.framing import STARTS, frame_length, is_known, message_id_of, source_of
+from autopilot_bridge.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.logs.entries import (
+    Acknowledged,
+    Damage,
+    Entry,
+    GripperMoved,
+    LogEvent,
+    MissionLoaded,
+    Outputs,
+)
+from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.mission_file import PATHS, decode_mission_file
+from autopilot_bridge.telemetry import MESSAGES
+from autopilot_bridge.texts import Texts
+from autopilot_bridge.watch import AUTOPILOT, Watch
+
+STAMP_BYTES = 8
+LONGEST_BYTES = STAMP_BYTES + 280
+LINK_BITS = 3
+MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
+MOST_FILE_BYTES = 4_000_000
+EARLIEST_US, LATEST_US = 0, 4_102_444_800_000_000  # 2100: a stamp beyond is noise
+_OTHERS = (
+    "HEARTBEAT",
+    "MISSION_CURRENT",
+    "MISSION_ITEM_REACHED",
+    "STATUSTEXT",
+    "SERVO_OUTPUT_RAW",
+    "COMMAND_ACK",
+    "COMMAND_LONG",
+    "MISSION_COUNT",
+    "MISSION_ITEM",
+    "MISSION_ITEM_INT",
+    "MISSION_ACK",
+    "FILE_TRANSFER_PROTOCOL",
+)
+WANTED = frozenset(
+    known.id
+    for known in mavlink.mavlink_map.values()
+    if known.msgname in MESSAGES or known.msgname in _OTHERS
+)
+
+
+class TlogLog:
+    """A .tlog file. Vehicles are the systems whose component 1 is heard."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.messages = 0
+        self.damage: list[Damage] = []
+
+    def unix_offset_us(self) -> int | None:
+        """Its clock is that of 1970."""
+        return 0
+
+    def entries(self) -> Iterator[Entry]:
+        """From the beginning; a vehicle that is not heard for three seconds has lost its link."""
+        self.messages, self.damage = 0, []
+        codec, seen = Codec(255, 0), dict[int, _Seen]()
+        missions = _Missions()
+        for at_us, frame in self._records():
+            if message_id_of(frame) not in WANTED:
+                continue
+            decoded = codec.decode_frames([frame])
+            if not decoded:
+                continue
+            message, (system_id, component_id) = decoded[0], source_of(frame)
+            yield from missions.receive(message, at_us, seen)
+            if component_id == AUTOPILOT:
+                if system_id not in seen:
+                    seen[system_id] = _Seen()
+                for event in seen[system_id].receive(message, at_us):
+                    yield Entry(system_id, event)
+
+    def _records(self) -> Iterator[tuple[int, bytes]]:
+        """Time and frame of each record; what is none is noted and passed over."""
+        data, at, base, lost_at = b"", 0, 0, -1
+        source = pieces(self.path)
+        more = True
+        while more:
+            piece = next(source, b"")
+            more = bool(piece)
+            base += at
+            data, at = data[at:] + piece, 0
+            end = len(data) - (LONGEST_BYTES if more else 0)
+            while at < end:
+                length = _record_length(data, at)
+                if not length:
+                    lost_at = base + at if lost_at < 0 else lost_at
+                    at = _next_start(data, at + 1, max(end, at + 1))
+                    continue
+                if lost_at >= 0:
+                    self._lost(lost_at, base + at)
+                    lost_at = -1
+                self.messages += 1
+                stamp = int.from_bytes(data[at : at + STAMP_BYTES], "big")
+                yield stamp & ~LINK_BITS, data[at + STAMP_BYTES : at + length]
+                at += length
+        if lost_at >= 0:
+            self._lost(lost_at, base + at)
+
+    def _lost(self, begin: int, end: int) -> None:
+        self.damage.append(Damage(begin, end - begin, "no record of a time and a MAVLink frame"))
+
+
+def _record_length(data: bytes, at: int) -> int:
+    """Of the record that begins here, 0 if none does."""
+    begin = at + STAMP_BYTES
+    if begin >= len(data) or data[begin] not in STARTS:
+        return 0
+    stamp = int.from_bytes(data[at:begin], "big")
+    if not EARLIEST_US <= stamp < LATEST_US:
+        return 0
+    length = frame_length(data, begin, True)
+    if length:
+        return STAMP_BYTES + length
+    return _length_unknown(data, begin)
+
+
+def _length_unknown(data: bytes, begin: int) -> int:
+    """Of a record with a frame of another dialect: one that another record follows, or the end."""
+    header = data[begin : begin + 10]
+    if len(header) < 10 or is_known(message_id_of(header)):
+        return 0
+    version_2 = header[0] == mavlink.PROTOCOL_MARKER_V2
+    length = header[1] + (12 + (13 if header[2] & 1 else 0) if version_2 else 8)
+    follows = begin + length + STAMP_BYTES
+    if follows < len(data):
+        return STAMP_BYTES + length if data[follows] in STARTS else 0
+    return STAMP_BYTES + length if begin + length == len(data) else 0
+
+
+def _next_start(data: bytes, at: int, end: int) -> int:
+    """Where a record may begin next."""
+    found = min(
+        (place for start in STARTS if (place := data.find(start, at + STAMP_BYTES)) >= 0),
+        default=-1,
+    )
+    return end if found < 0 else min(found - STAMP_BYTES, end)
+
+
+class _Seen:
+    """One vehicle."""
+
+    def __init__(self) -> None:
+        self.watch = Watch()
+        self._texts = Texts()
+
+    def receive(self, message: Message, at_us: int) -> list[LogEvent]:
+        """What a message of it tells."""
+        events: list[ClientEvent] = []
+        due_us = self.watch.next_timer()
+        if due_us is not None and at_us >= due_us:
+            events += self.watch.handle_timer(at_us)
+        kind = message.get_type()
+        if kind == "SERVO_OUTPUT_RAW":
+            return [*events, _outputs(message, at_us)]  # type: ignore[list-item]
+        if kind == "COMMAND_ACK":
+            return [*events, Acknowledged(at_us, message.command, message.result)]  # type: ignore[list-item]
+        if kind in ("HEARTBEAT", "STATUSTEXT"):
+            for whole in self._texts.receive(message):
+                events += self.watch.receive(whole, at_us)
+        else:
+            events += self.watch.receive(message, at_us)
+        return events  # type: ignore[return-value]
+
+
+def _outputs(message: Message, at_us: int) -> Outputs:
+    return Outputs(at_us, tuple(getattr(message, f"servo{number}_raw") for number in range(1, 17)))
+
+
+class _Missions:
+    """Missions that go over the link, to a vehicle or from it, whoever sends them."""
+
+    def __init__(self) -> None:
+        self._coming: dict[tuple[int, int], dict[int, MissionItem]] = {}
+        self._count: dict[tuple[int, int], int] = {}
+        self._files: dict[tuple[int, int], bytearray] = {}  # written by MAVFTP (ArduPilot)
+
+    def receive(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
+        """MissionLoaded when all items went over and the other side has said yes."""
+        kind = message.get_type()
+        if kind == "COMMAND_LONG":
+            if message.command == mavlink.MAV_CMD_DO_GRIPPER:
+                return [Entry(message.target_system, GripperMoved(at_us, message.param2 == 0.0))]
+            return []
+        if kind == "FILE_TRANSFER_PROTOCOL":
+            return self._file(message, at_us, seen)
+        if not kind.startswith("MISSION_") or getattr(message, "mission_type", False):
+            return []
+        ways = (message.get_srcSystem(), getattr(message, "target_system", 0))
+        match kind:
+            case "MISSION_COUNT":
+                self._coming[ways], self._count[ways] = {}, message.count
+            case "MISSION_ITEM_INT" | "MISSION_ITEM" if ways in self._coming:
+                if message.seq < self._count[ways]:
+                    self._coming[ways][message.seq] = _item(message)
+            case "MISSION_ACK" if message.type == mavlink.MAV_MISSION_ACCEPTED:
+                return self._complete(ways[::-1], at_us, seen)
+            case _:
+                pass
+        return []
+
+    def _file(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
+        """A mission's file is taken when the one who wrote it has closed it."""
+        packet = packet_of(message)
+        ways = (message.get_srcSystem(), message.target_system)
+        if packet.opcode == CREATE and packet.data.rstrip(b"\0").decode("latin-1") == MISSION_FILE:
+            self._files[ways] = bytearray()
+        elif packet.opcode == WRITE and ways in self._files:
+            file = self._files[ways]
+            if packet.offset <= MOST_FILE_BYTES:
+                file.extend(bytes(max(packet.offset + len(packet.data) - len(file), 0)))
+                file[packet.offset : packet.offset + len(packet.data)] = packet.data
+        elif packet.opcode == ACK and packet.asked == TERMINATE:
+            file = self._files.pop(ways[::-1], bytearray())
+            if not file or ways[0] not in seen:
+                return []
+            try:
+                items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
+            except BridgeError:  # broken off: the vehicle has not taken it either
+                return []
+            hidden = seen[ways[0]].watch.hidden_items
+            return [Entry(ways[0], MissionLoaded(at_us, tuple(items[hidden:])))]
+        return []
+
+    def _complete(self, ways: tuple[int, int], at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
+        items, count = self._coming.pop(ways, {}), self._count.pop(ways, 0)
+        vehicle = ways[0] if ways[0] in seen else ways[1]
+        if not count or len(items) < count or vehicle not in seen:
+            return []
+        hidden = seen[vehicle].watch.hidden_items
+        user = tuple(items[seq] for seq in range(hidden, count))
+        return [Entry(vehicle, MissionLoaded(at_us, user))]
+
+
+def _item(message: Message) -> MissionItem:
+    if message.get_type() == "MISSION_ITEM_INT":
+        return item_of(message)
+    item: MissionItem = item_of(message)
+    return MissionItem(
+        item.command,
+        item.frame,
+        round(float(message.x) * 1e7),
+        round(float(message.y) * 1e7),
+        *(item.z, item.param1, item.param2, item.param3, item.param4),
+        item.autocontinue,
+    )

@@ -1,0 +1,384 @@
+"""PX4's ULog (.ulg): messages by topics that are described at the beginning of the file.
+
+Read: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; GPS topics say
+when that was. Missions' items are not in it.
+"""
+
+import math
+import re
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from autopilot_bridge.client_events import (
+    Attitude,
+    Battery,
+    Connected,
+    GpsFix,
+    ItemReached,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Speed,
+    Text,
+    Wind,
+)
+from autopilot_bridge.logs.entries import (
+    Acknowledged,
+    Damage,
+    Entry,
+    GripperMoved,
+    LogEvent,
+    Outputs,
+)
+from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.modes import PX4
+from autopilot_bridge.stacks import Stack, stack_named
+from autopilot_bridge.telemetry import FIXES
+
+MAGIC = b"ULog\x01\x12\x35"
+FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
+LONGEST_BYTES = HEAD_BYTES + 0xFFFF
+KINDS = b"BFIMPQARDLCSO"
+SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
+LETTERS = {
+    "int8_t": "b",
+    "uint8_t": "B",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "double": "d",
+    "bool": "?",
+    "char": "c",
+}
+ARMED, ROTARY_WING, FIXED_WING = 2, 1, 2
+_FIELD = re.compile(r"([A-Za-z0-9_\-/]+)(?:\[(\d+)\])? (\w+)")
+# vehicle_status.nav_state by the words for modes, in PX4's order; others have none.
+NAV_STATES = {
+    0: "manual",
+    1: "altitude",
+    2: "position",
+    3: "mission",
+    4: "hold",
+    5: "return",
+    6: "position slow",
+    10: "acro",
+    12: "land",  # descends
+    13: "termination",
+    14: "offboard",
+    15: "stabilised",
+    17: "takeoff",
+    18: "land",
+    19: "follow",
+    20: "precision landing",
+    21: "orbit",
+    22: "vtol takeoff",
+    **{22 + number: f"external {number}" for number in range(1, 9)},
+}
+Values = dict[str, Any]
+
+
+class UlogLog:
+    """A .ulg file of one vehicle; its system id is the parameter MAV_SYS_ID, 1 without it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.messages = 0
+        self.damage: list[Damage] = []
+        self._system_id = 1
+
+    def unix_offset_us(self) -> int | None:
+        """By the first GPS message that knows its time."""
+        for name, told in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
+            if name != "L" and told.get("time_utc_usec", 0) > 0:
+                return int(told["time_utc_usec"] - told["timestamp"])
+        return None
+
+    def entries(self) -> Iterator[Entry]:
+        """From the beginning."""
+        flight = _Flight()
+        for name, told in self._messages(frozenset(_TELLS)):
+            for event in _TELLS[name](flight, told, told["timestamp"]):
+                yield Entry(self._system_id, event)
+
+    def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
+        """Topic and values of each message of the first instance of topics wanted; L for texts."""
+        self.messages, self.damage = 0, []
+        formats: dict[str, str] = {}
+        topics: dict[int, _Topic] = {}
+        for kind, body in self._records():
+            match kind:
+                case "D":
+                    topic = topics.get(int.from_bytes(body[:2], "little"))
+                    if topic is not None:
+                        yield topic.name, topic.read(body[2:])
+                case "F":
+                    name, _, fields = body.decode("utf-8", "replace").partition(":")
+                    formats[name] = fields
+                case "A" if len(body) > 3:
+                    instance, number = struct.unpack_from("<BH", body)
+                    name = body[3:].decode("utf-8", "replace")
+                    topics.pop(number, None)
+                    if instance == 0 and name in wanted and (found := _topic(name, formats)):
+                        topics[number] = found
+                case "R" if len(body) >= 2:
+                    topics.pop(int.from_bytes(body[:2], "little"), None)
+                case "P" if len(body) > 1:
+                    self._parameter(body)
+                case "L" if "L" in wanted and len(body) > 9:
+                    level, at_us = struct.unpack_from("<BQ", body)
+                    text = body[9:].decode("utf-8", "replace")
+                    yield "L", {"timestamp": at_us, "level": level, "text": text}
+                case _:
+                    pass
+
+    def _parameter(self, body: bytes) -> None:
+        key = body[1 : 1 + body[0]]
+        if key == b"int32_t MAV_SYS_ID" and len(body) >= 1 + len(key) + 4:
+            self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
+
+    def _records(self) -> Iterator[tuple[str, bytes]]:
+        """Kind and body of each message; behind what is none it goes on at the next that fits."""
+        data, at, base, lost_at = b"", 0, 0, -1
+        source, more, begun = pieces(self.path), True, False
+        while more:
+            piece = next(source, b"")
+            more = bool(piece)
+            base += at
+            data, at = data[at:] + piece, 0
+            if not begun and (more or data):
+                begun = True
+                if data.startswith(MAGIC) and len(data) >= FILE_HEAD_BYTES:
+                    at = FILE_HEAD_BYTES
+            end = len(data) - (2 * LONGEST_BYTES if more else 0)
+            while at < end:
+                length = _length_at(data, at, lost_at >= 0)
+                if not length:
+                    lost_at = base + at if lost_at < 0 else lost_at
+                    at += 1
+                    continue
+                if lost_at >= 0:
+                    self.damage.append(Damage(lost_at, base + at - lost_at, LOST))
+                    lost_at = -1
+                self.messages += 1
+                yield chr(data[at + 2]), data[at + HEAD_BYTES : at + length]
+                at += length
+        if lost_at >= 0:
+            self.damage.append(Damage(lost_at, base + at - lost_at, LOST))
+
+
+LOST = "no ULog message"
+
+
+def _length_at(data: bytes, at: int, lost: bool) -> int:
+    """Of the message that begins here; 0 if none does, or not all of it is there.
+
+    Messages have no checksum: one is believed if another follows; after damage, if three do.
+    """
+    place, first = at, 0
+    for number in range(4 if lost else 2):
+        if place == len(data) and number:
+            break
+        if place + HEAD_BYTES > len(data) or data[place + 2] not in KINDS:
+            # What is cut off behind a whole message is no reason to doubt that.
+            return first if first and len(data) - place < HEAD_BYTES else 0
+        length = HEAD_BYTES + (data[place] | data[place + 1] << 8)
+        first = first or length
+        if place + length > len(data):
+            return first if number else 0
+        place += length
+    return first
+
+
+class _Topic:
+    """One topic's columns, and how its bytes are read."""
+
+    def __init__(self, name: str, columns: list[str], letters: str) -> None:
+        self.name = name
+        self._columns = columns
+        self._struct = struct.Struct("<" + letters)
+
+    def read(self, body: bytes) -> Values:
+        """Values by columns; padding at the end is left out in files."""
+        size = self._struct.size
+        whole = body if len(body) >= size else body.ljust(size, b"\0")
+        return dict(zip(self._columns, self._struct.unpack_from(whole), strict=True))
+
+
+def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
+    """None for one that was not described, or has no time."""
+    columns: list[str] = []
+    letters: list[str] = []
+    if not _flatten(name, "", formats, columns, letters, 0) or "timestamp" not in columns:
+        return None
+    return _Topic(name, columns, "".join(letters))
+
+
+def _flatten(
+    name: str,
+    before: str,
+    formats: dict[str, str],
+    columns: list[str],
+    letters: list[str],
+    deep: int,
+) -> bool:
+    """Add a topic's fields, those of topics in it too; whether all are known."""
+    if name not in formats or deep > 5:
+        return False
+    for field in filter(None, formats[name].split(";")):
+        found = _FIELD.fullmatch(field.strip())
+        if found is None:
+            return False
+        kind, count, word = found[1], found[2], before + found[3]
+        if kind == "char" or found[3].startswith("_padding"):
+            size = int(count or 1) * (1 if kind in ("char", "uint8_t") else 0)
+            letters.append(f"{size}x")
+            continue
+        for number in range(int(count or 1)):
+            one = f"{word}[{number}]" if count else word
+            if kind in LETTERS:
+                columns.append(one)
+                letters.append(LETTERS[kind])
+            elif not _flatten(kind, f"{one}.", formats, columns, letters, deep + 1):
+                return False
+    return True
+
+
+class _Flight:
+    """What has been told so far, for events that take more than one message."""
+
+    def __init__(self) -> None:
+        self.stack: Stack | None = None
+        self.state: tuple[int, bool] | None = None
+        self.velocity = (0.0, 0.0, 0.0)
+        self.yaw_deg = 0.0
+        self.home_amsl_m = math.nan
+        self.current: int | None = None
+        self.reached: int | None = None
+        self.told: dict[type, tuple[object, ...]] = {}
+
+    def news(self, event: Battery | GpsFix) -> list[LogEvent]:
+        """Where it has changed."""
+        before = self.told.get(type(event))
+        self.told[type(event)] = event.without_time()
+        return [] if before == event.without_time() else [event]
+
+
+def _position(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    if not told.get("lat_lon_valid", True):
+        return []
+    above_m = told["alt"] - flight.home_amsl_m
+    place = (told["lat"], told["lon"], told["alt"], above_m)
+    return [Position(at_us, at_us, *place, *flight.velocity, flight.yaw_deg)]
+
+
+def _local(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    flight.velocity = (told["vx"], told["vy"], told["vz"])
+    return []
+
+
+def _home(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    flight.home_amsl_m = told["alt"]
+    return []
+
+
+def _attitude(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    w, x, y, z = (told[f"q[{number}]"] for number in range(4))
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    flight.yaw_deg = math.degrees(yaw) % 360.0
+    return [Attitude(at_us, at_us, math.degrees(roll), math.degrees(pitch), flight.yaw_deg)]
+
+
+def _airspeed(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    airspeed_m_s = told["calibrated_airspeed_m_s"]
+    north, east, down = flight.velocity
+    known = airspeed_m_s if math.isfinite(airspeed_m_s) else None
+    return [Speed(at_us, known, math.hypot(north, east), -down, 0)]
+
+
+def _wind(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    north, east = told["windspeed_north"], told["windspeed_east"]
+    return [Wind(at_us, math.degrees(math.atan2(-east, -north)) % 360.0, math.hypot(north, east))]
+
+
+def _status(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    found: list[LogEvent] = []
+    if flight.stack is None and told["vehicle_type"] in (ROTARY_WING, FIXED_WING):
+        flight.stack = stack_named(
+            "px4", "plane" if told["vehicle_type"] == FIXED_WING else "copter"
+        )
+        found.append(Connected(at_us, flight.stack))
+    word = NAV_STATES.get(told["nav_state"], "")
+    number = next((mode for name, mode in PX4 if name == word), 0)
+    state = (number, told["arming_state"] == ARMED)
+    if state != flight.state:
+        flight.state = state
+        found.append(ModeChanged(at_us, *state, word))
+    return found
+
+
+def _mission(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    found: list[LogEvent] = []
+    reached, current = told["seq_reached"], told["seq_current"]
+    if reached != flight.reached:
+        flight.reached = reached
+        found += [ItemReached(at_us, reached)] if reached >= 0 else []
+    if current != flight.current:
+        flight.current = current
+        found.append(MissionProgress(at_us, current))
+    return found
+
+
+def _outputs(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    pulses = (told[f"output[{number}]"] for number in range(min(told["noutputs"], 16)))
+    return [Outputs(at_us, tuple(round(pulse) if math.isfinite(pulse) else 0 for pulse in pulses))]
+
+
+def _gripper(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    return [GripperMoved(at_us, told["command"] == 1)]
+
+
+def _acknowledged(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    return [Acknowledged(at_us, told["command"], told["result"])]
+
+
+def _battery(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    share = told["remaining"]
+    percent = round(100.0 * share) if math.isfinite(share) and share >= 0.0 else None
+    voltage_v, current_a = round(told["voltage_v"], 2), round(told["current_a"], 1)
+    return flight.news(Battery(at_us, 0, percent, voltage_v, current_a))
+
+
+def _gps(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    kind = told["fix_type"]
+    fix = FIXES[kind] if kind < len(FIXES) else f"fix {kind}"
+    return flight.news(GpsFix(at_us, fix, told["satellites_used"]))
+
+
+def _text(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    return [Text(at_us, max(told["level"] - ord("0"), 0), told["text"].strip())]
+
+
+_TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
+    "vehicle_global_position": _position,
+    "vehicle_local_position": _local,
+    "home_position": _home,
+    "vehicle_attitude": _attitude,
+    "airspeed_validated": _airspeed,
+    "wind": _wind,
+    "vehicle_status": _status,
+    "mission_result": _mission,
+    "actuator_outputs": _outputs,
+    "gripper": _gripper,
+    "vehicle_command_ack": _acknowledged,
+    "battery_status": _battery,
+    "sensor_gps": _gps,
+    "L": _text,
+}

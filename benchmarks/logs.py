@@ -1,0 +1,98 @@
+"""How fast logs are read: ``python -m benchmarks.logs LOG...``.
+
+Each log is repeated to 100 MB (its clock begins again each time), then read in a process of its
+own: messages a second, seconds to the first event, the most memory; beside it how fast pymavlink
+reads the same .tlog or .bin, and pyulog the .ulg. Exit code 1 beyond a limit: 100,000 messages a
+second (.tlog, .bin), 0.5 s to the first event, 300 MiB.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from pymavlink import mavutil
+from pyulog import ULog
+
+from autopilot_bridge.logs.reading import open_log
+
+BYTES = 100_000_000
+LEAST_PER_S, MOST_FIRST_S, MOST_MIB = 100_000, 0.5, 300
+PEER_BYTES = 4_000_000
+
+
+def measured(path: Path) -> dict[str, Any]:
+    """In this process."""
+    began_s = time.perf_counter()
+    log = open_log(path)
+    first_s, events = 0.0, 0
+    for _ in log.entries():
+        first_s = first_s or time.perf_counter() - began_s
+        events += 1
+    taken_s = time.perf_counter() - began_s
+    return {
+        "mb": round(path.stat().st_size / 1e6),
+        "messages_per_s": round(log.messages / taken_s),
+        "events": events,
+        "first_event_s": round(first_s, 3),
+        "most_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "damage": len(log.damage),
+    }
+
+
+def peer_per_s(path: Path) -> int:
+    """Messages a second by the library that is made for such logs."""
+    began_s, count = time.perf_counter(), 0
+    if path.suffix.lower() == ".ulg":
+        count = sum(len(topic.data["timestamp"]) for topic in ULog(str(path)).data_list)
+    else:
+        reader = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+        while reader.recv_msg() is not None:
+            count += 1
+        getattr(
+            reader, "close", reader.filehandle.close if hasattr(reader, "filehandle") else None
+        )()
+    return round(count / (time.perf_counter() - began_s))
+
+
+def repeated(path: Path, folder: Path) -> Path:
+    """The log again and again. A ULog has one header, so its data is repeated behind that."""
+    data, target = path.read_bytes(), folder / path.name
+    body = data[16:] if path.suffix.lower() == ".ulg" else data
+    with target.open("wb") as file:
+        file.write(data)
+        for _ in range(max(BYTES // len(data) - 1, 0)):
+            file.write(body)
+    return target
+
+
+def main() -> int:
+    """Print a line for each log."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("logs", nargs="+", type=Path)
+    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one:
+        sys.stdout.write(json.dumps(measured(given.logs[0])))
+        return 0
+    beyond = False
+    for path in given.logs:
+        with tempfile.TemporaryDirectory() as folder:
+            large = repeated(path, Path(folder))
+            command = [sys.executable, "-m", "benchmarks.logs", "--one", str(large)]
+            found = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        found["peer_per_s"] = peer_per_s(path)
+        sys.stdout.write(f"{path.name}: {json.dumps(found)}\n")
+        slow = path.suffix.lower() != ".ulg" and found["messages_per_s"] < LEAST_PER_S
+        late = found["first_event_s"] > MOST_FIRST_S
+        beyond |= slow or late or found["most_mib"] > MOST_MIB
+    return int(beyond)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,423 @@
+"""Logs of flights: what they tell, where they are cut off, and where they are damaged."""
+
+import json
+import math
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink import DFReader, mavutil
+from pyulog import ULog
+
+from autopilot_bridge.client_events import (
+    Attitude,
+    Connected,
+    GpsFix,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Speed,
+    Text,
+    Wind,
+)
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.logs import pieces
+from autopilot_bridge.logs.dataflash import DataFlashLog
+from autopilot_bridge.logs.entries import Entry, GripperMoved, Log, MissionLoaded, Outputs
+from autopilot_bridge.logs.reading import merged, open_log
+from autopilot_bridge.logs.tlog import TlogLog
+from autopilot_bridge.logs.ulog import UlogLog
+from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.tlog import Tlog
+from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
+from tests.bridge.log_writers import dataflash, ulog
+
+BEGIN_US = 1_790_000_000_000_000
+FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "flights"
+
+
+# Flights that are read -----------------------------------------------------------------------
+
+
+class Recorded(MemoryLink):
+    """A link whose frames go into a .tlog as they leave."""
+
+    def __init__(self, tlog: list[tuple[int, bytes]]) -> None:
+        super().__init__()
+        self._frames = tlog
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        self._frames.append((now_us, datagram))
+        super().send(datagram, now_us)
+
+
+@pytest.fixture(scope="module", params=["ardupilot", "px4"])
+def recorded(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pair]:
+    """Half a minute of a mock's flight, with its upload; then it is silent for a while."""
+    path = tmp_path_factory.mktemp("log") / f"{request.param}.tlog"
+    frames: list[tuple[int, bytes]] = []
+    up, down = Recorded(frames), Recorded(frames)
+    pair = Pair(mock_of(stack_named(request.param, "plane")), up=up, down=down)
+    pair.run_for(3.0)
+    assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
+    pair.client.start_mission(pair.now_us)
+    pair.run_for(30.0)
+    pair.mock_alive = False
+    pair.run_for(5.0)
+    pair.mock_alive = True
+    pair.run_for(5.0)
+    now = [0]
+    with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
+        for at_us, frame in frames:
+            now[0] = at_us
+            tlog.record([frame])
+    return path, pair
+
+
+def bin_flight() -> bytes:
+    """A plane takes off and flies to its second item."""
+    items = [(0, 16, 36.3, -84.2, 300.0), (1, 22, 36.3, -84.2, 50.0), (2, 16, 36.31, -84.2, 90.0)]
+    told: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    told += [
+        ("CMD", 1_000_000, 3, number, command, 0.0, 0.0, 0.0, 0.0, lat, lon, height, 3)
+        for number, command, lat, lon, height in items
+    ]
+    told += [("MODE", 1_000_100, 10, 10), ("ARM", 1_000_200, 1)]
+    for number in range(40):
+        at_us = 1_100_000 + 100_000 * number
+        told += [
+            ("IMU", at_us, 0.1, 0.2, 0.3),
+            ("GPS", at_us, 0, 3, 100_000 + number * 100, 2445, 10, 300.0, 15.0, 90.0, -2.0, 0.0),
+            ("XKF1", at_us, 0, 0.5, 14.5, -2.0, 0.0),
+            ("XKF1", at_us, 1, 9.0, 9.0, 9.0, 9.0),
+            ("XKF2", at_us, 0, 3.0, -4.0),
+            ("CTUN", at_us, 17.0, 60.0),
+            ("ATT", at_us, 1.5, 12.25, 271.5),
+            ("POS", at_us, 36.3, -84.2 + number * 1e-4, 300.0 + number, float(number), 0.0),
+            ("RCOU", at_us, 1500, 1900 if number > 20 else 1100, 1000),
+            ("BAT", at_us, 0, 12.5, 3.0, 98),
+        ]
+    told += [("MISE", 1_200_000, 3, 1), ("MISE", 4_900_000, 3, 2), ("ARM", 5_300_000, 0)]
+    return dataflash(sorted(told, key=lambda each: each[1]))
+
+
+def ulg_flight() -> bytes:
+    """A PX4 plane drops something on its way."""
+    told: list[tuple[Any, ...]] = [
+        ("L", ord("6"), 1_000_000, "logging\t"),
+        ("home_position", 1_000_000, 300.0),
+        ("vehicle_status", 1_000_000, 4, 1, 2),
+        ("sensor_gps", 1_500_000, BEGIN_US + 1_500_000, 3, 12),
+        ("vehicle_status", 2_000_000, 3, 2, 2),
+    ]
+    for number in range(40):
+        at_us = 2_100_000 + 100_000 * number
+        told += [
+            ("cpuload", at_us, 0.5, 1, 2.0, 3, 4.0),
+            ("vehicle_local_position", at_us, 10.0, 5.0, -1.0),
+            ("vehicle_attitude", at_us, math.cos(0.5), 0.0, 0.0, math.sin(0.5)),
+            ("vehicle_global_position", at_us, 36.3 + number * 1e-4, -84.2, 350.0, True),
+            ("wind", at_us, 0.0, -4.0),
+        ]
+    told += [
+        ("mission_result", 3_000_000, -1, 0),
+        ("mission_result", 5_000_000, 0, 1),
+        ("gripper", 5_500_000, 1),
+        ("vehicle_global_position", 6_200_000, 0.0, 0.0, 0.0, False),
+        ("vehicle_status", 6_300_000, 3, 1, 2),
+    ]
+    return ulog(sorted(told, key=lambda each: each[2] if each[0] == "L" else each[1]))
+
+
+def of(entries: list[Entry], kind: type) -> list[Any]:
+    return [entry.event for entry in entries if isinstance(entry.event, kind)]
+
+
+def test_a_tlog_tells_what_the_client_was_told_and_both_missions_ways(
+    recorded: tuple[Path, Pair],
+) -> None:
+    path, pair = recorded
+    log = open_log(path)
+    entries = list(log.entries())
+    assert log.damage == []
+    assert {entry.system_id for entry in entries} == {pair.mock.system_id}
+    # On one link frames come at once, so its times are the client's, but for the link's number.
+    flown, told = of(entries, Position), pair.of(Position)
+    assert len(flown) == len(told) > 100
+    for mine, client in zip(flown, told, strict=True):
+        assert 0 <= client.at_us + BEGIN_US - mine.at_us < 4
+        assert (mine.lat_deg, mine.lon_deg) == (client.lat_deg, client.lon_deg)
+    (loaded,) = of(entries, MissionLoaded)
+    assert loaded.items == flight_of()
+    assert [each.current_seq for each in of(entries, MissionProgress)] == [
+        each.current_seq for each in pair.of(MissionProgress)
+    ]
+    modes = [(each.name, each.armed) for each in of(entries, ModeChanged)]
+    assert modes == [(each.name, each.armed) for each in pair.of(ModeChanged)]
+    assert len(of(entries, LinkLost)) == len(of(entries, LinkRestored)) == 1
+    assert len(of(entries, Outputs)) > 10
+    assert log.unix_offset_us() == 0
+
+
+def test_a_dataflash_log_tells_the_flight(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    path.write_bytes(bin_flight())
+    log = open_log(path)
+    entries = list(log.entries())
+    assert log.damage == []
+    assert log.messages == 15 + 1 + 3 + 2 + 40 * 10 + 3
+    place = of(entries, Position)[7]
+    assert (place.at_us, place.lat_deg, place.altitude_amsl_m) == (1_800_000, 36.3, 307.0)
+    assert place.lon_deg == pytest.approx(-84.2 + 7e-4, abs=1e-7)
+    assert (place.velocity_north_m_s, place.velocity_east_m_s) == (0.5, 14.5)  # the first EKF's
+    assert (place.altitude_relative_m, place.heading_deg) == (7.0, 271.5)
+    assert of(entries, Attitude)[0].pitch_deg == 12.25
+    wind = of(entries, Wind)[0]
+    assert (wind.speed_m_s, wind.from_deg) == (5.0, pytest.approx(126.87, abs=0.01))
+    assert of(entries, Speed)[1] == Speed(1_200_000, 17.0, 15.0, 2.0, 60)
+    (loaded,) = of(entries, MissionLoaded)
+    assert [(item.command, item.x, item.z) for item in loaded.items] == [
+        (22, 363_000_000, 50.0),
+        (16, 363_100_000, 90.0),
+    ]
+    assert [each.current_seq for each in of(entries, MissionProgress)] == [0, 1]
+    assert [each.seq for each in of(entries, ItemReached)] == [0]
+    modes = [(each.name, each.armed) for each in of(entries, ModeChanged)]
+    assert modes == [("mission", False), ("mission", True), ("mission", False)]
+    assert of(entries, Connected)[0].stack.vehicle == "plane"
+    assert [each.pulse_us[1] for each in of(entries, Outputs)].count(1900) == 19
+    # Of GPS week 2445, 100.1 s after its beginning.
+    offset = log.unix_offset_us()
+    assert offset is not None
+    assert offset + 1_100_000 == (315_964_800 + 2445 * 604_800 + 100 - 18) * SECOND
+
+
+def test_a_ulog_tells_the_flight(tmp_path: Path) -> None:
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulg_flight())
+    log = open_log(path)
+    entries = list(log.entries())
+    assert log.damage == []
+    assert {entry.system_id for entry in entries} == {3}
+    places = of(entries, Position)
+    assert len(places) == 40  # what is not valid is none
+    assert (places[5].lat_deg, places[5].altitude_relative_m) == (pytest.approx(36.3005), 50.0)
+    assert places[5].heading_deg == pytest.approx(math.degrees(1.0))
+    assert places[5].velocity_down_m_s == -1.0
+    assert of(entries, Wind)[0] == Wind(2_100_000, 90.0, 4.0)
+    modes = [(each.name, each.armed) for each in of(entries, ModeChanged)]
+    assert modes == [("hold", False), ("mission", True), ("mission", False)]
+    assert [each.current_seq for each in of(entries, MissionProgress)] == [0, 1]
+    assert [each.seq for each in of(entries, ItemReached)] == [0]
+    assert of(entries, GripperMoved) == [GripperMoved(5_500_000, True)]
+    assert of(entries, Text) == [Text(1_000_000, 6, "logging")]
+    assert of(entries, GpsFix)[0].fix == "3d"
+    assert log.unix_offset_us() == BEGIN_US
+
+
+def test_the_libraries_read_the_same_of_them(tmp_path: Path) -> None:
+    binary, other = tmp_path / "flight.bin", tmp_path / "flight.ulg"
+    binary.write_bytes(bin_flight())
+    other.write_bytes(ulg_flight())
+    compare_dataflash(binary)
+    compare_ulog(other)
+
+
+def compare_dataflash(path: Path) -> int:
+    """Each position, by pymavlink; returns how many."""
+    reader = DFReader.DFReader_binary(str(path))
+    theirs = []
+    while (message := reader.recv_match(type=["POS"])) is not None:
+        theirs.append((message.TimeUS, message.Lat, message.Lng, message.Alt))
+    reader.filehandle.close()
+    mine = of(list(DataFlashLog(path).entries()), Position)
+    assert theirs == [(p.at_us, p.lat_deg, p.lon_deg, p.altitude_amsl_m) for p in mine]
+    return len(mine)
+
+
+def compare_ulog(path: Path) -> int:
+    """Each position, by pyulog; returns how many."""
+    data = ULog(str(path), ["vehicle_global_position"]).data_list[0].data
+    valid = data["lat_lon_valid"].astype(bool)
+    columns = [data[name][valid].tolist() for name in ("timestamp", "lat", "lon", "alt")]
+    mine = of(list(UlogLog(path).entries()), Position)
+    assert list(zip(*columns, strict=True)) == [
+        (p.at_us, p.lat_deg, p.lon_deg, p.altitude_amsl_m) for p in mine
+    ]
+    return len(mine)
+
+
+# Logs that are cut off, damaged, or several ---------------------------------------------------
+
+
+READERS: dict[str, tuple[Callable[[Path], Log], Callable[[], bytes]]] = {
+    "bin": (DataFlashLog, bin_flight),
+    "ulg": (UlogLog, ulg_flight),
+}
+
+
+@pytest.fixture(scope="module", params=["tlog", "bin", "ulg"])
+def written(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes, Any]:
+    """A log's path, its bytes and its reader."""
+    path = tmp_path_factory.mktemp("cut") / f"flight.{request.param}"
+    if request.param == "tlog":
+        pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=Recorded([]))
+        frames = pair.down._frames  # type: ignore[attr-defined]
+        pair.run_for(8.0)
+        now = [0]
+        with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
+            for now[0], frame in frames:
+                tlog.record([frame])
+        return path, path.read_bytes(), TlogLog
+    reader, flight = READERS[request.param]
+    return path, flight(), reader
+
+
+def entries_of(path: Path, data: bytes, reader: Callable[[Path], Log]) -> tuple[list[Entry], Log]:
+    path.write_bytes(data)
+    log = reader(path)
+    return list(log.entries()), log
+
+
+@pytest.mark.parametrize("piece_bytes", [1 << 19, 700])
+def test_a_log_cut_at_any_byte_tells_all_up_to_there(
+    written: tuple[Path, bytes, Any], piece_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, data, reader = written
+    whole, log = entries_of(path, data, reader)
+    assert len(whole) > 50
+    monkeypatch.setattr(pieces, "PIECE_BYTES", piece_bytes)
+    assert entries_of(path, data, reader)[0] == whole
+    messages = log.messages
+    cuts = sorted({*range(40), *random.Random(1).sample(range(len(data)), 150), len(data) - 1})
+    before = 0
+    for cut in cuts:
+        found, log = entries_of(path, data[:cut], reader)
+        assert found == whole[: len(found)]
+        assert before <= len(found) + 1
+        assert sum(each.skipped_bytes for each in log.damage) < 300 or log.messages == 0
+        before = len(found)
+    assert log.messages >= messages - 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_noise_in_a_log_costs_what_it_covers_and_is_told(
+    written: tuple[Path, bytes, Any], data: st.DataObject
+) -> None:
+    path, good, reader = written
+    whole, _ = entries_of(path, good, reader)
+    begin = len(good) // 3
+    at = data.draw(st.integers(begin, len(good) - 200))
+    noise = data.draw(st.binary(min_size=1, max_size=150))
+    replaces = data.draw(st.booleans())
+    behind = at + len(noise) if replaces else at
+    found, log = entries_of(path, good[:at] + noise + good[behind:], reader)
+    assert found[-1] == whole[-1] or log.damage
+    texts = [repr(entry) for entry in found]
+    known = {repr(entry) for entry in whole}
+    # Noise may look like a message where there are no checksums (in a .tlog: a time).
+    assert sum(text not in known for text in texts) <= (4 if reader is TlogLog else 6)
+    assert len(found) >= len(whole) - 40
+    if not replaces and reader is TlogLog:
+        assert log.damage
+
+
+def test_what_is_no_log_is_told_in_one_line(tmp_path: Path) -> None:
+    other = tmp_path / "notes.txt"
+    other.write_text("nothing")
+    empty = tmp_path / "empty.bin"
+    empty.write_bytes(b"")
+    for path, words in (
+        (other, "is no log that is known here: .tlog, .bin, .ulg"),
+        (empty, "is empty"),
+        (tmp_path / "none.tlog", "cannot be read: No such file"),
+    ):
+        with pytest.raises(BridgeError, match=words):
+            open_log(path)
+    other = tmp_path / "notes.tlog"
+    other.write_text("nothing that has a frame in it " * 100)
+    log = open_log(other)
+    assert list(log.entries()) == []
+    assert log.damage[0].skipped_bytes == 3100
+
+
+def test_several_logs_are_one_by_time(tmp_path: Path, recorded: tuple[Path, Pair]) -> None:
+    flight = tmp_path / "flight.ulg"
+    flight.write_bytes(ulg_flight())
+    logs = [open_log(flight), open_log(recorded[0])]
+    told = list(merged(logs))
+    assert [each.log for each in told].count(0) == len(list(logs[0].entries()))
+    assert [each.log for each in told].count(1) == len(list(logs[1].entries()))
+    times = [each.at_us for each in told]
+    assert times == sorted(times)
+    assert {each.log for each in told[:60]} == {0, 1}  # they flew at once
+    alone = next(merged([logs[0]]))
+    assert alone.at_us == alone.entry.event.at_us  # on its own clock
+
+
+# Real flights ---------------------------------------------------------------------------------
+
+
+real = pytest.mark.skipif(not FLIGHTS.exists(), reason="the shared flights are not here")
+
+
+@real
+@pytest.mark.parametrize("name", ["arduplane_perimeter", "arducopter_drops"])
+def test_real_dataflash_logs(name: str) -> None:
+    path = FLIGHTS / f"{name}.BIN"
+    assert compare_dataflash(path) > 500
+    told = json.loads((FLIGHTS / f"{name}.mission.json").read_text())
+    loaded = of(list(open_log(path).entries()), MissionLoaded)
+    assert len(loaded) == len(told["missions"])
+    for mine, mission in zip(loaded, told["missions"], strict=True):
+        expected = [(item["command"], item["x"], item["y"], item["z"]) for item in mission["items"]]
+        found = [(item.command, item.x, item.y, item.z) for item in mine.items]
+        assert found == [pytest.approx(item) for item in expected[1:]]
+
+
+@real
+def test_a_real_ulog() -> None:
+    path = FLIGHTS / "px4_fixedwing_perimeter.ulg"
+    assert compare_ulog(path) > 1500
+    entries = list(open_log(path).entries())
+    assert [each.releases for each in of(entries, GripperMoved)] == [False, True]
+    reached = [each.seq for each in of(entries, ItemReached)]
+    assert reached == sorted(set(reached))
+
+
+@real
+@pytest.mark.parametrize(
+    "name", ["arduplane_perimeter", "arducopter_drops", "px4_fixedwing_perimeter"]
+)
+def test_real_tlogs(name: str) -> None:
+    path = FLIGHTS / f"{name}.tlog"
+    theirs = []
+    reader = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+    while (message := reader.recv_match(type=["GLOBAL_POSITION_INT"])) is not None:
+        if abs(message.lat) > 1_000_000:
+            theirs.append((message.lat / 1e7, message.lon / 1e7, message.alt / 1e3))
+    reader.close()
+    log = open_log(path)
+    entries = list(log.entries())
+    mine = of(entries, Position)
+    assert log.damage == []
+    assert [(p.lat_deg, p.lon_deg, p.altitude_amsl_m) for p in mine] == theirs
+    if name == "arduplane_perimeter":  # it was sent back at 134 s
+        begin_us = json.loads((FLIGHTS / f"{name}.mission.json").read_text())["tlog_start_unix_us"]
+        back = [
+            (each.at_us - begin_us) / 1e6
+            for before, each in zip(
+                of(entries, MissionProgress), of(entries, MissionProgress)[1:], strict=False
+            )
+            if each.current_seq < before.current_seq
+        ]
+        assert back == [pytest.approx(134.3, abs=2.0)]
