@@ -23,7 +23,6 @@ from autopilot_bridge.logs.reading import open_log
 
 BYTES = 100_000_000
 LEAST_PER_S, MOST_FIRST_S, MOST_MIB = 100_000, 0.5, 300
-PEER_BYTES = 4_000_000
 
 
 def measured(path: Path) -> dict[str, Any]:
@@ -54,9 +53,7 @@ def peer_per_s(path: Path) -> int:
         reader = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
         while reader.recv_msg() is not None:
             count += 1
-        getattr(
-            reader, "close", reader.filehandle.close if hasattr(reader, "filehandle") else None
-        )()
+        getattr(reader, "filehandle", reader).close()
     return round(count / (time.perf_counter() - began_s))
 
 
