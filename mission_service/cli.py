@@ -23,6 +23,7 @@ from mission_service.cli_parts import (
 )
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
+from mission_service.log_cli import log
 from mission_service.mission_cli import mission, signing
 from mission_service.tune_cli import tune
 
@@ -59,7 +60,7 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment, tune, burn, token):
+for group in (fire, bench, mission, signing, experiment, tune, burn, token, log):
     main.add_command(group)
 
 

@@ -1,7 +1,7 @@
 """Where a vehicle was, at most so many points however long it flies: then every other one goes."""
 
 from collections.abc import Iterator, Sequence
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -47,6 +47,16 @@ class Track(Sequence[Point]):
 
     def __iter__(self) -> Iterator[Point]:
         return map(_point, self._points[: self._count])
+
+
+def track_geojson(name: str, points: Sequence[Point]) -> dict[str, Any]:
+    """A track as a GeoJSON Feature; no geometry with less than two points."""
+    line = [[lon_deg, lat_deg, altitude_m] for _, lat_deg, lon_deg, altitude_m in points]
+    return {
+        "type": "Feature",
+        "geometry": {"type": "LineString", "coordinates": line} if len(line) > 1 else None,
+        "properties": {"vehicle": name, "at_us": [point[0] for point in points]},
+    }
 
 
 def _point(row: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Point:

@@ -1,7 +1,7 @@
 """Vehicles: where they are, where they were, and orders to them."""
 
 from collections.abc import Awaitable, Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
@@ -13,6 +13,7 @@ from mission_service.api.described import V1, body, json, route, struct, structs
 from mission_service.api.importance import importance_of
 from mission_service.api.states import Importance, Told
 from mission_service.picture import VehicleState
+from mission_service.track import track_geojson
 
 MOST_POINTS = 5000
 GEOJSON = "application/geo+json"
@@ -23,16 +24,6 @@ ORDERS: dict[str, tuple[type[requests.Request], str]] = {
     "start": (requests.Start, "Arm and fly the mission on board."),
 }
 NAME = "All vehicles: `all`."
-
-
-def track_of(name: str, points: list[tuple[int, float, float, float]]) -> dict[str, Any]:
-    """A track (at_us, lat, lon, altitude_amsl_m) as GeoJSON; no geometry with less than two."""
-    line = [[lon, lat, altitude] for _, lat, lon, altitude in points]
-    return {
-        "type": "Feature",
-        "geometry": {"type": "LineString", "coordinates": line} if len(line) > 1 else None,
-        "properties": {"vehicle": name, "at_us": [point[0] for point in points]},
-    }
 
 
 def add(routes: APIRouter, api: Api) -> None:
@@ -63,7 +54,7 @@ def add(routes: APIRouter, api: Api) -> None:
         api.vehicle(name)
         latest = api.hub.record.vehicles[name].track[-limit:]
         points = [point for point in latest if point[0] > after_us]
-        return Response(encode(track_of(name, points)), media_type=GEOJSON)
+        return Response(encode(track_geojson(name, points)), media_type=GEOJSON)
 
     @routes.get(
         f"{V1}/vehicles/{{name}}/importance",

@@ -1,9 +1,11 @@
 """Small logs to be read: what autopilots write, by the specifications, a few messages long."""
 
+import math
 import struct
 from collections.abc import Iterable
 from typing import Any
 
+BEGIN_US = 1_790_000_000_000_000
 FORMATS = {
     "POS": ("QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
     "XKF1": ("QBffff", "TimeUS,C,VN,VE,VD,dPD"),
@@ -118,3 +120,58 @@ def _letters(field: str) -> str:
 
 def _record(kind: str, body: bytes) -> bytes:
     return struct.pack("<HB", len(body), ord(kind)) + body
+
+
+def bin_flight() -> bytes:
+    """A plane takes off and flies to its second item."""
+    items = [(0, 16, 36.3, -84.2, 300.0), (1, 22, 36.3, -84.2, 50.0), (2, 16, 36.31, -84.2, 90.0)]
+    told: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    told += [
+        ("CMD", 1_000_000, 3, number, command, 0.0, 0.0, 0.0, 0.0, lat, lon, height, 3)
+        for number, command, lat, lon, height in items
+    ]
+    told += [("MODE", 1_000_100, 10, 10), ("ARM", 1_000_200, 1)]
+    for number in range(40):
+        at_us = 1_100_000 + 100_000 * number
+        told += [
+            ("IMU", at_us, 0.1, 0.2, 0.3),
+            ("GPS", at_us, 0, 3, 100_000 + number * 100, 2445, 10, 300.0, 15.0, 90.0, -2.0, 0.0),
+            ("XKF1", at_us, 0, 0.5, 14.5, -2.0, 0.0),
+            ("XKF1", at_us, 1, 9.0, 9.0, 9.0, 9.0),
+            ("XKF2", at_us, 0, 3.0, -4.0),
+            ("CTUN", at_us, 17.0, 60.0),
+            ("ATT", at_us, 1.5, 12.25, 271.5),
+            ("POS", at_us, 36.3, -84.2 + number * 1e-4, 300.0 + number, float(number), 0.0),
+            ("RCOU", at_us, 1500, 1900 if number > 20 else 1100, 1000),
+            ("BAT", at_us, 0, 12.5, 3.0, 98),
+        ]
+    told += [("MISE", 1_200_000, 3, 1), ("MISE", 4_900_000, 3, 2), ("ARM", 5_300_000, 0)]
+    return dataflash(sorted(told, key=lambda each: each[1]))
+
+
+def ulg_flight() -> bytes:
+    """A PX4 plane drops something on its way."""
+    told: list[tuple[Any, ...]] = [
+        ("L", ord("6"), 1_000_000, "logging\t"),
+        ("home_position", 1_000_000, 300.0),
+        ("vehicle_status", 1_000_000, 4, 1, 2),
+        ("sensor_gps", 1_500_000, BEGIN_US + 1_500_000, 3, 12),
+        ("vehicle_status", 2_000_000, 3, 2, 2),
+    ]
+    for number in range(40):
+        at_us = 2_100_000 + 100_000 * number
+        told += [
+            ("cpuload", at_us, 0.5, 1, 2.0, 3, 4.0),
+            ("vehicle_local_position", at_us, 10.0, 5.0, -1.0),
+            ("vehicle_attitude", at_us, math.cos(0.5), 0.0, 0.0, math.sin(0.5)),
+            ("vehicle_global_position", at_us, 36.3 + number * 1e-4, -84.2, 350.0, True),
+            ("wind", at_us, 0.0, -4.0),
+        ]
+    told += [
+        ("mission_result", 3_000_000, -1, 0),
+        ("mission_result", 5_000_000, 0, 1),
+        ("gripper", 5_500_000, 1),
+        ("vehicle_global_position", 6_200_000, 0.0, 0.0, 0.0, False),
+        ("vehicle_status", 6_300_000, 3, 1, 2),
+    ]
+    return ulog(sorted(told, key=lambda each: each[2] if each[0] == "L" else each[1]))

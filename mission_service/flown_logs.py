@@ -1,0 +1,232 @@
+"""What logs tell of flights, in figures and as files for other programs."""
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+from autopilot_bridge.client_events import (
+    Connected,
+    ItemReached,
+    LinkLost,
+    MissionProgress,
+    ModeChanged,
+    Position,
+)
+from autopilot_bridge.items import Items, Plan
+from autopilot_bridge.logs.entries import GripperMoved, Log, LogEvent, MissionLoaded, Outputs
+from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.stacks import Stack, stack_named
+from mission_service.distance import distance_m
+from mission_service.track import Track, track_geojson
+
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+MOVES_M_S = 1.0  # slower ones stand, and their positions wander
+FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
+COLUMNS = (
+    *("log", "vehicle", "at_us", "utc", "lat_deg", "lon_deg", "altitude_amsl_m"),
+    *("altitude_relative_m", "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"),
+    "heading_deg",
+)
+
+
+class Flown:
+    """One vehicle in one log."""
+
+    def __init__(self, log: Path, system_id: int, offset_us: int | None) -> None:
+        self.name = f"{log.stem}-{system_id}"
+        self.system_id = system_id
+        self.stack: Stack | None = None
+        self.track = Track()
+        self.missions: list[tuple[int, Items]] = []
+        self.home: tuple[float, float, float] | None = None
+        self.offset_us = offset_us or 0
+        self._dated = offset_us is not None
+        self._begin_us: int | None = None
+        self._end_us = 0
+        self._here: Position | None = None
+        self._flown_m = self._most_m_s = 0.0
+        self._highest_m: float | None = None
+        self._modes: list[dict[str, Any]] = []
+        self._turned_back: list[float] = []
+        self._current: int | None = None
+        self._counts: Counter[str] = Counter()
+        self._silent_s = 0.0
+        self._pulses: tuple[int, ...] = ()
+        self._servos: list[dict[str, Any]] = []
+
+    def take(self, event: LogEvent) -> None:
+        """Take in what comes next in the log."""
+        at_us = event.at_us
+        self._begin_us = at_us if self._begin_us is None else min(self._begin_us, at_us)
+        self._end_us = max(self._end_us, at_us)
+        match event:
+            case Connected():
+                self.stack = event.stack
+            case Position():
+                self._moved(event)
+            case ModeChanged():
+                told = {"at_s": self._since_s(at_us), "mode": event.name, "armed": event.armed}
+                self._modes.append(told)
+            case MissionLoaded():
+                self.missions.append((at_us, event.items))
+                self._current = None
+            case MissionProgress():
+                if self._current is not None and event.current_seq < self._current:
+                    self._turned_back.append(self._since_s(at_us))
+                self._current = event.current_seq
+            case ItemReached():
+                self._counts["items_reached"] += 1
+            case GripperMoved() if event.releases:
+                self._counts["gripper_releases"] += 1
+            case Outputs():
+                self._put_out(event)
+            case LinkLost():
+                self._counts["links_lost"] += 1
+                self._silent_s = max(self._silent_s, event.silent_us / 1e6)
+            case _:
+                pass
+
+    def _put_out(self, now: Outputs) -> None:
+        """Steps of servos that do not steer: what lets things fall."""
+        steps = zip(self._pulses, now.pulse_us, strict=False)
+        for number, (before, after) in enumerate(steps, 1):
+            if number >= FIRST_AUXILIARY and abs(after - before) >= STEP_US:
+                at_s = self._since_s(now.at_us)
+                self._servos.append({"at_s": at_s, "servo": number, "pulse_us": after})
+        self._pulses = now.pulse_us
+
+    def _moved(self, here: Position) -> None:
+        self._counts["positions"] += 1
+        self.track.add((here.at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
+        if self.home is None:
+            self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
+        speed_m_s = float(
+            (here.velocity_north_m_s**2 + here.velocity_east_m_s**2 + here.velocity_down_m_s**2)
+            ** 0.5
+        )
+        self._most_m_s = max(self._most_m_s, speed_m_s)
+        above_m = here.altitude_amsl_m - self.home[2]
+        self._highest_m = above_m if self._highest_m is None else max(self._highest_m, above_m)
+        before, self._here = self._here, here
+        if before is not None and speed_m_s >= MOVES_M_S:
+            self._flown_m += distance_m(
+                (before.lat_deg, before.lon_deg), (here.lat_deg, here.lon_deg)
+            )
+
+    def _since_s(self, at_us: int) -> float:
+        return round((at_us - (self._begin_us or 0)) / 1e6, 3)
+
+    def figures(self) -> dict[str, Any]:
+        """For people; times in seconds since the log's first entry of this vehicle."""
+        begin_us = self._begin_us or 0
+        begun = utc(begin_us + self.offset_us) if self._dated else None
+        stack = self.stack
+        return {
+            "vehicle": self.system_id,
+            "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
+            "begin_utc": begun,
+            "duration_s": round((self._end_us - begin_us) / 1e6, 1),
+            "positions": self._counts["positions"],
+            "flown_m": round(self._flown_m),
+            "highest_above_start_m": None if self._highest_m is None else round(self._highest_m, 1),
+            "most_speed_m_s": round(self._most_m_s, 1),
+            "missions": [
+                {"at_s": self._since_s(at_us), "items": len(items)}
+                for at_us, items in self.missions
+            ],
+            "items_reached": self._counts["items_reached"],
+            "turned_back_at_s": self._turned_back,
+            "servo_steps": self._servos,
+            "gripper_releases": self._counts["gripper_releases"],
+            "links_lost": self._counts["links_lost"],
+            "longest_silence_s": round(self._silent_s, 1),
+            "modes": self._modes,
+        }
+
+
+def utc(unix_us: int) -> str:
+    """ISO 8601 to the millisecond."""
+    return (EPOCH + timedelta(microseconds=unix_us)).isoformat(timespec="milliseconds")
+
+
+def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
+    """All vehicles of a log, by system id. Raises BridgeError if it cannot be read."""
+    found: dict[int, Flown] = {}
+    offset_us = log.unix_offset_us()
+    for system_id, event in log.entries():
+        if system_id not in found:
+            found[system_id] = Flown(log.path, system_id, offset_us)
+        found[system_id].take(event)
+        for each in listen:
+            each(system_id, event)
+    return found
+
+
+def info_of(log: Log) -> dict[str, Any]:
+    """A log in figures, with what is damaged in it."""
+    flown = flown_in(log)
+    return {
+        "log": str(log.path),
+        "messages": log.messages,
+        "damage": [str(each) for each in log.damage],
+        "vehicles": [each.figures() for _, each in sorted(flown.items())],
+    }
+
+
+def export(logs: list[Log], out: Path) -> list[str]:
+    """Tracks as GeoJSON and KML, all positions as CSV, each mission as .plan; the files' names."""
+    flown: list[Flown] = []
+    with (out / "positions.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(COLUMNS)
+        for log in logs:
+            offset_us = log.unix_offset_us()
+            flown += flown_in(log, [_row(table, log.path, offset_us)]).values()
+    files = ["positions.csv", "tracks.geojson", "tracks.kml"]
+    features = [track_geojson(each.name, each.track) for each in flown]
+    collection = {"type": "FeatureCollection", "features": features}
+    (out / "tracks.geojson").write_text(json.dumps(collection), encoding="utf-8")
+    with (out / "tracks.kml").open("w", encoding="utf-8") as file:
+        file.writelines(_kml(flown))
+    for each in flown:
+        for number, (_, items) in enumerate(each.missions, 1):
+            name = f"{each.name}-mission-{number}.plan"
+            stack = each.stack or stack_named("px4", "plane")
+            write_plan(out / name, Plan(items, home=each.home or (0.0, 0.0, 0.0)), stack)
+            files.append(name)
+    return files
+
+
+def _row(table: Any, path: Path, offset_us: int | None) -> Any:
+    def write(system_id: int, event: LogEvent) -> None:
+        if not isinstance(event, Position):
+            return
+        at = "" if offset_us is None else utc(event.at_us + offset_us)
+        place = (event.lat_deg, event.lon_deg, event.altitude_amsl_m, event.altitude_relative_m)
+        velocity = (event.velocity_north_m_s, event.velocity_east_m_s, event.velocity_down_m_s)
+        table.writerow(
+            (path.name, system_id, event.at_us, at, *place, *velocity, event.heading_deg)
+        )
+
+    return write
+
+
+def _kml(flown: list[Flown]) -> Iterator[str]:
+    """One gx:Track a vehicle (KML 2.2 with Google's extensions), heights above sea level."""
+    yield (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
+        'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
+    )
+    for each in flown:
+        yield f"<Placemark><name>{escape(each.name)}</name><gx:Track>"
+        yield "<altitudeMode>absolute</altitudeMode>\n"
+        for at_us, lat_deg, lon_deg, altitude_m in each.track:
+            yield f"<when>{utc(at_us + each.offset_us)}</when>"
+            yield f"<gx:coord>{lon_deg:.7f} {lat_deg:.7f} {altitude_m:.2f}</gx:coord>\n"
+        yield "</gx:Track></Placemark>\n"
+    yield "</Document></kml>\n"
