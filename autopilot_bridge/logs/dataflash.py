@@ -28,7 +28,7 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import Damage, Entry, LogEvent, MissionLoaded, Outputs
-from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.logs.pieces import records
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.telemetry import FIXES
 
@@ -36,6 +36,7 @@ HEAD = b"\xa3\x95"
 FMT = 128
 FMT_BYTES = 89
 LONGEST_BYTES = 255
+NO_MESSAGE = "no DataFlash message that was described"
 GPS_EPOCH_US = 315_964_800_000_000  # 6 January 1980
 LEAP_US = 18_000_000  # GPS is ahead of UTC by these since 2017
 WEEK_US = 7 * 86_400_000_000
@@ -93,47 +94,29 @@ class DataFlashLog:
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
         """Name and values of each message of the kinds wanted that has a time."""
-        self.messages, self.damage = 0, []
         lengths = [0] * 256
         lengths[FMT] = FMT_BYTES
         kinds: list[_Kind | None] = [None] * 256
-        data, at, base, lost_at = b"", 0, 0, -1
-        source, more = pieces(self.path), True
-        while more:
-            piece = next(source, b"")
-            more = bool(piece)
-            base += at
-            data, at = data[at:] + piece, 0
-            end = len(data) - (LONGEST_BYTES if more else 0)
-            while at < end:
-                length = _length_at(data, at, lengths)
-                if not length:
-                    lost_at = base + at if lost_at < 0 else lost_at
-                    found = data.find(HEAD, at + 1)
-                    at = max(end, at + 1) if found < 0 else min(found, max(end, at + 1))
-                    continue
-                if lost_at >= 0:
-                    self._lost(lost_at, base + at)
-                    lost_at = -1
-                self.messages += 1
-                number = data[at + 2]
-                kind = kinds[number]
-                if kind is not None:
-                    values = kind.read(data, at + 3)
-                    if values is not None:
-                        yield kind.name, values
-                elif number == FMT:
-                    described = _Kind(data[at + 3 : at + FMT_BYTES])
-                    if described.right:
-                        lengths[described.number] = described.length
-                        named = described.name in wanted
-                        kinds[described.number] = described if named else None
-                at += length
-        if lost_at >= 0:
-            self._lost(lost_at, base + at)
 
-    def _lost(self, begin: int, end: int) -> None:
-        self.damage.append(Damage(begin, end - begin, "no DataFlash message that was described"))
+        def length_at(data: bytes, at: int, lost: bool) -> int:
+            return _length_at(data, at, lengths)
+
+        for data, at, _ in records(self, 2 * LONGEST_BYTES, length_at, _next_start, NO_MESSAGE):
+            number = data[at + 2]
+            kind = kinds[number]
+            if kind is not None:
+                values = kind.read(data, at + 3)
+                if values is not None:
+                    yield kind.name, values
+            elif number == FMT:
+                described = _Kind(data[at + 3 : at + FMT_BYTES])
+                if described.right:
+                    lengths[described.number] = described.length
+                    kinds[described.number] = described if described.name in wanted else None
+
+
+def _next_start(data: bytes, at: int) -> int:
+    return data.find(HEAD, at)
 
 
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:

@@ -1,9 +1,10 @@
-"""A file in pieces: memory stays small, and records that two pieces share are put together."""
+"""A file in pieces: memory stays small, records that two pieces share are put together."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.logs.entries import Damage, Log
 
 PIECE_BYTES = 1 << 19
 
@@ -16,3 +17,42 @@ def pieces(path: Path) -> Iterator[bytes]:
                 yield piece
     except OSError as error:
         raise BridgeError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def records(
+    log: Log,
+    ahead_bytes: int,
+    length_at: Callable[[bytes, int, bool], int],
+    next_start: Callable[[bytes, int], int],
+    damaged: str,
+) -> Iterator[tuple[bytes, int, int]]:
+    """Data, place and length of each record; counted in the log, which is told what is damaged.
+
+    ``length_at(data, at, lost)`` is 0 where no whole record begins; it needs ``ahead_bytes`` of
+    data, but at the end of the file. ``lost``: what is before this place was no record.
+    ``next_start(data, at)`` is where one may begin next, from ``at`` on; -1: nowhere.
+    """
+    log.messages, log.damage = 0, []
+    data, at, base, lost_at = b"", 0, 0, -1
+    source, more = pieces(log.path), True
+    while more:
+        piece = next(source, b"")
+        more = bool(piece)
+        base += at
+        data, at = data[at:] + piece, 0
+        end = len(data) - (ahead_bytes if more else 0)
+        while at < end:
+            length = length_at(data, at, lost_at >= 0)
+            if not length:
+                lost_at = base + at if lost_at < 0 else lost_at
+                found = next_start(data, at + 1)
+                at = max(end, at + 1) if found < 0 else min(found, max(end, at + 1))
+                continue
+            if lost_at >= 0:
+                log.damage.append(Damage(lost_at, base + at - lost_at, damaged))
+                lost_at = -1
+            log.messages += 1
+            yield data, at, length
+            at += length
+    if lost_at >= 0:
+        log.damage.append(Damage(lost_at, base + at - lost_at, damaged))

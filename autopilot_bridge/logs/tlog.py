@@ -26,7 +26,7 @@ from autopilot_bridge.logs.entries import (
     MissionLoaded,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.logs.pieces import records
 from autopilot_bridge.mission_file import PATHS, decode_mission_file
 from autopilot_bridge.telemetry import MESSAGES
 from autopilot_bridge.texts import Texts
@@ -35,6 +35,7 @@ from autopilot_bridge.watch import AUTOPILOT, Watch
 STAMP_BYTES = 8
 LONGEST_BYTES = STAMP_BYTES + 280
 LINK_BITS = 3
+NO_RECORD = "no record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
 MOST_FILE_BYTES = 4_000_000
 EARLIEST_US, LATEST_US = 0, 4_102_444_800_000_000  # 2100: a stamp beyond is noise
@@ -73,12 +74,15 @@ class TlogLog:
 
     def entries(self) -> Iterator[Entry]:
         """From the beginning; a vehicle that is not heard for three seconds has lost its link."""
-        self.messages, self.damage = 0, []
         codec, seen = Codec(255, 0), dict[int, _Seen]()
         missions = _Missions()
-        for at_us, frame in self._records():
+        for data, at, length in records(
+            self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
+        ):
+            frame = data[at + STAMP_BYTES : at + length]
             if message_id_of(frame) not in WANTED:
                 continue
+            at_us = int.from_bytes(data[at : at + STAMP_BYTES], "big") & ~LINK_BITS
             decoded = codec.decode_frames([frame])
             if not decoded:
                 continue
@@ -90,38 +94,8 @@ class TlogLog:
                 for event in seen[system_id].receive(message, at_us):
                     yield Entry(system_id, event)
 
-    def _records(self) -> Iterator[tuple[int, bytes]]:
-        """Time and frame of each record; what is none is noted and passed over."""
-        data, at, base, lost_at = b"", 0, 0, -1
-        source = pieces(self.path)
-        more = True
-        while more:
-            piece = next(source, b"")
-            more = bool(piece)
-            base += at
-            data, at = data[at:] + piece, 0
-            end = len(data) - (LONGEST_BYTES if more else 0)
-            while at < end:
-                length = _record_length(data, at)
-                if not length:
-                    lost_at = base + at if lost_at < 0 else lost_at
-                    at = _next_start(data, at + 1, max(end, at + 1))
-                    continue
-                if lost_at >= 0:
-                    self._lost(lost_at, base + at)
-                    lost_at = -1
-                self.messages += 1
-                stamp = int.from_bytes(data[at : at + STAMP_BYTES], "big")
-                yield stamp & ~LINK_BITS, data[at + STAMP_BYTES : at + length]
-                at += length
-        if lost_at >= 0:
-            self._lost(lost_at, base + at)
 
-    def _lost(self, begin: int, end: int) -> None:
-        self.damage.append(Damage(begin, end - begin, "no record of a time and a MAVLink frame"))
-
-
-def _record_length(data: bytes, at: int) -> int:
+def _record_length(data: bytes, at: int, lost: bool) -> int:
     """Of the record that begins here, 0 if none does."""
     begin = at + STAMP_BYTES
     if begin >= len(data) or data[begin] not in STARTS:
@@ -148,13 +122,10 @@ def _length_unknown(data: bytes, begin: int) -> int:
     return STAMP_BYTES + length if begin + length == len(data) else 0
 
 
-def _next_start(data: bytes, at: int, end: int) -> int:
+def _next_start(data: bytes, at: int) -> int:
     """Where a record may begin next."""
-    found = min(
-        (place for start in STARTS if (place := data.find(start, at + STAMP_BYTES)) >= 0),
-        default=-1,
-    )
-    return end if found < 0 else min(found - STAMP_BYTES, end)
+    places = (data.find(start, at + STAMP_BYTES) for start in STARTS)
+    return min((place - STAMP_BYTES for place in places if place >= 0), default=-1)
 
 
 class _Seen:

@@ -32,7 +32,7 @@ from autopilot_bridge.logs.entries import (
     LogEvent,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.logs.pieces import records
 from autopilot_bridge.modes import PX4
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.telemetry import FIXES
@@ -40,6 +40,7 @@ from autopilot_bridge.telemetry import FIXES
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
+NO_MESSAGE = "no ULog message"
 KINDS = b"BFIMPQARDLCSO"
 SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
 LETTERS = {
@@ -108,11 +109,13 @@ class UlogLog:
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
         """Topic and values of each message of the first instance of topics wanted; L for texts."""
-        self.messages, self.damage = 0, []
         formats: dict[str, str] = {}
         topics: dict[int, _Topic] = {}
-        for kind, body in self._records():
-            match kind:
+        for data, at, length in records(
+            self, 2 * LONGEST_BYTES, _length_at, _next_start, NO_MESSAGE
+        ):
+            body = data[at + HEAD_BYTES : at + length]
+            match chr(data[at + 2]):
                 case "D":
                     topic = topics.get(int.from_bytes(body[:2], "little"))
                     if topic is not None:
@@ -124,8 +127,8 @@ class UlogLog:
                     instance, number = struct.unpack_from("<BH", body)
                     name = body[3:].decode("utf-8", "replace")
                     topics.pop(number, None)
-                    if instance == 0 and name in wanted and (found := _topic(name, formats)):
-                        topics[number] = found
+                    if instance == 0 and name in wanted and (topic := _topic(name, formats)):
+                        topics[number] = topic
                 case "R" if len(body) >= 2:
                     topics.pop(int.from_bytes(body[:2], "little"), None)
                 case "P" if len(body) > 1:
@@ -142,44 +145,14 @@ class UlogLog:
         if key == b"int32_t MAV_SYS_ID" and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
 
-    def _records(self) -> Iterator[tuple[str, bytes]]:
-        """Kind and body of each message; behind what is none it goes on at the next that fits."""
-        data, at, base, lost_at = b"", 0, 0, -1
-        source, more, begun = pieces(self.path), True, False
-        while more:
-            piece = next(source, b"")
-            more = bool(piece)
-            base += at
-            data, at = data[at:] + piece, 0
-            if not begun and (more or data):
-                begun = True
-                if data.startswith(MAGIC) and len(data) >= FILE_HEAD_BYTES:
-                    at = FILE_HEAD_BYTES
-            end = len(data) - (2 * LONGEST_BYTES if more else 0)
-            while at < end:
-                length = _length_at(data, at, lost_at >= 0)
-                if not length:
-                    lost_at = base + at if lost_at < 0 else lost_at
-                    at += 1
-                    continue
-                if lost_at >= 0:
-                    self.damage.append(Damage(lost_at, base + at - lost_at, LOST))
-                    lost_at = -1
-                self.messages += 1
-                yield chr(data[at + 2]), data[at + HEAD_BYTES : at + length]
-                at += length
-        if lost_at >= 0:
-            self.damage.append(Damage(lost_at, base + at - lost_at, LOST))
-
-
-LOST = "no ULog message"
-
 
 def _length_at(data: bytes, at: int, lost: bool) -> int:
     """Of the message that begins here; 0 if none does, or not all of it is there.
 
     Messages have no checksum: one is believed if another follows; after damage, if three do.
     """
+    if data.startswith(MAGIC, at):
+        return FILE_HEAD_BYTES if at + FILE_HEAD_BYTES <= len(data) else 0
     place, first = at, 0
     for number in range(4 if lost else 2):
         if place == len(data) and number:
@@ -193,6 +166,10 @@ def _length_at(data: bytes, at: int, lost: bool) -> int:
             return first if number else 0
         place += length
     return first
+
+
+def _next_start(data: bytes, at: int) -> int:
+    return at if at < len(data) else -1
 
 
 class _Topic:
