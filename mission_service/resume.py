@@ -37,11 +37,18 @@ class Unfinished:
         self.objects: dict[str, Any] | None = None
         self.passed_over: list[str] = []
         self._place = chain.begin
+        # With short segments the state of the last one's beginning is newer than ``journal.state``.
+        usable: list[tuple[Rest, Path]] = []
         for state in states(path):
             try:
                 place = header_of(state, known).rest
                 if not chain.holds(place):
                     raise StateError(f"{state}: its place is not in the journal")
+                usable.append((place, state))
+            except StateError as error:
+                self.passed_over.append(str(error))
+        for place, state in sorted(usable, key=_latest_last, reverse=True):
+            try:
                 self.objects, self._place = read(state, known), place
                 return
             except StateError as error:
@@ -98,6 +105,10 @@ class Unfinished:
         except JournalError as error:
             known = str(error)
             raise JournalError(known if ANEW in known else known + ANEW) from None
+
+
+def _latest_last(found: tuple[Rest, Path]) -> tuple[int, int]:
+    return found[0].segment, found[0].at_byte
 
 
 def unfinished(path: Path, known: Known, scenario: Scenario) -> Unfinished | None:

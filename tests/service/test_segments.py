@@ -265,3 +265,16 @@ def test_what_is_left_of_a_journal_begins_with_a_state(tmp_path: Path) -> None:
     assert trim(path, 529) == [segment_path(path, 2), segment_path(path, 3)]
     assert trim(path, 400) == []
     assert begin_state(path, 4).exists()
+
+
+def test_the_state_of_the_last_segments_beginning_may_be_the_newest(
+    kept: Kept, tmp_path: Path
+) -> None:
+    path = kept.again(tmp_path)
+    newest_state(path).unlink()
+    from_third = gone_on(kept, path)[1]
+    newest_state(path).write_bytes(begin_state(path, 2).read_bytes())
+    newest_state(path).chmod(0o600)
+    assert gone_on(kept, path)[1] == from_third
+    begin_state(path, 3).unlink()
+    assert gone_on(kept, path)[1] > from_third
