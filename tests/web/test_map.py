@@ -170,12 +170,19 @@ def test_the_slider_shows_a_larger_fire_later(desktop: tuple[Page, Seen]) -> Non
 
 def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> None:
     page, _ = desktop
-    page.locator(".dial").scroll_into_view_if_needed()
-    box = page.locator(".dial").bounding_box()
-    assert box is not None
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    draw(page, [(x, y), (x - 39, y)])  # from the west, half the dial
-    page.get_by_role("button", name="Set: from 270°").click()
+    button = page.get_by_role("button", name="Set: from 270°")
+
+    def drawn() -> bool:
+        """From the west, half the dial; news above it may move it meanwhile."""
+        page.locator(".dial").scroll_into_view_if_needed()
+        box = page.locator(".dial").bounding_box()
+        assert box is not None
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        draw(page, [(x, y), (x - 39, y)])
+        return button.count() == 1
+
+    wait_for(drawn, 30, "a wind is drawn")
+    button.click()
     told = wait_for(lambda: fire.get("weather")["wind_told"], 30, "the wind is known")
     assert (told["from_deg"], told["speed_m_s"], told["by"]) == (270, 10, "boss")
 
@@ -425,8 +432,8 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
                 "what it covers is drawn",
             )
             picture(page, "orbits")
-            # Figures that are asked for just when somebody else accepts the mission.
-            assert all("409" in complaint for complaint in seen.complaints)
+            # Figures that were asked for just when somebody else had accepted the mission.
+            seen.complaints[:] = [each for each in seen.complaints if "409" not in each]
 
 
 def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_path: Path) -> None:
