@@ -66,9 +66,14 @@ def wind(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_from_vector(message: Message, at_us: int) -> Wind:
-    """WIND_COV: the velocity of the air, so where it goes (PX4)."""
-    from_deg = math.degrees(math.atan2(-message.wind_y, -message.wind_x)) % 360.0
-    return Wind(at_us, from_deg, math.hypot(message.wind_x, message.wind_y))
+    """WIND_COV (PX4)."""
+    return wind_of_air(message.wind_x, message.wind_y, at_us)
+
+
+def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
+    """By the velocity of the air, so where it goes."""
+    from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
+    return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
 
 def battery_of_system(message: Message, at_us: int) -> Battery:
@@ -121,10 +126,13 @@ _SENSORS = tuple((bit, word.lower().replace("_", " ")) for bit, word in _sensor_
 
 def gps_fix(message: Message, at_us: int) -> GpsFix:
     """GPS_RAW_INT."""
-    known = message.fix_type < len(FIXES)
-    fix = FIXES[message.fix_type] if known else f"fix {message.fix_type}"
     satellites = message.satellites_visible
-    return GpsFix(at_us, fix, satellites if satellites != 255 else None)
+    return GpsFix(at_us, fix_name(message.fix_type), satellites if satellites != 255 else None)
+
+
+def fix_name(kind: int) -> str:
+    """GPS_FIX_TYPE in a word."""
+    return FIXES[kind] if kind < len(FIXES) else f"fix {kind}"
 
 
 _DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent | None], ...]] = {
@@ -141,18 +149,33 @@ TOLD_ON_CHANGE = (Battery, Health, GpsFix)
 MESSAGES = frozenset(_DECODERS)
 
 
+class Changes:
+    """What was told last of states that are told on change."""
+
+    def __init__(self) -> None:
+        self._told: dict[tuple[str, int], Battery | Health | GpsFix] = {}
+
+    def has(self, event: Battery | Health | GpsFix) -> bool:
+        """Whether it is news."""
+        number = event.battery_id if isinstance(event, Battery) else 0
+        key = (type(event).__name__, number)
+        before = self._told.get(key)
+        self._told[key] = event
+        return before is None or before.without_time() != event.without_time()
+
+
 class Telemetry:
     """The telemetry of one vehicle: late and doubled messages left out, states told on change."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
-        self._told: dict[tuple[str, int], Battery | Health | GpsFix] = {}
+        self._changes = Changes()
         self._has_battery_status = False
 
     def forget(self) -> None:
         """Begin anew: the autopilot was restarted."""
         self._boot_us.clear()
-        self._told.clear()
+        self._changes = Changes()
 
     def rebooted(self, message: Message) -> bool:
         """Whether the autopilot's time since boot went back."""
@@ -174,7 +197,7 @@ class Telemetry:
             event = decode(message, at_us)
             if event is None:
                 continue
-            if not isinstance(event, TOLD_ON_CHANGE) or self._changed(event):
+            if not isinstance(event, TOLD_ON_CHANGE) or self._changes.has(event):
                 found.append(event)
         return found
 
@@ -186,13 +209,6 @@ class Telemetry:
             return True
         self._boot_us[kind] = boot_us
         return False
-
-    def _changed(self, event: Battery | Health | GpsFix) -> bool:
-        number = event.battery_id if isinstance(event, Battery) else 0
-        key = (type(event).__name__, number)
-        before = self._told.get(key)
-        self._told[key] = event
-        return before is None or before.without_time() != event.without_time()
 
 
 def _boot_us(message: Message) -> int | None:

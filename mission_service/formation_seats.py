@@ -175,14 +175,13 @@ class Formation:
         seat = self.seats[name]
         seat.here, seat.flies, seat.by_hand = here, True, False
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
-        air_m_s = (velocity_m_s[0] - seat.wind_m_s[0], velocity_m_s[1] - seat.wind_m_s[1])
         own = Own(
             round(here.at_s * 1e6),
             here.x_m,
             here.y_m,
             here.altitude_m,
             *velocity_m_s,
-            math.hypot(*air_m_s),
+            math.dist(velocity_m_s, seat.wind_m_s),
             *seat.wind_m_s,
             here.at_s < seat.hot_until_s,
         )
@@ -208,9 +207,8 @@ class Formation:
             return
         radius_m = seat.agent.settings.loiter_radius_m
         orbit = expected_orbit(seat.moved[0], seat.moved[-1], radius_m)
-        air_m_s = (velocity_m_s[0] - seat.wind_m_s[0], velocity_m_s[1] - seat.wind_m_s[1])
+        speed_m_s = math.dist(velocity_m_s, seat.wind_m_s)
         place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
-        speed_m_s = math.hypot(*air_m_s)
         seat.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
         self._tell(seat, seat.state)
 

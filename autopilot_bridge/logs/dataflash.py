@@ -24,13 +24,12 @@ from autopilot_bridge.client_events import (
     Position,
     Speed,
     Text,
-    Wind,
 )
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import Damage, Entry, LogEvent, MissionLoaded, Outputs
 from autopilot_bridge.logs.pieces import records
 from autopilot_bridge.stacks import Stack, stack_named
-from autopilot_bridge.telemetry import FIXES
+from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
 
 HEAD = b"\xa3\x95"
 FMT = 128
@@ -188,13 +187,11 @@ class _Flight:
         self.throttle_percent = 0
         self.items: dict[int, MissionItem] = {}
         self.current: int | None = None
-        self.told: dict[type, tuple[object, ...]] = {}
+        self._changes = Changes()
 
     def news(self, event: Battery | GpsFix) -> list[LogEvent]:
         """Where it has changed."""
-        before = self.told.get(type(event))
-        self.told[type(event)] = event.without_time()
-        return [] if before == event.without_time() else [event]
+        return [event] if self._changes.has(event) else []
 
 
 def _pos(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
@@ -215,8 +212,7 @@ def _xkf2(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     north, east = told["VWN"], told["VWE"]
     if told.get("C", 0) or not (north or east):
         return []
-    from_deg = math.degrees(math.atan2(-east, -north)) % 360.0
-    return [Wind(at_us, from_deg, math.hypot(north, east))]
+    return [wind_of_air(north, east, at_us)]
 
 
 def _att(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
@@ -227,14 +223,13 @@ def _att(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 def _gps(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     if told.get("I", 0):
         return []
-    fix = FIXES[told["Status"]] if told["Status"] < len(FIXES) else f"fix {told['Status']}"
     if not flight.by_filter:
         course_rad = math.radians(told["GCrs"])
         north, east = told["Spd"] * math.cos(course_rad), told["Spd"] * math.sin(course_rad)
         flight.velocity = (north, east, told["VZ"])
     climb_m_s = -float(told["VZ"])
     speed = Speed(at_us, flight.airspeed_m_s, told["Spd"], climb_m_s, flight.throttle_percent)
-    return [*flight.news(GpsFix(at_us, fix, told["NSats"])), speed]
+    return [*flight.news(GpsFix(at_us, fix_name(told["Status"]), told["NSats"])), speed]
 
 
 def _ctun(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:

@@ -22,7 +22,6 @@ from autopilot_bridge.client_events import (
     Position,
     Speed,
     Text,
-    Wind,
 )
 from autopilot_bridge.logs.entries import (
     Acknowledged,
@@ -35,7 +34,7 @@ from autopilot_bridge.logs.entries import (
 from autopilot_bridge.logs.pieces import records
 from autopilot_bridge.modes import PX4
 from autopilot_bridge.stacks import Stack, stack_named
-from autopilot_bridge.telemetry import FIXES
+from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
@@ -237,13 +236,11 @@ class _Flight:
         self.home_amsl_m = math.nan
         self.current: int | None = None
         self.reached: int | None = None
-        self.told: dict[type, tuple[object, ...]] = {}
+        self._changes = Changes()
 
     def news(self, event: Battery | GpsFix) -> list[LogEvent]:
         """Where it has changed."""
-        before = self.told.get(type(event))
-        self.told[type(event)] = event.without_time()
-        return [] if before == event.without_time() else [event]
+        return [event] if self._changes.has(event) else []
 
 
 def _position(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
@@ -281,8 +278,7 @@ def _airspeed(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 
 
 def _wind(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    north, east = told["windspeed_north"], told["windspeed_east"]
-    return [Wind(at_us, math.degrees(math.atan2(-east, -north)) % 360.0, math.hypot(north, east))]
+    return [wind_of_air(told["windspeed_north"], told["windspeed_east"], at_us)]
 
 
 def _status(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
@@ -334,9 +330,7 @@ def _battery(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 
 
 def _gps(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    kind = told["fix_type"]
-    fix = FIXES[kind] if kind < len(FIXES) else f"fix {kind}"
-    return flight.news(GpsFix(at_us, fix, told["satellites_used"]))
+    return flight.news(GpsFix(at_us, fix_name(told["fix_type"]), told["satellites_used"]))
 
 
 def _text(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
