@@ -28,7 +28,7 @@ def log() -> None:
 def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
     """What flew in each LOG, and what is damaged in it."""
     from autopilot_bridge.logs.reading import open_log
-    from mission_service.flown_logs import info_of
+    from mission_service.flights.flown import info_of
 
     found = [info_of(open_log(path)) for path in logs]
     if as_json:
@@ -81,7 +81,7 @@ def _lines(told: dict[str, Any]) -> list[str]:
 def log_export(logs: tuple[Path, ...], out: Path) -> None:
     """Tracks as GeoJSON and KML, positions as CSV, missions as .plan, all in DIR."""
     from autopilot_bridge.logs.reading import open_log
-    from mission_service.flown_logs import export
+    from mission_service.flights.exports import export
 
     opened = [open_log(path) for path in logs]
     files = export(opened, folder(out))
