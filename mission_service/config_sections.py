@@ -37,16 +37,21 @@ class Section(BaseModel):
 
 
 class LandscapeSection(Section):
-    """Where the fire burns: the grid that ships with matplotlib, or rasters on one grid.
+    """Where the fire burns: the grid that ships with matplotlib, level ground, or rasters.
 
+    Level ground ("flat") is of one fuel, ``elevation_m`` high, around ``lat_deg``, ``lon_deg``.
     Rasters are a file for each layer, or one ``file`` for all: an .lcp, or a stack whose bands say
     what they are or are named in ``bands``.
     """
 
-    source: Literal["jacksboro", "files"] = "jacksboro"
+    source: Literal["jacksboro", "flat", "files"] = "jacksboro"
     rows: Annotated[int, Field(ge=20, le=4000)] = 200
     cols: Annotated[int, Field(ge=20, le=4000)] = 200
     cell_size_m: Positive = 30.0
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # where UTM has zones
+    lon_deg: Longitude | None = None
+    elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+    fuel_model: int = 1
     file: Path | None = None
     bands: dict[str, Annotated[int, Field(ge=1)]] = {}
     fuel: Path | None = None
@@ -70,7 +75,11 @@ class LandscapeSection(Section):
 
     @model_validator(mode="after")
     def _files_named(self) -> "LandscapeSection":
-        if self.source == "jacksboro":
+        if self.source != "flat":
+            self._refuse(("lat_deg", "lon_deg", "elevation_m", "fuel_model"))
+        elif self.lat_deg is None or self.lon_deg is None:
+            raise ValueError('source = "flat" needs lat_deg and lon_deg, its middle')
+        if self.source != "files":
             if self.file or self.layers:
                 raise ValueError('rasters are given, so it must say source = "files"')
             self._refuse(RASTER_KEYS)

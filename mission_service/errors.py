@@ -27,3 +27,7 @@ class StateError(MissionServiceError):
 
 class NotRecordedError(MissionServiceError):
     """Nothing was done, since it could not be written down."""
+
+
+class FlightError(MissionServiceError):
+    """A logged flight cannot be replayed; the message says why and what to do."""

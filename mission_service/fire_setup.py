@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.default_landscape import jacksboro
 from firemodel.fire import BURNING, Burning, Fire
 from firemodel.fire import Ignition as CellIgnition
+from firemodel.flat_landscape import flat
 from firemodel.fuels import NON_BURNABLE
 from firemodel.landscape import Landscape
 from firemodel.rothermel import Moisture
@@ -27,6 +28,12 @@ def landscape_of(scenario: Scenario) -> Landscape:
     section = scenario.landscape
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
+    elif section.source == "flat":
+        assert section.lat_deg is not None
+        assert section.lon_deg is not None
+        grid = (section.rows, section.cols, section.cell_size_m)
+        place = (section.lat_deg, section.lon_deg)
+        found = flat(*grid, *place, section.elevation_m, section.fuel_model)
     else:
         found = _from_rasters(section)
     if section.barriers:

@@ -194,6 +194,15 @@ def _write(file: int, data: bytes | bytearray) -> None:
                 done += os.write(file, rest)
 
 
+def begins_journal(path: Path) -> bool:
+    """Whether a file begins as a journal does; False too for what cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_HEADER)) == _HEADER
+    except OSError:
+        return False
+
+
 def event_body(event: AnyEvent) -> bytes:
     """The line of an event without its checksum."""
     return _EVENT + _encode(event)
@@ -262,6 +271,11 @@ class JournalReader:
 
     def after(self, place: Rest) -> Iterator[Entry]:
         """What follows a place; lines are counted from there if it is not the beginning."""
+        for number, body, intact in self.lines(place):
+            yield self.entry(number, body, intact)
+
+    def lines(self, place: Rest) -> Iterator[tuple[int, bytes, bool]]:
+        """What follows a place, not decoded: number, body, and whether the checksum holds."""
         self.rest, first = place, 2 if place == self.begin else 1
         with self.path.open("rb") as file:
             file.seek(place.at_byte)
@@ -276,9 +290,10 @@ class JournalReader:
                 if body.startswith(_END) and intact:
                     self.ended = True
                 else:
-                    yield self._entry(number, body, intact)
+                    yield number, body, intact
 
-    def _entry(self, number: int, body: bytes, intact: bool) -> Entry:
+    def entry(self, number: int, body: bytes, intact: bool) -> Entry:
+        """A line decoded. Raises JournalError for what is none."""
         try:
             if body.startswith(_EVENT):
                 return Entry(number, _decode_event(body[len(_EVENT) :]), True, intact)

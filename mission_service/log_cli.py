@@ -8,18 +8,20 @@ import click
 
 from mission_service.cli_parts import JSON, folder
 
+MOST_MISSIONS = 10  # each with a line of its own
+
 LOGS = click.argument(
     "logs",
     nargs=-1,
     required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=click.Path(path_type=Path),
     metavar="LOG...",
 )
 
 
 @click.group()
 def log() -> None:
-    """Logged flights: .tlog, ArduPilot's .bin, PX4's .ulg."""
+    """Logged flights: .tlog, ArduPilot's .bin, PX4's .ulg, our journals."""
 
 
 @log.command("info")
@@ -27,10 +29,10 @@ def log() -> None:
 @JSON
 def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
     """What flew in each LOG, and what is damaged in it."""
-    from autopilot_bridge.logs.reading import open_log
     from mission_service.flights.flown import info_of
+    from mission_service.flights.journal_log import open_flight
 
-    found = [info_of(open_log(path)) for path in logs]
+    found = [info_of(open_flight(path)) for path in logs]
     if as_json:
         click.echo(json.dumps(found, indent=2))
         return
@@ -45,15 +47,12 @@ def _lines(told: dict[str, Any]) -> list[str]:
     for vehicle in told["vehicles"]:
         begun = f"from {vehicle['begin_utc']}, " if vehicle["begin_utc"] else ""
         lines += [
-            f"  vehicle {vehicle['vehicle']}, {vehicle['autopilot']}: {begun}"
+            f"  vehicle {vehicle['vehicle']} ({vehicle['name']}), {vehicle['autopilot']}: {begun}"
             f"{vehicle['duration_s']:.0f} s, {vehicle['positions']} positions",
             f"    flown {vehicle['flown_m']} m, up to {vehicle['highest_above_start_m']} m above "
             f"its start, at most {vehicle['most_speed_m_s']} m/s",
         ]
-        lines += [
-            f"    mission of {each['items']} items at {each['at_s']:.1f} s"
-            for each in vehicle["missions"]
-        ]
+        lines += _missions(vehicle["missions"])
         back = ", ".join(f"{at_s:.1f} s" for at_s in vehicle["turned_back_at_s"])
         lines += [
             f"    servo {each['servo']} to {each['pulse_us']} us at {each['at_s']:.1f} s"
@@ -73,6 +72,18 @@ def _lines(told: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _missions(missions: list[dict[str, Any]]) -> list[str]:
+    if len(missions) <= MOST_MISSIONS:
+        return [
+            f"    mission of {each['items']} items at {each['at_s']:.1f} s" for each in missions
+        ]
+    items = [each["items"] for each in missions]
+    return [
+        f"    {len(missions)} missions of {min(items)} to {max(items)} items from "
+        f"{missions[0]['at_s']:.1f} to {missions[-1]['at_s']:.1f} s"
+    ]
+
+
 @log.command("export")
 @LOGS
 @click.option(
@@ -80,10 +91,10 @@ def _lines(told: dict[str, Any]) -> list[str]:
 )
 def log_export(logs: tuple[Path, ...], out: Path) -> None:
     """Tracks as GeoJSON and KML, positions as CSV, missions as .plan, all in DIR."""
-    from autopilot_bridge.logs.reading import open_log
     from mission_service.flights.exports import export
+    from mission_service.flights.journal_log import open_flight
 
-    opened = [open_log(path) for path in logs]
+    opened = [open_flight(path) for path in logs]
     files = export(opened, folder(out))
     for each in opened:
         for damage in each.damage:

@@ -75,6 +75,7 @@ class DataFlashLog:
         self.system_id = system_id
         self.messages = 0
         self.damage: list[Damage] = []
+        self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
         """By the first GPS message that knows its time."""

@@ -88,9 +88,13 @@ class Damage(NamedTuple):
 
 
 class Log(Protocol):
-    """One file. ``messages`` counts what was read so far, decoded or passed over."""
+    """One file. ``messages`` counts what was read so far, decoded or passed over.
+
+    ``names`` are those of vehicles by their system ids, where the file has them.
+    """
 
     path: Path
+    names: dict[int, str]
     messages: int
     damage: list[Damage]
 

@@ -67,6 +67,7 @@ class TlogLog:
         self.path = path
         self.messages = 0
         self.damage: list[Damage] = []
+        self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
         """Its clock is that of 1970."""

@@ -90,6 +90,7 @@ class UlogLog:
         self.path = path
         self.messages = 0
         self.damage: list[Damage] = []
+        self.names: dict[int, str] = {}
         self._system_id = 1
 
     def unix_offset_us(self) -> int | None:

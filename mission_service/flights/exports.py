@@ -12,7 +12,8 @@ from autopilot_bridge.items import Plan
 from autopilot_bridge.logs.entries import Log, LogEvent
 from autopilot_bridge.planfile import write_plan
 from autopilot_bridge.stacks import stack_named
-from mission_service.flights.flown import Flown, flown_in, utc
+from mission_service.flights.flown import Flown, flown_in
+from mission_service.flights.instants import utc
 from mission_service.track import track_geojson
 
 COLUMNS = (

@@ -1,9 +1,8 @@
 """What logs tell of flights, in figures."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 from autopilot_bridge.client_events import (
@@ -18,9 +17,9 @@ from autopilot_bridge.items import Items
 from autopilot_bridge.logs.entries import GripperMoved, Log, LogEvent, MissionLoaded, Outputs
 from autopilot_bridge.stacks import Stack
 from mission_service.distance import distance_m
+from mission_service.flights.instants import utc
 from mission_service.track import Track
 
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MOVES_M_S = 1.0  # slower ones stand, and their positions wander
 FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
 
@@ -28,8 +27,8 @@ FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
 class Flown:
     """One vehicle in one log."""
 
-    def __init__(self, log: Path, system_id: int, offset_us: int | None) -> None:
-        self.name = f"{log.stem}-{system_id}"
+    def __init__(self, name: str, system_id: int, offset_us: int | None) -> None:
+        self.name = name
         self.system_id = system_id
         self.stack: Stack | None = None
         self.track = Track()
@@ -50,16 +49,15 @@ class Flown:
         self._pulses: tuple[int, ...] = ()
         self._servos: list[dict[str, Any]] = []
 
-    def take(self, event: LogEvent) -> None:
-        """Take in what comes next in the log."""
-        at_us = event.at_us
+    def take(self, event: LogEvent, at_us: int) -> None:
+        """Take in what comes next, at a time of the clock that counts."""
         self._begin_us = at_us if self._begin_us is None else min(self._begin_us, at_us)
         self._end_us = max(self._end_us, at_us)
         match event:
             case Connected():
                 self.stack = event.stack
             case Position():
-                self._moved(event)
+                self._moved(event, at_us)
             case ModeChanged():
                 told = {"at_s": self._since_s(at_us), "mode": event.name, "armed": event.armed}
                 self._modes.append(told)
@@ -75,31 +73,29 @@ class Flown:
             case GripperMoved() if event.releases:
                 self._counts["gripper_releases"] += 1
             case Outputs():
-                self._put_out(event)
+                self._put_out(event, at_us)
             case LinkLost():
                 self._counts["links_lost"] += 1
                 self._silent_s = max(self._silent_s, event.silent_us / 1e6)
             case _:
                 pass
 
-    def _put_out(self, now: Outputs) -> None:
+    def _put_out(self, now: Outputs, at_us: int) -> None:
         """Steps of servos that do not steer: what lets things fall."""
         steps = zip(self._pulses, now.pulse_us, strict=False)
         for number, (before, after) in enumerate(steps, 1):
             if number >= FIRST_AUXILIARY and abs(after - before) >= STEP_US:
-                at_s = self._since_s(now.at_us)
+                at_s = self._since_s(at_us)
                 self._servos.append({"at_s": at_s, "servo": number, "pulse_us": after})
         self._pulses = now.pulse_us
 
-    def _moved(self, here: Position) -> None:
+    def _moved(self, here: Position, at_us: int) -> None:
         self._counts["positions"] += 1
-        self.track.add((here.at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
+        self.track.add((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
         if self.home is None:
             self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
-        speed_m_s = float(
-            (here.velocity_north_m_s**2 + here.velocity_east_m_s**2 + here.velocity_down_m_s**2)
-            ** 0.5
-        )
+        down_m_s = 0.0 if math.isnan(here.velocity_down_m_s) else here.velocity_down_m_s
+        speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
         self._most_m_s = max(self._most_m_s, speed_m_s)
         above_m = here.altitude_amsl_m - self.home[2]
         self._highest_m = above_m if self._highest_m is None else max(self._highest_m, above_m)
@@ -119,6 +115,7 @@ class Flown:
         stack = self.stack
         return {
             "vehicle": self.system_id,
+            "name": self.name,
             "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
             "begin_utc": begun,
             "duration_s": round((self._end_us - begin_us) / 1e6, 1),
@@ -140,9 +137,9 @@ class Flown:
         }
 
 
-def utc(unix_us: int) -> str:
-    """ISO 8601 to the millisecond."""
-    return (EPOCH + timedelta(microseconds=unix_us)).isoformat(timespec="milliseconds")
+def name_of(log: Log, system_id: int) -> str:
+    """What a vehicle of a log is called."""
+    return log.names.get(system_id) or f"{log.path.stem}-{system_id}"
 
 
 def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
@@ -151,8 +148,8 @@ def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
     offset_us = log.unix_offset_us()
     for system_id, event in log.entries():
         if system_id not in found:
-            found[system_id] = Flown(log.path, system_id, offset_us)
-        found[system_id].take(event)
+            found[system_id] = Flown(name_of(log, system_id), system_id, offset_us)
+        found[system_id].take(event, event.at_us)
         for each in listen:
             each(system_id, event)
     return found

@@ -1,0 +1,15 @@
+"""Instants by the calendar."""
+
+from datetime import UTC, datetime, timedelta
+
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def utc(unix_us: int) -> str:
+    """ISO 8601 to the millisecond."""
+    return (EPOCH + timedelta(microseconds=unix_us)).isoformat(timespec="milliseconds")
+
+
+def unix_us(instant: datetime) -> int:
+    """Microseconds since 1970 of an instant with its UTC offset."""
+    return (instant - EPOCH) // timedelta(microseconds=1)

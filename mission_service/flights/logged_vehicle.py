@@ -1,0 +1,116 @@
+"""A vehicle of a log, in the place of one on a link: it flew what it flew, whatever it is told."""
+
+from collections import deque
+
+from autopilot_bridge import client_events as bridge
+from autopilot_bridge.client_events import ClientEvent
+from autopilot_bridge.items import Items
+from autopilot_bridge.jobs import Begin
+from autopilot_bridge.logs.entries import LogEvent
+from autopilot_bridge.orders import Dropper
+from autopilot_bridge.stacks import Stack
+from autopilot_bridge.transfer import TransferResult
+
+# What a log tells that a core lives on. Items are those of the mission that was flown, so they say
+# nothing of the ones that the core would have sent.
+HANDED_ON = (
+    bridge.Connected
+    | bridge.LinkLost
+    | bridge.LinkRestored
+    | bridge.Rebooted
+    | bridge.Position
+    | bridge.Wind
+    | bridge.Battery
+    | bridge.GpsFix
+    | bridge.ModeChanged
+)
+
+
+class LoggedVehicle:
+    """Does all that it is told, at once: so it is seen what would have been ordered next.
+
+    Only drops are refused: nothing fell.
+    """
+
+    def __init__(self) -> None:
+        self.stack: Stack | None = None
+        self._events: deque[ClientEvent] = deque()
+        self._number = 0
+
+    def take(self, event: LogEvent) -> None:
+        """What the log tells next."""
+        if isinstance(event, bridge.Connected):
+            self.stack = event.stack
+        if isinstance(event, HANDED_ON):
+            self._events.append(event)
+
+    def next_event(self) -> ClientEvent | None:
+        """The oldest event not handed out yet."""
+        return self._events.popleft() if self._events else None
+
+    def upload(
+        self, items: Items, now_us: int, *, begin: Begin = "restart", holds_first: bool = False
+    ) -> int:
+        """Taken, and begun."""
+        done = self._transferred("upload", items, now_us)
+        self._events.append(bridge.MissionProgress(now_us, min(1, len(items) - 1)))
+        return done
+
+    def download(self, now_us: int) -> int:
+        """Nothing is known of what was on board."""
+        return self._transferred("download", None, now_us)
+
+    def clear(self, now_us: int) -> int:
+        """Taken."""
+        return self._transferred("clear", (), now_us)
+
+    def _transferred(self, action: str, items: Items | None, now_us: int) -> int:
+        self._number += 1
+        outcome = TransferResult("failed", "a log") if items is None else None
+        result = outcome or TransferResult("accepted", "", items=items, holds="the new one")
+        self._events.append(bridge.TransferFinished(now_us, self._number, action, result))
+        return self._number
+
+    def _done(self, name: str, now_us: int) -> int:
+        self._number += 1
+        self._events.append(bridge.CommandFinished(now_us, name, True, "", self._number))
+        return self._number
+
+    def start_mission(self, now_us: int) -> object:
+        """Taken."""
+        return self._done("start mission", now_us)
+
+    def hold(self, now_us: int) -> object:
+        """Taken."""
+        return self._done("hold", now_us)
+
+    def return_home(self, now_us: int) -> object:
+        """Taken."""
+        return self._done("return", now_us)
+
+    def orbit(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float, now_us: int
+    ) -> object:
+        """Taken."""
+        return self._done("orbit", now_us)
+
+    def change_speed(self, speed_m_s: float, now_us: int) -> object:
+        """Taken."""
+        return self._done("change speed", now_us)
+
+    def set_return_height(self, height_m: float, now_us: int) -> object:
+        """Taken."""
+        return self._done("set return height", now_us)
+
+    def climb_and_hold(
+        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
+    ) -> object:
+        """Taken."""
+        return self._done("climb and hold", now_us)
+
+    def drop(self, dropper: Dropper, now_us: int) -> int:
+        """Refused."""
+        self._number += 1
+        told = bridge.DropFinished(now_us, self._number, "refused", "a log drops nothing")
+        self._events.append(told)
+        return self._number

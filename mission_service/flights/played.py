@@ -1,0 +1,103 @@
+"""Several logs of several vehicles as one stream: whose each entry is, and which tells what."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from autopilot_bridge.logs.entries import Log, LogEvent
+from autopilot_bridge.logs.reading import merged
+from mission_service.errors import FlightError
+from mission_service.flights.flown import Flown, name_of
+from mission_service.flights.journal_log import open_flight
+
+
+class Played(NamedTuple):
+    """Something that a vehicle's log tells, on the clock that all logs share."""
+
+    at_us: int
+    vehicle: str
+    system_id: int
+    event: LogEvent
+
+
+class Flight(NamedTuple):
+    """Logs that are looked at together; ``names`` are those given to the vehicles of each."""
+
+    logs: tuple[Log, ...]
+    names: tuple[str | None, ...]
+
+    @property
+    def offset_us(self) -> int | None:
+        """What to add to their shared clock for microseconds since 1970; None: not known."""
+        offsets = [log.unix_offset_us() for log in self.logs]
+        if len(offsets) == 1:
+            return offsets[0]
+        return None if None in offsets else 0
+
+    def played(self) -> Iterator[Played]:
+        """All of it, by time.
+
+        Two logs of one vehicle (its link's and its own) do not tell the same thing twice: of each
+        kind of event only the one counts that tells it first.
+        """
+        names: dict[tuple[int, int], str] = {}
+        tells: dict[tuple[str, type], tuple[int, int]] = {}
+        for at_us, log, entry in merged(self.logs):
+            key = (log, entry.system_id)
+            if key not in names:
+                names[key] = self._name(names, key)
+            name = names[key]
+            if tells.setdefault((name, type(entry.event)), key) == key:
+                yield Played(at_us, name, *entry)
+
+    def _name(self, names: dict[tuple[int, int], str], key: tuple[int, int]) -> str:
+        given, log = self.names[key[0]], self.logs[key[0]]
+        if given is not None and any(each[0] == key[0] for each in names):
+            raise FlightError(
+                f"{log.path}: has several vehicles, so they cannot all be {given}; leave "
+                f"{given}= out"
+            )
+        return given or name_of(log, key[1])
+
+
+def flight_of(words: Sequence[str]) -> Flight:
+    """Logs by their paths, or as NAME=PATH: those of one name are of one vehicle.
+
+    Raises FlightError and BridgeError in one line.
+    """
+    given = [_split(word) for word in words]
+    return Flight(tuple(open_flight(path) for _, path in given), tuple(name for name, _ in given))
+
+
+def _split(word: str) -> tuple[str | None, Path]:
+    name, equals, path = word.partition("=")
+    if equals and not Path(word).exists():
+        return name, Path(path)
+    return None, Path(word)
+
+
+class Survey(NamedTuple):
+    """Who flew in a flight, and from when to when on its clock."""
+
+    flown: dict[str, Flown]
+    begin_us: int
+    end_us: int
+
+
+def survey(flight: Flight, listen: Sequence[Callable[[Played], None]] = ()) -> Survey:
+    """Read a flight to its end. Raises FlightError if nothing flew in it."""
+    offset_us = flight.offset_us
+    flown: dict[str, Flown] = {}
+    begin_us = end_us = 0
+    for told in flight.played():
+        if not flown:
+            begin_us = told.at_us
+        if told.vehicle not in flown:
+            flown[told.vehicle] = Flown(told.vehicle, told.system_id, offset_us)
+        flown[told.vehicle].take(told.event, told.at_us)
+        end_us = max(end_us, told.at_us)
+        for each in listen:
+            each(told)
+    if not flown:
+        raise FlightError(f"{', '.join(str(log.path) for log in flight.logs)}: nothing flew in it")
+    return Survey(flown, begin_us, end_us)
