@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.distance_error import TrueShape
 from mission_service.events import Observed
-from mission_service.experiments.distance_error import TrueShape
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.front_walk import FrontWalk
 from mission_service.experiments.measured_wind import MeasuredWind

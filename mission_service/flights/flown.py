@@ -1,7 +1,6 @@
 """What logs tell of flights, in figures."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,6 +20,7 @@ from mission_service.flights.instants import utc
 from mission_service.track import Track
 
 MOVES_M_S = 1.0  # slower ones stand, and their positions wander
+SETTLES_US = 3_000_000
 FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
 
 
@@ -39,15 +39,18 @@ class Flown:
         self._begin_us: int | None = None
         self._end_us = 0
         self._here: Position | None = None
-        self._flown_m = self._most_m_s = 0.0
-        self._highest_m: float | None = None
-        self._modes: list[dict[str, Any]] = []
-        self._turned_back: list[float] = []
+        self._here_us: int | None = None
+        self.longest_gap_s = 0.0
+        self.flown_m = self._most_m_s = 0.0
+        self.highest_m: float | None = None  # above where it was first
+        self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
+        self.turned_back_us: list[int] = []  # to an earlier item of the same mission
         self._current: int | None = None
-        self._counts: Counter[str] = Counter()
-        self._silent_s = 0.0
+        self.positions = self.items_reached = 0
         self._pulses: tuple[int, ...] = ()
-        self._servos: list[dict[str, Any]] = []
+        self.servo_steps: list[tuple[int, int, int]] = []  # at_us, servo, pulse_us
+        self.releases_us: list[int] = []  # by a gripper
+        self.silences: list[tuple[int, int]] = []  # at_us, silent_us
 
     def take(self, event: LogEvent, at_us: int) -> None:
         """Take in what comes next, at a time of the clock that counts."""
@@ -59,24 +62,25 @@ class Flown:
             case Position():
                 self._moved(event, at_us)
             case ModeChanged():
-                told = {"at_s": self._since_s(at_us), "mode": event.name, "armed": event.armed}
-                self._modes.append(told)
+                self.modes.append((at_us, event.name, event.armed))
             case MissionLoaded():
                 self.missions.append((at_us, event.items))
                 self._current = None
+                # Of the new mission, told before it was known that the vehicle has it.
+                if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
+                    self.turned_back_us.pop()
             case MissionProgress():
                 if self._current is not None and event.current_seq < self._current:
-                    self._turned_back.append(self._since_s(at_us))
+                    self.turned_back_us.append(at_us)
                 self._current = event.current_seq
             case ItemReached():
-                self._counts["items_reached"] += 1
+                self.items_reached += 1
             case GripperMoved() if event.releases:
-                self._counts["gripper_releases"] += 1
+                self.releases_us.append(at_us)
             case Outputs():
                 self._put_out(event, at_us)
             case LinkLost():
-                self._counts["links_lost"] += 1
-                self._silent_s = max(self._silent_s, event.silent_us / 1e6)
+                self.silences.append((at_us, event.silent_us))
             case _:
                 pass
 
@@ -85,12 +89,11 @@ class Flown:
         steps = zip(self._pulses, now.pulse_us, strict=False)
         for number, (before, after) in enumerate(steps, 1):
             if number >= FIRST_AUXILIARY and abs(after - before) >= STEP_US:
-                at_s = self._since_s(at_us)
-                self._servos.append({"at_s": at_s, "servo": number, "pulse_us": after})
+                self.servo_steps.append((at_us, number, after))
         self._pulses = now.pulse_us
 
     def _moved(self, here: Position, at_us: int) -> None:
-        self._counts["positions"] += 1
+        self.positions += 1
         self.track.add((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
         if self.home is None:
             self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
@@ -98,10 +101,13 @@ class Flown:
         speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
         self._most_m_s = max(self._most_m_s, speed_m_s)
         above_m = here.altitude_amsl_m - self.home[2]
-        self._highest_m = above_m if self._highest_m is None else max(self._highest_m, above_m)
+        self.highest_m = above_m if self.highest_m is None else max(self.highest_m, above_m)
         before, self._here = self._here, here
+        if self._here_us is not None:
+            self.longest_gap_s = max(self.longest_gap_s, (at_us - self._here_us) / 1e6)
+        self._here_us = at_us
         if before is not None and speed_m_s >= MOVES_M_S:
-            self._flown_m += distance_m(
+            self.flown_m += distance_m(
                 (before.lat_deg, before.lon_deg), (here.lat_deg, here.lon_deg)
             )
 
@@ -119,21 +125,28 @@ class Flown:
             "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
             "begin_utc": begun,
             "duration_s": round((self._end_us - begin_us) / 1e6, 1),
-            "positions": self._counts["positions"],
-            "flown_m": round(self._flown_m),
-            "highest_above_start_m": None if self._highest_m is None else round(self._highest_m, 1),
+            "positions": self.positions,
+            "flown_m": round(self.flown_m),
+            "highest_above_start_m": None if self.highest_m is None else round(self.highest_m, 1),
             "most_speed_m_s": round(self._most_m_s, 1),
             "missions": [
                 {"at_s": self._since_s(at_us), "items": len(items)}
                 for at_us, items in self.missions
             ],
-            "items_reached": self._counts["items_reached"],
-            "turned_back_at_s": self._turned_back,
-            "servo_steps": self._servos,
-            "gripper_releases": self._counts["gripper_releases"],
-            "links_lost": self._counts["links_lost"],
-            "longest_silence_s": round(self._silent_s, 1),
-            "modes": self._modes,
+            "items_reached": self.items_reached,
+            "turned_back_at_s": [self._since_s(at_us) for at_us in self.turned_back_us],
+            "servo_steps": [
+                {"at_s": self._since_s(at_us), "servo": servo, "pulse_us": pulse_us}
+                for at_us, servo, pulse_us in self.servo_steps
+            ],
+            "gripper_releases": len(self.releases_us),
+            "links_lost": len(self.silences),
+            "longest_silence_s": round(max((us for _, us in self.silences), default=0) / 1e6, 1),
+            "longest_gap_s": round(self.longest_gap_s, 2),
+            "modes": [
+                {"at_s": self._since_s(at_us), "mode": name, "armed": armed}
+                for at_us, name, armed in self.modes
+            ],
         }
 
 

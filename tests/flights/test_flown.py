@@ -60,8 +60,8 @@ def test_info_prints_all_logs_and_tells_of_damage(logs: tuple[Path, Path]) -> No
     result = call("log", "info", *map(str, logs))
     assert result.exit_code == 0
     assert "DAMAGED:" in result.output
-    assert "vehicle 1, ardupilot plane" in result.output
-    assert "vehicle 3, px4 plane: from 2026-" in result.output
+    assert "vehicle 1 (hawk-1), ardupilot plane" in result.output
+    assert "vehicle 3 (kite-3), px4 plane: from 2026-" in result.output
     assert "mission, armed" in result.output
     told = json.loads(call("log", "info", "--json", str(logs[1])).output)
     assert told[0]["vehicles"][0]["autopilot"] == "px4 plane"

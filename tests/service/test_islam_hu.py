@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from mission_service.cli import main
+from mission_service.distance_error import TrueShape
 from mission_service.experiments import fires, islam_hu
-from mission_service.experiments.distance_error import TrueShape
 from mission_service.experiments.fires import (
     CELLS,
     ISLAM_HU,

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from firemodel.weather import WeatherStream
-from mission_service.experiments.distance_error import TrueShape
+from mission_service.distance_error import TrueShape
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
