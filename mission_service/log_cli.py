@@ -8,6 +8,7 @@ import click
 
 from mission_service.cli_parts import JSON, folder
 
+DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
 LOGS = click.argument(
     "logs",
     nargs=-1,
@@ -78,14 +79,24 @@ def _lines(told: dict[str, Any]) -> list[str]:
 @click.option(
     "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
 )
-def log_export(logs: tuple[Path, ...], out: Path) -> None:
-    """Tracks as GeoJSON and KML, positions as CSV, missions as .plan, all in DIR."""
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    type=click.Choice([*DEFAULT_FORMATS, "parquet", "mcap"]),
+    default=DEFAULT_FORMATS,
+    show_default=True,
+    help="What to write (repeatable). parquet and mcap need mission-service[export].",
+)
+def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> None:
+    """Tracks as GeoJSON and KML, tables as CSV or Parquet, missions as .plan, all as MCAP."""
     from autopilot_bridge.logs.reading import open_log
-    from mission_service.flights.exports import export
+    from mission_service.flights.exports import check_libraries, export
 
+    check_libraries(formats)
     opened = [open_log(path) for path in logs]
-    files = export(opened, folder(out))
+    files = export(opened, folder(out), formats)
     for each in opened:
         for damage in each.damage:
             click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
-    click.echo(f"{', '.join(files)} in {out}/")
+    click.echo(f"{', '.join(files) or 'nothing to write'} in {out}/")
