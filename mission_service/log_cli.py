@@ -8,6 +8,7 @@ import click
 
 from mission_service.cli_parts import JSON, folder
 
+DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
 MOST_MISSIONS = 10  # each with a line of its own
 
 LOGS = click.argument(
@@ -89,14 +90,24 @@ def _missions(missions: list[dict[str, Any]]) -> list[str]:
 @click.option(
     "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
 )
-def log_export(logs: tuple[Path, ...], out: Path) -> None:
-    """Tracks as GeoJSON and KML, positions as CSV, missions as .plan, all in DIR."""
-    from mission_service.flights.exports import export
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    type=click.Choice([*DEFAULT_FORMATS, "parquet", "mcap"]),
+    default=DEFAULT_FORMATS,
+    show_default=True,
+    help="What to write (repeatable). parquet and mcap need mission-service[export].",
+)
+def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> None:
+    """Tracks as GeoJSON and KML, tables as CSV or Parquet, missions as .plan, all as MCAP."""
+    from mission_service.flights.exports import check_libraries, export
     from mission_service.flights.journal_log import open_flight
 
+    check_libraries(formats)
     opened = [open_flight(path) for path in logs]
-    files = export(opened, folder(out))
+    files = export(opened, folder(out), formats)
     for each in opened:
         for damage in each.damage:
             click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
-    click.echo(f"{', '.join(files)} in {out}/")
+    click.echo(f"{', '.join(files) or 'nothing to write'} in {out}/")

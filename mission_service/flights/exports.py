@@ -1,43 +1,83 @@
 """What logs tell of flights, as files for other programs."""
 
-import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
+from importlib import import_module
+from itertools import chain, count
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import escape
 
-from autopilot_bridge.client_events import Position
 from autopilot_bridge.items import Plan
 from autopilot_bridge.logs.entries import Log, LogEvent
 from autopilot_bridge.planfile import write_plan
 from autopilot_bridge.stacks import stack_named
+from mission_service.errors import RequestError
 from mission_service.flights.flown import Flown, flown_in
 from mission_service.flights.instants import utc
+from mission_service.flights.mcap_file import write_mcap
+from mission_service.flights.table_files import WRITERS, TableFiles
+from mission_service.flights.tables import Rows, offset_us_of
 from mission_service.track import track_geojson
 
-COLUMNS = (
-    *("log", "vehicle", "at_us", "utc", "lat_deg", "lon_deg", "altitude_amsl_m"),
-    *("altitude_relative_m", "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"),
-    "heading_deg",
-)
+LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
 
 
-def export(logs: list[Log], out: Path) -> list[str]:
-    """Tracks as GeoJSON and KML, all positions as CSV, each mission as .plan; the files' names."""
+def check_libraries(formats: Collection[str]) -> None:
+    """Raises RequestError in one line where a format's library is not installed."""
+    for each, library in LIBRARIES.items():
+        if each in formats:
+            try:
+                import_module(library)
+            except ImportError:
+                raise RequestError(
+                    f"log export: {each} needs {library}, which is not installed; "
+                    "pip install 'mission-service[export]'"
+                ) from None
+
+
+def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
+    """Tables, tracks, missions and what Foxglove shows, as asked for; the files' names."""
+    names: dict[tuple[int, int], str] = {}
     flown: list[Flown] = []
-    with (out / "positions.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(COLUMNS)
-        for log in logs:
-            offset_us = log.unix_offset_us()
-            flown += flown_in(log, [_row(table, log.path, offset_us)]).values()
-    files = ["positions.csv", "tracks.geojson", "tracks.kml"]
-    features = [track_geojson(each.name, each.track) for each in flown]
-    collection = {"type": "FeatureCollection", "features": features}
-    (out / "tracks.geojson").write_text(json.dumps(collection), encoding="utf-8")
-    with (out / "tracks.kml").open("w", encoding="utf-8") as file:
-        file.writelines(_kml(flown))
+    with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
+        for number, log in enumerate(logs):
+            rows = Rows(log.path.name, offset_us_of(log))
+            for each in flown_in(log, [_adding(tables, rows)]).values():
+                each.name = _untaken(each.name, log.path.suffix, names.values())
+                names[number, each.system_id] = each.name
+                flown.append(each)
+    files = tables.names
+    if "geojson" in formats:
+        features = [track_geojson(each.name, each.track) for each in flown]
+        collection = {"type": "FeatureCollection", "features": features}
+        (out / "tracks.geojson").write_text(json.dumps(collection), encoding="utf-8")
+        files.append("tracks.geojson")
+    if "kml" in formats:
+        with (out / "tracks.kml").open("w", encoding="utf-8") as file:
+            file.writelines(_kml(flown))
+        files.append("tracks.kml")
+    if "mcap" in formats:
+        write_mcap(out / "flight.mcap", logs, names)
+        files.append("flight.mcap")
+    return files + _plans(flown, out) if "plan" in formats else files
+
+
+def _adding(tables: TableFiles, rows: Rows) -> Callable[[int, LogEvent], None]:
+    def add(system_id: int, event: LogEvent) -> None:
+        for table, row in rows.of(system_id, event):
+            tables.add(table, row)
+
+    return add
+
+
+def _untaken(name: str, suffix: str, taken: Collection[str]) -> str:
+    """A .tlog and a .bin of one flight may have one name."""
+    others = (f"{name}{suffix}-{number}" for number in count(2))
+    return next(each for each in chain((name, name + suffix), others) if each not in taken)
+
+
+def _plans(flown: list[Flown], out: Path) -> list[str]:
+    files = []
     for each in flown:
         for number, (_, items) in enumerate(each.missions, 1):
             name = f"{each.name}-mission-{number}.plan"
@@ -45,20 +85,6 @@ def export(logs: list[Log], out: Path) -> list[str]:
             write_plan(out / name, Plan(items, home=each.home or (0.0, 0.0, 0.0)), stack)
             files.append(name)
     return files
-
-
-def _row(table: Any, path: Path, offset_us: int | None) -> Any:
-    def write(system_id: int, event: LogEvent) -> None:
-        if not isinstance(event, Position):
-            return
-        at = "" if offset_us is None else utc(event.at_us + offset_us)
-        place = (event.lat_deg, event.lon_deg, event.altitude_amsl_m, event.altitude_relative_m)
-        velocity = (event.velocity_north_m_s, event.velocity_east_m_s, event.velocity_down_m_s)
-        table.writerow(
-            (path.name, system_id, event.at_us, at, *place, *velocity, event.heading_deg)
-        )
-
-    return write
 
 
 def _kml(flown: list[Flown]) -> Iterator[str]:

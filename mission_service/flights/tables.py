@@ -1,0 +1,211 @@
+"""What logs tell as rows of tables: one description of their columns for every format."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import (
+    Attitude,
+    Battery,
+    Connected,
+    GpsFix,
+    Health,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Rebooted,
+    Speed,
+    Text,
+    Wind,
+)
+from autopilot_bridge.command import RESULTS
+from autopilot_bridge.items import (
+    LOCAL_FRAMES,
+    NO_POSITION,
+    Items,
+    MissionItem,
+    command_name,
+    has_position,
+    params_of,
+)
+from autopilot_bridge.logs.entries import (
+    Acknowledged,
+    GripperMoved,
+    Log,
+    LogEvent,
+    MissionLoaded,
+    Outputs,
+)
+
+Columns = dict[str, type]  # a datetime is told as microseconds since 1970
+Row = tuple[Any, ...]
+
+SERVOS = 16
+LATEST_US = 4_102_444_800_000_000  # 2100: a time beyond is noise of a damaged log
+WORDS = {0: "accepted", 5: "in progress", **RESULTS}  # of MAV_RESULT
+
+HEAD: Columns = {"log": str, "vehicle": int, "at_us": int, "utc": datetime}
+OWN: dict[str, Columns] = {
+    "positions": {
+        "lat_deg": float,
+        "lon_deg": float,
+        "altitude_amsl_m": float,
+        "altitude_relative_m": float,
+        "velocity_north_m_s": float,
+        "velocity_east_m_s": float,
+        "velocity_down_m_s": float,
+        "heading_deg": float,
+    },
+    "attitudes": {"roll_deg": float, "pitch_deg": float, "yaw_deg": float},
+    "speeds": {
+        "airspeed_m_s": float,
+        "groundspeed_m_s": float,
+        "climb_m_s": float,
+        "throttle_percent": int,
+    },
+    "winds": {"from_deg": float, "speed_m_s": float},
+    "batteries": {"battery_id": int, "percent": int, "voltage_v": float, "current_a": float},
+    "fixes": {"fix": str, "satellites": int},
+    "modes": {"custom_mode": int, "mode": str, "armed": bool},
+    "missions": {
+        "mission": int,
+        "seq": int,
+        "command": int,
+        "command_name": str,
+        "frame": int,
+        **{f"param{number}": float for number in range(1, 8)},
+        "lat_deg": float,
+        "lon_deg": float,
+        "altitude_m": float,
+        "autocontinue": int,
+    },
+    "progress": {"kind": str, "seq": int},
+    "outputs": {f"servo{number}_us": int for number in range(1, SERVOS + 1)},
+    "events": {"kind": str, "severity": int, "text": str},
+}
+TABLES: dict[str, Columns] = {name: {**HEAD, **own} for name, own in OWN.items()}
+SAME_FIELDS: dict[type, str] = {  # events whose fields are columns
+    Position: "positions",
+    Attitude: "attitudes",
+    Speed: "speeds",
+    Wind: "winds",
+    Battery: "batteries",
+    GpsFix: "fixes",
+}
+
+
+def offset_us_of(log: Log) -> int | None:
+    """What makes its clock that of 1970; None where it is not known, or cannot be."""
+    offset_us = log.unix_offset_us()
+    return offset_us if offset_us is not None and 0 <= offset_us < LATEST_US else None
+
+
+class Rows:
+    """Rows of what one log tells, event by event."""
+
+    def __init__(self, log: str, offset_us: int | None) -> None:
+        self._log = log
+        self._offset_us = offset_us
+        self._missions: Counter[int] = Counter()
+        self._pulses: dict[int, tuple[int, ...]] = {}
+
+    def of(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
+        """Tables and what the event adds to them; nothing at a time that cannot be."""
+        at_us = event.at_us
+        if not 0 <= at_us < LATEST_US:
+            return
+        unix_us = None if self._offset_us is None else at_us + self._offset_us
+        for table, values in self._own(system_id, event):
+            own = map(_known, OWN[table].values(), values)
+            yield table, (self._log, system_id, at_us, unix_us, *own)
+
+    def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
+        """Tables and values of ``OWN``."""
+        table = SAME_FIELDS.get(type(event))
+        if table is not None:
+            yield table, tuple(getattr(event, column) for column in OWN[table])
+            return
+        match event:
+            case ModeChanged():
+                yield "modes", (event.custom_mode, event.name, event.armed)
+            case MissionProgress():
+                yield "progress", ("begun", event.current_seq)
+            case ItemReached():
+                yield "progress", ("reached", event.seq)
+            case MissionLoaded():
+                self._missions[system_id] += 1
+                for row in _items(event.items):
+                    yield "missions", (self._missions[system_id], *row)
+            case Outputs() if event.pulse_us != self._pulses.get(system_id):
+                self._pulses[system_id] = event.pulse_us
+                silent = (None,) * (SERVOS - len(event.pulse_us))
+                yield "outputs", (*event.pulse_us[:SERVOS], *silent)
+            case Outputs():
+                pass
+            case _:
+                severity = event.severity if isinstance(event, Text) else None
+                kind, text = told_by(event)
+                yield "events", (kind, severity, text)
+
+
+def told_by(event: LogEvent) -> tuple[str, str]:
+    """Kind of an event, and what it tells in words."""
+    match event:
+        case Text():
+            return "text", event.text
+        case Connected():
+            return "connected", f"{event.stack.name} {event.stack.vehicle}"
+        case LinkLost():
+            return "link_lost", f"silent for {event.silent_us / 1e6:.1f} s"
+        case LinkRestored():
+            return "link_restored", "heard again"
+        case Rebooted():
+            return "rebooted", "the autopilot began anew"
+        case GripperMoved():
+            return "gripper", "release" if event.releases else "grab"
+        case Acknowledged():
+            words = WORDS.get(event.result, f"MAV_RESULT {event.result}")
+            return "acknowledged", f"{command_name(event.command)}: {words}"
+        case Health():
+            unhealthy = ", ".join(event.unhealthy)
+            return "health", f"unhealthy: {unhealthy}" if unhealthy else "all well"
+        case _:
+            return type(event).__name__, ""
+
+
+def _items(items: Items) -> Iterator[Row]:
+    for seq, item in enumerate(items):
+        lat_deg, lon_deg = place_of(item) or (None, None)
+        altitude_m = item.z if _has_degrees(item) else None
+        command = (item.command, command_name(item.command), item.frame)
+        place = (lat_deg, lon_deg, altitude_m)
+        yield seq, *command, *params_of(item), *place, item.autocontinue
+
+
+def place_of(item: MissionItem) -> tuple[float, float] | None:
+    """Latitude and longitude of an item that has them; 0, 0 is ArduPilot's "where it is"."""
+    if not _has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
+        return None
+    return item.x / 1e7, item.y / 1e7
+
+
+def _has_degrees(item: MissionItem) -> bool:
+    frames = (*LOCAL_FRAMES, mavlink.MAV_FRAME_MISSION)
+    return item.frame not in frames and has_position(item.command)
+
+
+def _known(kind: type, value: Any) -> Any:
+    """A value as its column's kind, for a ULog says itself what kinds its fields are.
+
+    None for NaN and infinity, which JSON has not and a plot cannot show.
+    """
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return None
+    return kind(value)
