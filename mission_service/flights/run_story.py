@@ -20,6 +20,7 @@ from mission_service.steering import AIRBORNE_M
 Floats = NDArray[np.float64]
 
 
+FOLLOWS_US = 20_000_000  # a track that turns so soon after its mission did so for that
 NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # nearer to the middle a bearing says nothing
 
 
@@ -111,11 +112,14 @@ def _vehicle(flown: Flown, run: RunStory) -> VehicleStory:
     if not len(track):
         return story
     _went_round(story, run)
-    for at_us in flown.turned_back_us:
-        story.turned_back.append(
+    story.turned_back = _joined(
+        [
             TurnedBack(at_us, *story.place_at(at_us), "its mission went back to an earlier item")
-        )
-    story.turned_back.sort(key=lambda each: each.at_us)
+            for at_us in flown.turned_back_us
+        ],
+        story.turned_back,
+        run,
+    )
     planned = [drop for _, items in flown.missions for drop in planned_in(items)]
     let_go = [*flown.servo_steps, *((at_us, GRIPPER, 0) for at_us in flown.releases_us)]
     done = [Done(at, *story.place_at(at), servo, pulse) for at, servo, pulse in sorted(let_go)]
@@ -133,6 +137,21 @@ def _vehicle(flown: Flown, run: RunStory) -> VehicleStory:
         story.decided = [(run.log_us(at_us), way) for at_us, way in ways]
         story.differs = differing(story.ways, story.decided, run.end_us)
     return story
+
+
+def _joined(
+    by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunStory
+) -> list[TurnedBack]:
+    """Turns back by time; what a mission began and the track shows soon after is one."""
+    found = list(by_track)
+    for told in by_mission:
+        seen = [each for each in found if 0 <= each.at_us - told.at_us <= FOLLOWS_US]
+        if seen:
+            found.remove(seen[0])
+            then = f"; flies {seen[0].how} from {run.since_s(seen[0].at_us):.1f} s on"
+            told = TurnedBack(told.at_us, told.lat_deg, told.lon_deg, told.how + then)
+        found.append(told)
+    return sorted(found, key=lambda each: each.at_us)
 
 
 def _went_round(story: VehicleStory, run: RunStory) -> None:

@@ -25,8 +25,8 @@ def turns(east_m: Floats, north_m: Floats, least_deg: float, near_m: float) -> l
     """Ways round a middle, the first one first, of places (n,) in metres from that middle.
 
     A turn back is dated to the point farthest along the old way, which is known when the vehicle
-    has come back by ``least_deg``. Points nearer to the middle than ``near_m`` are passed over: their
-    bearing says nothing. Nothing is found in less than ``least_deg``.
+    has come back by ``least_deg``. Points nearer to the middle than ``near_m`` are passed over, for
+    their bearing says nothing. Nothing is found in less than ``least_deg``.
     """
     counts = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
     angle_deg = np.rad2deg(np.unwrap(np.arctan2(east_m[counts], north_m[counts])))
