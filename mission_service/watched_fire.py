@@ -1,0 +1,72 @@
+"""The fire of a run: it follows what people say and light and what falls, and cameras look at it.
+
+The service lets it burn along; a replay burns it again from a journal.
+"""
+
+from mission_service.commands import AnyCommand, Drop
+from mission_service.config import Scenario
+from mission_service.events import (
+    AnyEvent,
+    Corrected,
+    CrewEvent,
+    DropFinished,
+    Erased,
+    Lit,
+    Observed,
+    Redone,
+    Telemetry,
+    Undone,
+    WindTold,
+)
+from mission_service.world import FireWorld, Window, camera_of
+
+OF_FIRE = (Corrected, Erased, Undone, Redone, WindTold)
+
+
+class WatchedFire:
+    """Tells a ``FireWorld`` what happens to it, and takes the pictures of the vehicles' cameras."""
+
+    def __init__(self, scenario: Scenario, world: FireWorld) -> None:
+        self.world = world
+        self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
+        self._every_us = {
+            section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
+        }
+        self._due_us = dict.fromkeys(self._cameras, 0)
+        self._falling: dict[tuple[str, int], tuple[float, float]] = {}
+        self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
+
+    def look(self, here: Telemetry) -> Observed | None:
+        """What a vehicle's camera sees from here, if it takes a picture now."""
+        if here.at_us < self._due_us[here.vehicle]:
+            return None
+        self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
+        return self.seen_from(here)
+
+    def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
+        """What a vehicle's camera would see from here, its footprint so much wider."""
+        return self.world.observe(here, self._cameras[here.vehicle], wider_cells)
+
+    def told(self, event: CrewEvent) -> Window | None:
+        """Take in what a person says; the window that burns otherwise.
+
+        Raises FireModelError for what cannot be; nothing is changed then.
+        """
+        if isinstance(event, OF_FIRE):
+            self.world.advance(event.at_us)
+        return self.world.told(event)
+
+    def happened(self, event: AnyEvent) -> None:
+        """What people light and spheres that fell burn in the simulated fire too."""
+        if isinstance(event, Lit):
+            self.world.light(event.points, event.lit_at_us / 1e6)
+        elif isinstance(event, DropFinished):
+            place = self._falling.pop((event.plan_hash, event.number), None)
+            if place is not None and not event.refused:
+                self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
+
+    def ordered(self, command: AnyCommand) -> None:
+        """Where a sphere falls, for when it is known that it did."""
+        if isinstance(command, Drop):
+            place = (command.lat_deg, command.lon_deg)
+            self._falling[command.plan_hash, command.number] = place
