@@ -4,7 +4,6 @@ Journal the event, let the core handle it, journal the commands, carry them out;
 camera look at the fire whenever a position arrives.
 """
 
-import contextlib
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -169,12 +168,11 @@ class Service:
         """What a journal tells of before: all that follows from it but the orders."""
         self._show(event, commands)
         self.world.advance(event.at_us)
-        if isinstance(event, OF_FIRE):
-            with contextlib.suppress(FireModelError):  # killed before it was taken back
-                self._owe(self._told_of_fire(event))
+        self._owe(self.fire.past(event))
+        if isinstance(event, OF_FIRE) and self.picture is not None:
+            self.picture.fire_changed()
         elif isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
-        self.fire.happened(event)
         if self._interlock is not None:
             self._interlock.take(event)
             self._interlock.sent(commands)

@@ -3,6 +3,9 @@
 The service lets it burn along; a replay burns it again from a journal.
 """
 
+import contextlib
+
+from firemodel.errors import FireModelError
 from mission_service.commands import AnyCommand, Drop
 from mission_service.config import Scenario
 from mission_service.events import (
@@ -59,11 +62,21 @@ class WatchedFire:
     def happened(self, event: AnyEvent) -> None:
         """What people light and spheres that fell burn in the simulated fire too."""
         if isinstance(event, Lit):
+            self.world.advance(event.at_us)  # else it would burn from when somebody last looked
             self.world.light(event.points, event.lit_at_us / 1e6)
         elif isinstance(event, DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
+
+    def past(self, event: AnyEvent) -> Window | None:
+        """What a journal tells of before; the window that burns otherwise."""
+        found = None
+        if isinstance(event, OF_FIRE):
+            with contextlib.suppress(FireModelError):  # killed before it was taken back
+                found = self.told(event)
+        self.happened(event)
+        return found
 
     def ordered(self, command: AnyCommand) -> None:
         """Where a sphere falls, for when it is known that it did."""
