@@ -21,10 +21,12 @@ from mission_service.cli_parts import (
     echo,
     folder,
 )
+from mission_service.clocks import now_text
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
 from mission_service.log_cli import log
 from mission_service.mission_cli import mission, signing
+from mission_service.replay_cli import replay
 from mission_service.tune_cli import tune
 
 
@@ -60,8 +62,8 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment, tune, burn, token, log):
-    main.add_command(group)
+for command in (fire, bench, mission, signing, experiment, tune, burn, token, log, replay):
+    main.add_command(command)
 
 
 @main.command()
@@ -95,7 +97,7 @@ def demo(
         settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
     report = _logger(log, log_level) or _reporter(as_json)
     journal = folder(out) / "journal.jsonl"
-    run = Run(flying(loaded), journal, _now(), settings, logs=log is not None, goes_on=False)
+    run = Run(flying(loaded), journal, now_text(), settings, logs=log is not None, goes_on=False)
     _finish(run_demo(run, scenario, speedup, report, _tell_address), out, as_json)
 
 
@@ -113,7 +115,7 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
     loaded = flying(load_scenario(scenario, overrides))
     made = folder(out)
     with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
-        record, world = simulate(loaded, made / "journal.jsonl", _now(), progress)
+        record, world = simulate(loaded, made / "journal.jsonl", now_text(), progress)
     _finish(write_outputs(made, loaded, record, world.fire), out, as_json)
 
 
@@ -170,7 +172,9 @@ def run(
     made = folder(out)
     report = _logger(log, log_level) or _reporter(as_json)
     journal, logs = made / "journal.jsonl", log is not None
-    going = Run(scenario, journal, _now(), settings, tlog, logs, channel=channel, goes_on=not anew)
+    going = Run(
+        scenario, journal, now_text(), settings, tlog, logs, channel=channel, goes_on=not anew
+    )
     record, world = asyncio.run(serve(going, report, address=_tell_address))
     _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
 
@@ -303,32 +307,6 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
     click.echo(f"{output}: {count} items")
 
 
-@main.command()
-@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--verify", is_flag=True, help="Compare every command with the journal's.")
-@JSON
-def replay(journal: Path, verify: bool, as_json: bool) -> None:
-    """Feed a journal's events through a fresh core; exit code 1 at the first difference."""
-    from dataclasses import asdict
-
-    from mission_service.replay import verify as run_verify
-
-    if not verify:
-        raise click.UsageError("say what to do with the journal: --verify")
-    result = run_verify(journal)
-    if as_json:
-        click.echo(json.dumps(asdict(result)))
-    else:
-        click.echo(
-            f"{journal}: {result.events} events, {result.commands} commands "
-            f"({result.decisions} decisions) reproduced"
-        )
-        if result.cut_at_line is not None:
-            click.echo(f"the journal is cut off in line {result.cut_at_line}; verified up to there")
-    if result.difference is not None:
-        raise click.ClickException(f"{journal}: first difference in {result.difference}")
-
-
 @main.command("decide")
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--planner", "rule", metavar="RULE", help="Instead of the rule of the journal.")
@@ -361,12 +339,6 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     from mission_service.world import check
 
     echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
-
-
-def _now() -> str:
-    from datetime import UTC, datetime
-
-    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _tell_address(address: str) -> None:

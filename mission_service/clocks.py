@@ -1,6 +1,7 @@
 """The machine's clocks. Only what is live asks them; all else is told the time."""
 
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 
@@ -17,3 +18,8 @@ def wall_us() -> int:
 def last_written_s(path: Path) -> float:
     """When a file was last written to, in seconds since 1970."""
     return path.stat().st_mtime
+
+
+def now_text() -> str:
+    """The date and time, as a journal's header has it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -209,7 +209,7 @@ def _begun(
     """What a run begins with, or what its newest state has of them."""
     if cut_off is not None and cut_off.objects is not None:
         kept = cut_off.objects
-        return kept["core"], kept["world"], kept["record"], kept["picture"]
+        return kept["core"], kept["fire"].world, kept["record"], kept["picture"]
     world = world_of(scenario, landscape)
     world.advance(clock.now_us)
     record = Record(tuple(section.name for section in scenario.flown), clock.now_us)

@@ -4,19 +4,32 @@ With the journal's own rule they must be the journal's decisions; with another o
 would have decided in the places where the vehicles were.
 """
 
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from firemodel.landscape import Landscape
 from mission_service.commands import Decided, Return
-from mission_service.config import Scenario, parse_scenario
-from mission_service.differences import compare
+from mission_service.config import Scenario
+from mission_service.differences import compare, fields_that_differ
 from mission_service.errors import JournalError, MissionServiceError
-from mission_service.events import Crew
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import JournalReader
-from mission_service.planning import FORMATION, RULES, planners_of
+from mission_service.events import (
+    Aborted,
+    Crew,
+    CrewEvent,
+    MissionHeld,
+    Ordered,
+    Resumed,
+    SettingsTold,
+    VehicleEvent,
+    VehicleRebooted,
+)
+from mission_service.front_flight import FrontFlight
+from mission_service.journal import Entry, JournalReader
+from mission_service.planners.perimeter import PerimeterPlanner
+from mission_service.planners.protocol import Planner
+from mission_service.planning import BURN, FORMATION, RULES, planners_of
+from mission_service.recorded import Recorded
 from mission_service.steering import Steering, decided
 
 Timed = tuple[int, Decided]  # at_us, decision
@@ -38,41 +51,121 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
 
     Raises JournalError where the journal cannot be read, or a line of it was altered.
     """
-    reader = JournalReader(path)
-    scenario = parse_scenario(reader.header["scenario"], path)
+    journal = Recorded(path)
+    scenario = journal.scenario
     own = scenario.planner.rule
     if rule is not None:
         scenario = with_rule(scenario, rule)
-    if scenario.planner.rule == FORMATION:
+    rule = scenario.planner.rule
+    if rule in (FORMATION, BURN):
         raise MissionServiceError(
-            f"{path}: rule {FORMATION} flies orbits and takes no decisions; use replay --verify, "
+            f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
             "or --planner with another rule"
         )
-    landscape = landscape_of(scenario)
-    _check_landscape(path, landscape, reader.header["landscape_sha256"])
-    planners = planners_of(scenario, landscape)
-    steering = Steering(scenario, landscape, planners)
+    found, told = decisions_alone(journal, scenario, _intact(journal))
+    difference = None
+    if rule == own:
+        difference, _ = first_difference(found, told, may_lack_one=journal.cut_off)
+    return Decisions(rule, own, found, told, difference)
+
+
+def _intact(journal: Recorded) -> Iterator[tuple[JournalReader, Entry]]:
+    for reader, entry in journal.entries():
+        if not entry.intact:
+            raise JournalError(f"{reader.path}: line {entry.line} was altered; see replay --verify")
+        yield reader, entry
+
+
+def decisions_alone(
+    journal: Recorded, scenario: Scenario, entries: Iterable[tuple[JournalReader, Entry]]
+) -> tuple[list[Timed], list[Timed]]:
+    """The decisions of a scenario's planners on the events of a journal, and those recorded."""
+    steering, planners, silent = _begun(journal, scenario)
     found: list[Timed] = []
     recorded: list[Timed] = []
     at_us = 0
-    for entry in reader:
-        if not entry.intact:
-            raise JournalError(f"{path}: line {entry.line} was altered; see replay --verify")
+    for _, entry in entries:
         content = entry.content
         if isinstance(content, Decided):
             recorded.append((at_us, content))
         elif isinstance(content, Return):
             steering.recall(content.vehicle, at_us / 1e6)
-        elif entry.is_event and not isinstance(content, Crew):
-            at_us = content.at_us  # type: ignore[union-attr]
-            decision = steering.take(content)  # type: ignore[arg-type]
-            if decision is not None:
-                name = content.vehicle
+        elif isinstance(content, Crew):
+            at_us = content.at_us
+            _told(content, steering, silent)
+        elif entry.is_event:
+            event: VehicleEvent = content  # type: ignore[assignment]
+            name, at_us = event.vehicle, event.at_us
+            decision = steering.take(event)
+            if decision is not None and name not in silent.held | silent.doubted:
                 found.append((at_us, decided(name, planners[name], decision)))
-    rule = scenario.planner.rule
-    cut = reader.cut_at_line is not None
-    difference = first_difference(found, recorded, cut) if rule == own else None
-    return Decisions(rule, own, found, recorded, difference)
+            if isinstance(event, MissionHeld | VehicleRebooted):
+                silent.doubted.discard(name)
+    return found, recorded
+
+
+@dataclass
+class _Silent:
+    """Vehicles that are not led, so that nothing they decide is told: held by people, in doubt."""
+
+    held: set[str]
+    doubted: set[str]
+
+
+def _begun(
+    journal: Recorded, scenario: Scenario
+) -> tuple[Steering, Mapping[str, Planner], _Silent]:
+    """What a journal begins with; another rule begins anew there."""
+    if journal.segment == 1:
+        planners = planners_of(scenario, journal.landscape)
+        return Steering(scenario, journal.landscape, planners), planners, _Silent(set(), set())
+    core = journal.core()
+    silent = _Silent(
+        {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
+        {name for name, vehicle in core.vehicles.items() if vehicle.doubt is not None},
+    )
+    if isinstance(core.leader, FrontFlight) and scenario == journal.scenario:
+        return core.steering, core.leader.planners, silent
+    planners = planners_of(scenario, journal.landscape)
+    steering = Steering(scenario, journal.landscape, planners)
+    steering.presence = core.steering.presence
+    return steering, planners, silent
+
+
+def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
+    """What people say that planners decide by, and whether a vehicle is led at all."""
+    match event:
+        case SettingsTold():
+            for planner in steering.planners.values():
+                if isinstance(planner, PerimeterPlanner):
+                    planner.tune(event)
+        case Aborted():
+            silent.held |= set(steering.presence)
+        case Ordered():
+            for name in [event.vehicle] if event.vehicle else list(steering.presence):
+                _ordered(name, event, steering, silent)
+        case Resumed():
+            silent.doubted |= set(steering.presence)
+            for presence in steering.presence.values():
+                presence.online = False
+        case _:
+            pass
+
+
+def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> None:
+    presence = steering.presence[name]
+    match event.order:
+        case "hold":
+            silent.held.add(name)
+        case "return":
+            silent.held.discard(name)
+            if presence.airborne and not presence.online:  # else a Return is recorded
+                steering.recall(name, event.at_us / 1e6)
+        case "resume":
+            silent.held.discard(name)
+            presence.recalled = False
+        case _:
+            pass
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
@@ -83,24 +176,23 @@ def with_rule(scenario: Scenario, rule: str) -> Scenario:
     return scenario.model_copy(update={"planner": planner})
 
 
-def _check_landscape(path: Path, landscape: Landscape, recorded: str) -> None:
-    if landscape.digest() != recorded:
-        raise JournalError(
-            f"{path}: the landscape is not the one of the journal; use it where its rasters are"
-        )
+def first_difference(
+    found: list[Timed], recorded: list[Timed], may_lack_one: bool
+) -> tuple[str | None, list[dict[str, Any]]]:
+    """Where decisions and those recorded part, in words and in fields.
 
-
-def first_difference(found: list[Timed], recorded: list[Timed], cut: bool) -> str | None:
-    """Where decisions and those recorded part; a journal that was cut off may lack the last."""
+    A journal that was cut off may lack the last one.
+    """
     for (at_us, ours), (told_us, theirs) in zip(found, recorded, strict=False):
         if at_us != told_us:
-            return f"decided at {at_us / 1e6:.2f} s, recorded at {told_us / 1e6:.2f} s"
+            return f"decided at {at_us / 1e6:.2f} s, recorded at {told_us / 1e6:.2f} s", []
         if ours != theirs:
-            return f"at {at_us / 1e6:.2f} s {ours.vehicle}: {compare(theirs, ours)}"
+            words = f"at {at_us / 1e6:.2f} s {ours.vehicle}: {compare(theirs, ours)}"
+            return words, fields_that_differ(theirs, ours)
     missing = len(found) - len(recorded)
-    if missing == 0 or (cut and missing == 1):
-        return None
-    return f"{len(found)} decisions, {len(recorded)} recorded"
+    if missing == 0 or (may_lack_one and missing == 1):
+        return None, []
+    return f"{len(found)} decisions, {len(recorded)} recorded", []
 
 
 def summary_of(decisions: Decisions) -> dict[str, Any]:

@@ -1,105 +1,202 @@
-"""Replay: a journal's inputs through a fresh core must give the journal's commands, bit for bit.
+"""Replay: a journal verified stage by stage; what one stage finds does not hide the others.
+
+file: every line's checksum. fire: what cameras saw, in the fire burned again. planner: decisions on
+the recorded observations. core: all commands, bit for bit.
 
 A journal of several segments is verified from its beginning, or from the state with which its
 oldest segment begins; a closed segment, named by itself, from the state with which it begins.
 """
 
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand
-from mission_service.config import Scenario, parse_scenario
-from mission_service.core import Core
-from mission_service.differences import cut, difference_of
-from mission_service.errors import JournalError, StateError
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Entry, JournalReader
-from mission_service.segments import Chain, begin_state, journal_of
-from mission_service.state_file import Known, read
+from mission_service.decide import decisions_alone, first_difference
+from mission_service.differences import cut, difference_of, fields_that_differ
+from mission_service.errors import JournalError, MissionServiceError
+from mission_service.planning import BURN, FORMATION
+from mission_service.recorded import Recorded
+from mission_service.replay_fire import fire_stage
+from mission_service.stage import Stage
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What a replay found. ``difference`` is None when every line was reproduced.
+    """What a replay found, stage by stage. ``from_segment`` is 1 where all of the journal is there.
 
-    ``from_segment`` is 1 where all of the journal is there.
+    ``cut_at_line``: the journal was cut off there, and is verified up to there.
     """
 
-    events: int
-    commands: int
-    decisions: int
-    difference: str | None
+    stages: tuple[Stage, ...]
     cut_at_line: int | None
-    from_segment: int = 1
-    segments: int = 1
+    from_segment: int
+    segments: int
+
+    @property
+    def difference(self) -> str | None:
+        """The first stage's that found one; None when all was reproduced."""
+        return next((each.difference for each in self.stages if each.difference), None)
+
+    @property
+    def differing(self) -> list[str]:
+        """The stages that found a difference."""
+        return [each.name for each in self.stages if each.difference is not None]
+
+    @property
+    def events(self) -> int:
+        """Fed into the core."""
+        return self._count("events")
+
+    @property
+    def commands(self) -> int:
+        """Reproduced by the core."""
+        return self._count("commands")
+
+    @property
+    def decisions(self) -> int:
+        """Of these commands, decisions."""
+        return self._count("decisions")
+
+    def stage(self, name: str) -> Stage:
+        """What one stage found."""
+        return next(each for each in self.stages if each.name == name)
+
+    def _count(self, what: str) -> int:
+        return sum(each.counts.get(what, 0) for each in self.stages if each.name == "core")
 
 
-def verify(path: Path, alone: bool = False) -> Verification:
-    """Replay a journal up to its first difference; ``alone``: not the segments before this one.
+def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verification:
+    """Replay a journal in these stages, or all; ``alone``: not the segments before this one.
 
     Raises JournalError where the journal cannot be read or belongs to another landscape, or where
     its beginning is gone and the state that stands for it cannot be used.
     """
-    if alone or journal_of(path) is not None:
-        readers = [JournalReader(path)]
-        entries: Iterable[tuple[JournalReader, Entry]] = ((readers[0], each) for each in readers[0])
-    else:
-        chain = Chain(path)
-        readers, entries = chain.readers, chain.after(chain.begin)
-    header = readers[0].header
-    scenario = parse_scenario(header["scenario"], path)
-    landscape = landscape_of(scenario)
-    if landscape.digest() != header["landscape_sha256"]:
-        raise JournalError(
-            f"{path}: the landscape is not the one of the journal "
-            f"(sha256 {landscape.digest()[:12]}…, recorded "
-            f"{header['landscape_sha256'][:12]}…); replay it where its rasters are"
-        )
-    core = _core_at(journal_of(path) or path, readers[0].segment, scenario, landscape)
-    return _compared(core, readers, entries)
+    recorded = Recorded(path, alone)
+    wanted = [name for name in STAGES if name in (stages or STAGES)]
+    found = tuple(_in_words(STAGES[name], recorded) for name in wanted)
+    killed = next((each.killed_at_line for each in found if each.killed_at_line), None)
+    return Verification(
+        found, recorded.last.cut_at_line or killed, recorded.segment, len(recorded.readers)
+    )
 
 
-def _core_at(path: Path, segment: int, scenario: Scenario, landscape: Landscape) -> Core:
-    """The core as it was when a segment began."""
-    if segment == 1:
-        return Core(scenario, landscape)
+def as_json(found: Verification) -> dict[str, Any]:
+    """For programs."""
+    return {
+        "events": found.events,
+        "commands": found.commands,
+        "decisions": found.decisions,
+        "difference": found.difference,
+        "cut_at_line": found.cut_at_line,
+        "from_segment": found.from_segment,
+        "segments": found.segments,
+        "stages": {each.name: _told(each) for each in found.stages},
+    }
+
+
+def _told(stage: Stage) -> dict[str, Any]:
+    found = asdict(stage)
+    for name in ("name", "killed_at_line"):
+        del found[name]
+    return found
+
+
+def in_text(found: Verification) -> str:
+    """For people: a line a stage, and what differs in it."""
+    lines = []
+    for each in found.stages:
+        counts = ", ".join(f"{count} {what}" for what, count in each.counts.items())
+        result = "left out" if each.left_out else "differs" if each.difference else "ok"
+        told = [counts, each.note]
+        lines.append(f"{each.name:<8} {result:<9} {'; '.join(words for words in told if words)}")
+        if each.difference is not None:
+            lines.append(f"  first difference in {each.difference}")
+    if found.from_segment != 1:
+        lines.append(f"from segment {found.from_segment}: those before it are not there")
+    if found.cut_at_line is not None:
+        lines.append(f"the journal is cut off in line {found.cut_at_line}; verified up to there")
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _in_words(stage: Callable[[Recorded], Stage], recorded: Recorded) -> Stage:
+    """What a stage finds; an input that it cannot even take in is a difference too."""
+    recorded.at = None
     try:
-        core: Core = read(begin_state(path, segment), Known(scenario, landscape))["core"]
-    except StateError as error:
-        raise JournalError(f"{path}: segment {segment} cannot be replayed: {error}") from None
-    return core
+        return stage(recorded)
+    except MissionServiceError:
+        raise
+    except Exception as error:
+        if recorded.at is None:
+            raise
+        where = recorded.place(*recorded.at)
+        words = f"{where}: cannot be handled: {type(error).__name__}: {error}"
+        return Stage(stage.__name__.removesuffix("_stage"), {}, words)
 
 
-def _compared(
-    core: Core, readers: list[JournalReader], entries: Iterable[tuple[JournalReader, Entry]]
-) -> Verification:
-    expected: deque[AnyCommand] = deque()
-    events = commands = decisions = 0
+def file_stage(recorded: Recorded) -> Stage:
+    """Every line's checksum, which runs on from the line before."""
+    counts = {"lines": len(recorded.readers), "altered": 0}  # headers were checked already
     difference = None
-    last_line = 1
-    for reader, entry in entries:
-        last_line = entry.line
+    try:
+        for reader, entry in recorded.entries():
+            counts["lines"] += 1
+            if not entry.intact:
+                counts["altered"] += 1
+                kind = "event" if entry.is_event else "command"
+                difference = difference or (
+                    f"{recorded.place(reader, entry)}: altered, its checksum does not match: "
+                    f"{kind} {cut(entry.content)}"
+                )
+    except JournalError as error:
+        counts["altered"] += 1
+        difference = difference or str(error)
+        return Stage("file", counts, difference, note="nothing can be read from there on")
+    return Stage("file", counts, difference)
+
+
+def planner_stage(recorded: Recorded) -> Stage:
+    """The planners alone, on the recorded observations, must decide as recorded."""
+    rule = recorded.scenario.planner.rule
+    if rule in (FORMATION, BURN):
+        return Stage("planner", {}, note=f"rule {rule} takes no such decisions", left_out=True)
+    found, told = decisions_alone(recorded, recorded.scenario, recorded.readable())
+    difference, fields = first_difference(found, told, may_lack_one=recorded.cut_off)
+    return Stage("planner", {"decisions": len(told)}, difference, fields)
+
+
+def core_stage(recorded: Recorded) -> Stage:
+    """All inputs through a core must give all commands, bit for bit."""
+    core = recorded.core()
+    expected: deque[AnyCommand] = deque()
+    counts = {"events": 0, "commands": 0, "decisions": 0}
+    for reader, entry in recorded.readable():
         difference = difference_of(entry, expected)
         if difference is not None:
-            if len(readers) > 1:
-                difference = f"{reader.path.name}, {difference}"
-            break
+            words = difference.replace(f"line {entry.line}", recorded.place(reader, entry), 1)
+            same_kind = not entry.is_event and bool(expected)
+            fields = fields_that_differ(entry.content, expected[0]) if same_kind else []
+            return Stage("core", counts, words, fields)
         if entry.is_event:
-            events += 1
+            counts["events"] += 1
             expected.extend(core.handle(entry.content))  # type: ignore[arg-type]
         else:
             expected.popleft()
-            commands += 1
-            decisions += type(entry.content).__name__ == "Decided"
-    last = readers[-1]
-    cut_at_line = last.cut_at_line
-    if difference is None and expected and cut_at_line is None:
-        if last.header.get("live") and not last.ended:  # killed between two lines
-            cut_at_line = last_line + 1
-        else:
-            difference = f"after the last line: the journal lacks {cut(expected[0])}"
-    first = readers[0].segment
-    return Verification(events, commands, decisions, difference, cut_at_line, first, len(readers))
+            counts["commands"] += 1
+            counts["decisions"] += type(entry.content).__name__ == "Decided"
+    if not expected or recorded.damaged or recorded.last.cut_at_line is not None:
+        return Stage("core", counts)
+    if recorded.cut_off:  # killed between two lines
+        line = recorded.at[1].line if recorded.at else 1
+        return Stage("core", counts, killed_at_line=line + 1)
+    return Stage("core", counts, f"the end: the journal lacks {cut(expected[0])}")
+
+
+STAGES: dict[str, Callable[[Recorded], Stage]] = {
+    "file": file_stage,
+    "fire": fire_stage,
+    "planner": planner_stage,
+    "core": core_stage,
+}

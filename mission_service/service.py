@@ -4,7 +4,6 @@ Journal the event, let the core handle it, journal the commands, carry them out;
 camera look at the fire whenever a position arrives.
 """
 
-import contextlib
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -27,20 +26,14 @@ from mission_service.events import (
     AnyEvent,
     CommandFinished,
     Contact,
-    Corrected,
     CrewEvent,
     DropFinished,
-    Erased,
     Heard,
-    Lit,
     Observed,
-    Redone,
     Resumed,
     Telemetry,
-    Undone,
     UploadFinished,
     VehicleEvent,
-    WindTold,
 )
 from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import Gateway
@@ -49,22 +42,20 @@ from mission_service.missions_held import MissionsHeld
 from mission_service.picture import Picture
 from mission_service.record import Record
 from mission_service.recording import Recording
-from mission_service.world import FireWorld, Window, camera_of
+from mission_service.watched_fire import OF_FIRE, WatchedFire
+from mission_service.world import FireWorld, Window
 
-OF_FIRE = (Corrected, Erased, Undone, Redone, WindTold)
 NO_BURN = "the scenario has no burn"
 # What a state holds of a service; all else follows from the scenario.
 KEPT = (
     "core",
-    "world",
+    "fire",
     "record",
     "picture",
     "_missions",
     "_owed",
-    "_falling",
     "_interlock",
     "_said_yes",
-    "_camera_due_us",
 )
 
 
@@ -111,7 +102,7 @@ class Service:
     ) -> None:
         """``say`` tells other processes; ``picture`` is what interfaces show, if there are any."""
         self.core = core
-        self.world = world
+        self.fire = WatchedFire(scenario, world)
         self.record = record
         self.picture = picture
         self.recording = Recording(journal)
@@ -120,22 +111,22 @@ class Service:
         self._down_since_us = 0
         self._gateways = gateways
         self._say = say
-        self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
-        self._camera_every_us = {
-            section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
-        }
-        self._camera_due_us = dict.fromkeys(self._cameras, 0)
         self._said_yes: dict[tuple[str, str], int] = {}
-        self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = interlock_of(scenario.burn, world.landscape)
-        self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
+
+    @property
+    def world(self) -> FireWorld:
+        """What burns."""
+        return self.fire.world
 
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle what a gateway reports; ``now_us`` is the link's clock."""
         for event in events:
             if isinstance(event, Telemetry):
-                self._look(event, now_us)
+                observed = self.fire.look(event)
+                if observed is not None:
+                    self._handle(observed, now_us)
             if not self._handle(event, now_us) and isinstance(event, Telemetry) and self.picture:
                 self.picture.take(event, [])
 
@@ -163,9 +154,7 @@ class Service:
 
     def _told_of_fire(self, event: CrewEvent) -> Window | None:
         """What people say of the fire, before it is written down: what cannot be is refused."""
-        if isinstance(event, OF_FIRE):
-            self.world.advance(event.at_us)
-        found = self.world.told(event)
+        found = self.fire.told(event)
         if self.picture is not None and isinstance(event, OF_FIRE):
             self.picture.fire_changed()
         return found
@@ -179,17 +168,16 @@ class Service:
         """What a journal tells of before: all that follows from it but the orders."""
         self._show(event, commands)
         self.world.advance(event.at_us)
-        if isinstance(event, OF_FIRE):
-            with contextlib.suppress(FireModelError):  # killed before it was taken back
-                self._owe(self._told_of_fire(event))
+        self._owe(self.fire.past(event))
+        if isinstance(event, OF_FIRE) and self.picture is not None:
+            self.picture.fire_changed()
         elif isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
-        self._burn(event)
         if self._interlock is not None:
             self._interlock.take(event)
             self._interlock.sent(commands)
         for command in commands:
-            self._note_fall(command)
+            self.fire.ordered(command)
 
     def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
         """After the past: write down the last commands that the journal lacks, and handle this."""
@@ -246,15 +234,6 @@ class Service:
         """What the interlock has of plans, vehicles and the crew."""
         return {} if self._interlock is None else self._interlock.status()
 
-    def _look(self, here: Telemetry, now_us: int) -> None:
-        name = here.vehicle
-        if here.at_us < self._camera_due_us[name]:
-            return
-        self._camera_due_us[name] = here.at_us + self._camera_every_us[name]
-        observed = self.world.observe(here, self._cameras[name])
-        if observed is not None:
-            self._handle(observed, now_us)
-
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
         """One turn; whether there was one. What is not written down did not happen."""
         if not self._written(event):
@@ -271,7 +250,7 @@ class Service:
         commands = self.core.handle(event)
         may_act = self.recording.commands(commands)
         self._show(event, commands)
-        self._burn(event)
+        self.fire.happened(event)
         if self._interlock is not None:
             self._interlock.take(event)
         for command in commands if may_act else ():
@@ -280,7 +259,7 @@ class Service:
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
             else:
-                self._note_fall(command)
+                self.fire.ordered(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
                 self._interlock.sent([command])
@@ -294,21 +273,6 @@ class Service:
         self.record.add(event, commands)
         if self.picture is not None:
             self.picture.take(event, commands)
-
-    def _burn(self, event: AnyEvent) -> None:
-        """What people light and spheres that fell burn in the simulated fire too."""
-        if isinstance(event, Lit):
-            self.world.light(event.points, event.lit_at_us / 1e6)
-        elif isinstance(event, DropFinished):
-            place = self._falling.pop((event.plan_hash, event.number), None)
-            if place is not None and not event.refused:
-                self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
-
-    def _note_fall(self, command: AnyCommand) -> None:
-        """Where a sphere falls, for when it is known that it did."""
-        if isinstance(command, Drop):
-            place = (command.lat_deg, command.lon_deg)
-            self._falling[command.plan_hash, command.number] = place
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
         """The last lock: no drop leaves that the interlock does not allow, no mission with one."""

@@ -122,8 +122,13 @@ class FireWorld:
         """What people have drawn and holds."""
         return [] if self._corrected is None else self._corrected.log.status()
 
-    def observe(self, telemetry: Telemetry, camera: Camera) -> Observed | None:
-        """What the camera of a vehicle sees from where it is, or nothing outside the landscape."""
+    def observe(
+        self, telemetry: Telemetry, camera: Camera, wider_cells: float = 0.0
+    ) -> Observed | None:
+        """What the camera of a vehicle sees from where it is, or nothing outside the landscape.
+
+        Its footprint reaches ``wider_cells`` farther than the camera's own.
+        """
         self.advance(telemetry.at_us)
         land = self.landscape
         x_m, y_m = land.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
@@ -132,6 +137,8 @@ class FireWorld:
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
         half_width = camera.radius_m(height_m) / land.cell_size_m
         half_length = camera.half_length_m(height_m) / land.cell_size_m
+        half_width += wider_cells
+        half_length += wider_cells if camera.along_deg is not None else 0.0
         radius = math.hypot(half_width, half_length)
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
         top, bottom = (

@@ -15,7 +15,7 @@ from mission_service.config import load_scenario
 from mission_service.journal import JournalReader
 from mission_service.outputs import write_outputs
 from mission_service.record import Record
-from mission_service.replay import verify
+from mission_service.replay import Verification, verify
 from mission_service.sim import simulate
 from mission_service.world import FireWorld
 
@@ -112,32 +112,37 @@ def test_a_replay_reproduces_every_decision(run: Run) -> None:
     assert result.events > run.record.telemetry + run.record.observations
 
 
-def altered(run: Run, tmp_path: Path, wanted: str, before: str, after: str) -> tuple[str, int]:
-    """Change the first place after the middle of the journal; returns the difference, the line."""
+def altered(
+    run: Run, tmp_path: Path, wanted: str, before: str, after: str
+) -> tuple[Verification, int]:
+    """Change the first place after the middle of the journal; returns what is found, the line."""
     lines = run.journal.read_text(encoding="utf-8").splitlines(keepends=True)
     half = len(lines) // 2
     index = next(i for i in range(half, len(lines)) if wanted in lines[i] and before in lines[i])
     lines[index] = lines[index].replace(before, after, 1)
     path = tmp_path / "altered.jsonl"
     path.write_text("".join(lines), encoding="utf-8")
-    difference = verify(path).difference
-    assert difference is not None
-    return difference, index + 1
+    found = verify(path)
+    assert found.difference is not None
+    assert found.stage("file").counts["altered"] == 1
+    return found, index + 1
 
 
 def test_an_altered_decision_is_named_with_line_and_field(run: Run, tmp_path: Path) -> None:
-    difference, line = altered(run, tmp_path, "Decided", '"front_cells":', '"front_cells":9')
-    assert f"line {line} " in difference
-    assert "Decided.front_cells" in difference
-    assert "altered" in difference
+    found, line = altered(run, tmp_path, "Decided", '"front_cells":', '"front_cells":9')
+    assert found.differing == ["file", "planner", "core"]
+    assert str(found.difference).startswith(f"line {line}: altered, its checksum does not match")
+    for name in ("planner", "core"):
+        stage = found.stage(name)
+        assert "Decided.front_cells: journal has 9" in str(stage.difference)
+        assert [each["field"] for each in stage.details] == ["Decided.front_cells"]
+    assert str(found.stage("core").difference).startswith(f"line {line}: ")
 
 
 def test_an_altered_event_is_named_even_where_no_decision_changes(run: Run, tmp_path: Path) -> None:
-    difference, line = altered(
-        run, tmp_path, "Telemetry", '"altitude_amsl_m":', '"altitude_amsl_m":1'
-    )
-    assert f"line {line} " in difference
-    assert "altered" in difference
+    found, line = altered(run, tmp_path, "Telemetry", '"altitude_amsl_m":', '"altitude_amsl_m":1')
+    assert found.differing == ["file"]
+    assert str(found.difference).startswith(f"line {line}: altered")
 
 
 def test_a_lost_line_is_named(run: Run, tmp_path: Path) -> None:
