@@ -11,28 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config import Scenario
-from mission_service.core import Core
 from mission_service.distance_error import TrueShape
-from mission_service.errors import JournalError
 from mission_service.events import (
     AnyEvent,
-    Crew,
     LinkLost,
     Observed,
     Telemetry,
     UploadFinished,
 )
 from mission_service.fire_map import BEARINGS, FireMap, window_codes
-from mission_service.fire_setup import landscape_of
 from mission_service.flights.journal_log import JournalLog
 from mission_service.planning import BURN, FORMATION, fire_position
 from mission_service.record import Record
-from mission_service.watched_fire import WatchedFire
-from mission_service.world import FireWorld, world_of
+from mission_service.recorded import Recorded
 
 Floats = NDArray[np.float64]
 
@@ -92,24 +86,18 @@ def fire_story(log: JournalLog) -> FireStory:
 
     What is damaged in it is left out, as the log's ``damage`` says.
     """
-    landscape = landscape_of(log.scenario)
-    if landscape.digest() != log.landscape_sha256:
-        raise JournalError(
-            f"{log.path}: the landscape is not the one of the journal; use it where its rasters are"
-        )
-    return _Telling(log, landscape).story()
+    return _Telling(log, Recorded(log.path)).story()
 
 
 class _Telling:
     """One pass over a journal."""
 
-    def __init__(self, log: JournalLog, landscape: Landscape) -> None:
-        scenario = log.scenario
+    def __init__(self, log: JournalLog, recorded: Recorded) -> None:
+        scenario, landscape = log.scenario, recorded.landscape
         self._log = log
         self._landscape = landscape
-        self._core = Core(scenario, landscape)
-        self._world: FireWorld = world_of(scenario, landscape)
-        self._fire = WatchedFire(scenario, self._world)
+        self._core = recorded.core()
+        self._fire = recorded.fire()
         start_us = round(scenario.start_s * 1e6)
         record = Record(tuple(each.name for each in scenario.vehicles), start_us)
         self._story = FireStory(scenario, landscape, record, log.shadow)
@@ -138,7 +126,7 @@ class _Telling:
             if at_us >= self._due_us:
                 self._due_us = at_us - at_us % SAMPLE_US + SAMPLE_US
                 self._sample(at_us)
-        self._world.advance(at_us)
+        self._fire.world.advance(at_us)
         self._sample(at_us)
         self._compare()
         return self._story
@@ -147,12 +135,7 @@ class _Telling:
         return (each for each in self._log.things() if isinstance(each, AnyEvent))
 
     def _follow(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        if isinstance(event, Crew):
-            try:
-                self._fire.told(event)
-            except FireModelError:  # refused then too; its line was taken back, or should have been
-                return
-        self._fire.happened(event)
+        self._fire.past(event)
         for command in commands:
             self._fire.ordered(command)
 
@@ -198,13 +181,13 @@ class _Telling:
             ways.append((at_us, way))
 
     def _sample(self, at_us: int) -> None:
-        self._world.advance(at_us)
+        self._fire.world.advance(at_us)
         age_s = at_us / 1e6 - self._seen_s[~np.isnan(self._seen_s)]
         if age_s.size:
             seen = age_s.size / BEARINGS
             recent = np.count_nonzero(age_s <= RECENT_S) / BEARINGS
             known = (seen, float(recent), float(age_s.mean()), float(age_s.max()))
-            self._story.samples.append(Sample(at_us, self._world.fire.burned_ha, *known))
+            self._story.samples.append(Sample(at_us, self._fire.world.fire.burned_ha, *known))
         if not self._story.follows_front:
             return
         for name, presence in self._core.steering.presence.items():
@@ -220,7 +203,7 @@ class _Telling:
         """What was believed against what burned: mean and greatest distance, in metres."""
         story = self._story
         story.arrival_s = np.where(
-            self._world.fire.burned(), self._world.fire.arrival_time_s, np.inf
+            self._fire.world.fire.burned(), self._fire.world.fire.arrival_time_s, np.inf
         )
         if self._centre is None or not self._believed:
             return

@@ -51,7 +51,6 @@ class JournalLog:
         self._chain = Chain(path)
         header = self._chain.readers[0].header
         self.scenario: Scenario = parse_scenario(header["scenario"], path)
-        self.landscape_sha256: str = header["landscape_sha256"]
         self.shadow = bool(header.get("shadow_of"))
         self.names = {at: each.name for at, each in enumerate(self.scenario.vehicles, 1)}
         self._numbers = {name: number for number, name in self.names.items()}

@@ -26,7 +26,8 @@ from mission_service.gateway import Gateway, MissionClock
 from mission_service.journal import Journal
 from mission_service.picture import Picture
 from mission_service.record import Record
-from mission_service.service import OF_FIRE, Service
+from mission_service.service import Service
+from mission_service.watched_fire import OF_FIRE
 from mission_service.world import world_of
 
 Told = Played | CrewEvent
