@@ -1,10 +1,18 @@
 """Several logs of several vehicles as one stream: whose each entry is, and which tells what."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from autopilot_bridge.logs.entries import Log, LogEvent
+from autopilot_bridge.client_events import (
+    Connected,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+)
+from autopilot_bridge.logs.entries import Log, LogEvent, MissionLoaded
 from autopilot_bridge.logs.reading import merged
 from mission_service.errors import FlightError
 from mission_service.flights.flown import Flown, name_of
@@ -20,11 +28,20 @@ class Played(NamedTuple):
     event: LogEvent
 
 
+# What holds until it is told anew: it counts for a part of a flight, though told before that.
+LASTING = (Connected, LinkLost, LinkRestored, ModeChanged, MissionLoaded, MissionProgress)
+
+
 class Flight(NamedTuple):
-    """Logs that are looked at together; ``names`` are those given to the vehicles of each."""
+    """Logs that are looked at together; ``names`` are those given to the vehicles of each.
+
+    Only the part between two times counts, in seconds from their beginning.
+    """
 
     logs: tuple[Log, ...]
     names: tuple[str | None, ...]
+    from_s: float = 0.0
+    to_s: float = math.inf
 
     @property
     def offset_us(self) -> int | None:
@@ -35,11 +52,24 @@ class Flight(NamedTuple):
         return None if None in offsets else 0
 
     def played(self) -> Iterator[Played]:
-        """All of it, by time.
+        """All of it, by time; what holds when the part begins is told with its first moment.
 
         Two logs of one vehicle (its link's and its own) do not tell the same thing twice: of each
         kind of event only the one counts that tells it first.
         """
+        from_us, to_us = None, math.inf
+        for told in self._whole():
+            if from_us is None:
+                from_us = told.at_us + round(self.from_s * 1e6)
+                to_us = told.at_us + self.to_s * 1e6
+            if told.at_us > to_us:
+                return
+            if told.at_us >= from_us:
+                yield told
+            elif isinstance(told.event, LASTING):
+                yield told._replace(at_us=from_us)
+
+    def _whole(self) -> Iterator[Played]:
         names: dict[tuple[int, int], str] = {}
         tells: dict[tuple[str, type], tuple[int, int]] = {}
         for at_us, log, entry in merged(self.logs):
@@ -99,5 +129,8 @@ def survey(flight: Flight, listen: Sequence[Callable[[Played], None]] = ()) -> S
         for each in listen:
             each(told)
     if not flown:
-        raise FlightError(f"{', '.join(str(log.path) for log in flight.logs)}: nothing flew in it")
+        part = "" if flight[2:] == (0.0, math.inf) else " in this part of it"
+        raise FlightError(
+            f"{', '.join(str(log.path) for log in flight.logs)}: nothing flew{part or ' in it'}"
+        )
     return Survey(flown, begin_us, end_us)
