@@ -16,6 +16,7 @@ from autopilot_bridge.items import Items
 from autopilot_bridge.logs.entries import GripperMoved, Log, LogEvent, MissionLoaded, Outputs
 from autopilot_bridge.stacks import Stack
 from mission_service.distance import distance_m
+from mission_service.flights.dropped import planned_in
 from mission_service.flights.instants import utc
 from mission_service.track import Track
 
@@ -49,6 +50,7 @@ class Flown:
         self.positions = self.items_reached = 0
         self._pulses: tuple[int, ...] = ()
         self.servo_steps: list[tuple[int, int, int]] = []  # at_us, servo, pulse_us
+        self._dropping: set[int] = set()
         self.releases_us: list[int] = []  # by a gripper
         self.silences: list[tuple[int, int]] = []  # at_us, silent_us
 
@@ -65,6 +67,7 @@ class Flown:
                 self.modes.append((at_us, event.name, event.armed))
             case MissionLoaded():
                 self.missions.append((at_us, event.items))
+                self._dropping |= {drop.output for drop in planned_in(event.items)}
                 self._current = None
                 # Of the new mission, told before it was known that the vehicle has it.
                 if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
@@ -85,10 +88,12 @@ class Flown:
                 pass
 
     def _put_out(self, now: Outputs, at_us: int) -> None:
-        """Steps of servos that do not steer: what lets things fall."""
+        """Steps of servos that do not steer, or that a mission names: what lets things fall."""
         steps = zip(self._pulses, now.pulse_us, strict=False)
         for number, (before, after) in enumerate(steps, 1):
-            if number >= FIRST_AUXILIARY and abs(after - before) >= STEP_US:
+            if number < FIRST_AUXILIARY and number not in self._dropping:
+                continue
+            if abs(after - before) >= STEP_US:
                 self.servo_steps.append((at_us, number, after))
         self._pulses = now.pulse_us
 

@@ -58,16 +58,19 @@ class Flight(NamedTuple):
         kind of event only the one counts that tells it first.
         """
         from_us, to_us = None, math.inf
+        holds: list[Played] = []
         for told in self._whole():
             if from_us is None:
                 from_us = told.at_us + round(self.from_s * 1e6)
                 to_us = told.at_us + self.to_s * 1e6
             if told.at_us > to_us:
                 return
-            if told.at_us >= from_us:
-                yield told
-            elif isinstance(told.event, LASTING):
-                yield told._replace(at_us=from_us)
+            if told.at_us < from_us:
+                holds += [told._replace(at_us=from_us)] if isinstance(told.event, LASTING) else []
+                continue
+            yield from holds
+            holds.clear()
+            yield told
 
     def _whole(self) -> Iterator[Played]:
         names: dict[tuple[int, int], str] = {}
@@ -97,6 +100,11 @@ def flight_of(words: Sequence[str]) -> Flight:
     """
     given = [_split(word) for word in words]
     return Flight(tuple(open_flight(path) for _, path in given), tuple(name for name, _ in given))
+
+
+def path_of(word: str) -> Path:
+    """The path in a word that may give a name too."""
+    return _split(word)[1]
 
 
 def _split(word: str) -> tuple[str | None, Path]:

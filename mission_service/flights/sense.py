@@ -12,6 +12,7 @@ Floats = NDArray[np.float64]
 # Gone back so far around the middle, it has turned back: around a fire, and around no more than the
 # middle of a track, where loiters lie anywhere.
 FIRE_DEG, TRACK_DEG = 30.0, 60.0
+LEAP_DEG = 90.0  # between two points: it went across the middle, not round it
 
 
 class Turn(NamedTuple):
@@ -33,6 +34,8 @@ def turns(east_m: Floats, north_m: Floats, least_deg: float, near_m: float) -> l
     found: list[Turn] = []
     least = most = 0  # the outermost points on the way so far
     for place, angle in enumerate(angle_deg):
+        if place and abs(angle - angle_deg[place - 1]) > LEAP_DEG:
+            least = most = place
         least = place if angle < angle_deg[least] else least
         most = place if angle > angle_deg[most] else most
         if (not found or not found[-1].clockwise) and angle - angle_deg[least] >= least_deg:

@@ -175,3 +175,38 @@ def ulg_flight() -> bytes:
         ("vehicle_status", 6_300_000, 3, 1, 2),
     ]
     return ulog(sorted(told, key=lambda each: each[2] if each[0] == "L" else each[1]))
+
+
+def round_flight(
+    turns_at_s: float = 100.0, end_s: float = 160.0, lat_deg: float = 36.35, lon_deg: float = -84.16
+) -> bytes:
+    """A plane flies round a place at 400 m, 15 m/s: clockwise until it turns back. Drops two."""
+    radius_m, speed_m_s, per_deg = 400.0, 15.0, 111_195.0
+    items = [(0, 16, lat_deg, lon_deg, 300.0), (1, 16, lat_deg, lon_deg, 100.0)]
+    told: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    told += [
+        ("CMD", 1_000_000, 4, number, command, 0.0, 0.0, 0.0, 0.0, lat, lon, height, 3)
+        for number, command, lat, lon, height in items
+    ]
+    told += [
+        ("CMD", 1_000_000, 4, 2, 183, 3.0, 1900.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3),
+        ("CMD", 1_000_000, 4, 3, 16, 0.0, 0.0, 0.0, 0.0, lat_deg, lon_deg, 100.0, 3),
+        ("MODE", 1_000_100, 10, 10),
+        ("ARM", 1_000_200, 1),
+    ]
+    for number in range(round(end_s * 4)):
+        at_s, at_us = number / 4.0, 1_250_000 + 250_000 * number
+        flown_s = min(at_s, 2.0 * turns_at_s - at_s)
+        way = 1.0 if at_s <= turns_at_s else -1.0
+        angle = flown_s * speed_m_s / radius_m
+        north, east = radius_m * math.cos(angle), radius_m * math.sin(angle)
+        lat = lat_deg + north / per_deg
+        lon = lon_deg + east / (per_deg * math.cos(math.radians(lat_deg)))
+        height = min(100.0, 5.0 * at_s)
+        velocity = (-speed_m_s * math.sin(angle) * way, speed_m_s * math.cos(angle) * way)
+        told += [
+            ("XKF1", at_us, 0, *velocity, 0.0, 0.0),
+            ("POS", at_us, lat, lon, 300.0 + height, height, 0.0),
+            ("RCOU", at_us, 1500, 1500, 1900 if at_s >= 50.0 else 1100),
+        ]
+    return dataflash(sorted(told, key=lambda each: each[1]))

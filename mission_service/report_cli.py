@@ -1,0 +1,54 @@
+"""``mission-service report``: runs told of on one page, side by side. Heavy imports wait."""
+
+import json
+from pathlib import Path
+
+import click
+
+from mission_service.cli_parts import JSON, OVERRIDE, folder
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@click.option("--scenario", metavar="SCENARIO", help="The fire beside logs, which have none.")
+@click.option("--at", "at_s", type=float, help="Mission time (s) at which these logs begin.")
+@OVERRIDE
+@JSON
+def report(
+    runs: tuple[str, ...],
+    out: Path,
+    scenario: str | None,
+    at_s: float | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write report.html, its pictures and figures.json into OUT.
+
+    A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. Each has a
+    column in the table.
+    """
+    from mission_service.clocks import now_text
+    from mission_service.config import flying, load_scenario
+    from mission_service.flights.batch import Beside, called, distinct, story_of
+    from mission_service.flights.figures import figures_of
+    from mission_service.flights.journal_log import JournalLog
+    from mission_service.flights.played import flight_of, path_of
+    from mission_service.flights.report_page import write_report
+
+    beside = None
+    if scenario is not None:
+        beside = Beside(flying(load_scenario(scenario, overrides)), at_s)
+    words = [run.split("+") for run in runs]
+    names = distinct([called(path_of(each[0])) for each in words])
+    made = folder(out)
+    stories = []
+    for name, each in zip(names, words, strict=True):
+        flight = flight_of(each)
+        has_fire = isinstance(flight.logs[0], JournalLog)
+        stories.append(story_of(name, flight, None if has_fire else beside, None, now_text()))
+    files = write_report(made, stories)
+    if as_json:
+        click.echo(json.dumps([figures_of(story) for story in stories]))
+    else:
+        click.echo(f"{', '.join(files)} in {out}/")

@@ -1,0 +1,268 @@
+"""The core beside a logged flight: the same track at the same times, and what it makes of it."""
+
+import json
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from autopilot_bridge.client_events import Position
+from mission_service.config import Scenario, parse_scenario
+from mission_service.errors import FlightError
+from mission_service.events import MissionProgress, Observed, Telemetry, UploadFinished
+from mission_service.flights.batch import Beside, story_of
+from mission_service.flights.journal_log import JournalLog, open_flight
+from mission_service.flights.played import flight_of, survey
+from mission_service.flights.run_story import RunStory
+from mission_service.flights.shadow import mission_time, scenario_for
+from mission_service.replay import verify
+from tests.bridge.log_writers import bin_flight, round_flight, ulg_flight
+
+FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "flights"
+REAL = sorted(FLIGHTS.glob("*.*")) if FLIGHTS.exists() else []
+LOGS = [path for path in REAL if path.suffix.lower() in (".tlog", ".bin", ".ulg")]
+
+
+def lit(lat_deg: float, lon_deg: float) -> list[tuple[float, float]]:
+    """A place and a ring of 300 m around it."""
+    angles = [math.radians(angle) for angle in range(0, 360, 20)]
+    ring = [(lat_deg + 0.0027 * math.cos(a), lon_deg + 0.00335 * math.sin(a)) for a in angles]
+    return [(lat_deg, lon_deg), *ring]
+
+
+def scenario(lat_deg: float = 36.35, lon_deg: float = -84.16, **changes: Any) -> Scenario:
+    """A grass fire on level ground, an hour old when the flight begins."""
+    told: dict[str, Any] = {
+        "name": "level",
+        "duration_s": 7200.0,
+        "deploy_at_s": 3600.0,
+        "landscape": {
+            "source": "flat",
+            "rows": 120,
+            "cols": 120,
+            "lat_deg": lat_deg,
+            "lon_deg": lon_deg,
+            "elevation_m": 300.0,
+        },
+        "weather": [{"at_s": 0, "wind_speed_m_s": 1.0, "wind_from_deg": 200}],
+        "ignition": [{"lat_deg": lat, "lon_deg": lon} for lat, lon in lit(lat_deg, lon_deg)],
+        "vehicles": [{"name": "hawk", "home_lat_deg": lat_deg, "home_lon_deg": lon_deg}],
+        "planner": {"rule": "circling"},
+        **changes,
+    }
+    return parse_scenario(told, Path("level.toml"))
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "round.bin"
+    path.write_bytes(round_flight())
+    return path
+
+
+def beside(log: Path | str, out: Path, **changes: Any) -> tuple[RunStory, JournalLog]:
+    story = story_of("round", flight_of([str(log)]), Beside(scenario(**changes)), out, "today")
+    return story, JournalLog(out / "journal.jsonl")
+
+
+def positions(path: Path) -> list[Position]:
+    told = [entry.event for entry in open_flight(path).entries()]
+    return [event for event in told if isinstance(event, Position)]
+
+
+def telemetry(journal: JournalLog) -> list[Telemetry]:
+    return [thing for thing in journal.things() if isinstance(thing, Telemetry)]
+
+
+def same_track(flown: list[Position], told: list[Telemetry]) -> None:
+    assert len(flown) == len(told) > 0
+    late_us = {there.at_us - here.at_us for here, there in zip(flown, told, strict=True)}
+    assert len(late_us) == 1, "times are not exact"
+    for here, there in zip(flown, told, strict=True):
+        assert (here.lat_deg, here.lon_deg) == (there.lat_deg, there.lon_deg)
+        assert here.altitude_amsl_m == there.altitude_amsl_m
+
+
+def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
+    log: Path, tmp_path: Path
+) -> None:
+    _, journal = beside(log, tmp_path)
+    same_track(positions(log), telemetry(journal))
+    found = verify(journal.path)
+    assert found.difference is None
+    assert found.commands > 5
+    assert journal.shadow
+    assert journal.scenario.vehicles[0].stack == "ardupilot"  # by the log, not the scenario
+    things = list(journal.things())
+    assert any(isinstance(thing, Observed) and "b" in "".join(thing.cells) for thing in things)
+    assert {thing.outcome for thing in things if isinstance(thing, UploadFinished)} == {"accepted"}
+    # Items are those of the missions that the core would have sent, not of the flown one.
+    assert {t.current_seq for t in things if isinstance(t, MissionProgress)} <= {0, 1}
+
+
+def test_two_replays_are_the_same_to_the_byte(log: Path, tmp_path: Path) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    for out in (one, other):
+        out.mkdir()
+        beside(log, out)
+    assert (one / "journal.jsonl").read_bytes() == (other / "journal.jsonl").read_bytes()
+
+
+def test_it_is_told_where_the_flight_turned_back_and_when_it_differs(
+    log: Path, tmp_path: Path
+) -> None:
+    story, _ = beside(log, tmp_path)
+    hawk = story.vehicles["hawk"] if "hawk" in story.vehicles else story.vehicles["round-1"]
+    (turn,) = hawk.turned_back
+    assert story.since_s(turn.at_us) == pytest.approx(100.0, abs=1.5)
+    angle = 100.0 * 15.0 / 400.0
+    assert turn.lat_deg == pytest.approx(36.35 + 400.0 * math.cos(angle) / 111_195.0, abs=2e-4)
+    # The planner circles clockwise for ever.
+    (span,) = hawk.differs
+    assert span.from_us == turn.at_us
+    assert span.to_us == story.end_us
+
+
+def test_another_planner_decides_otherwise(log: Path, tmp_path: Path) -> None:
+    planner = {"rule": "circling", "first_direction": "anticlockwise"}
+    story, _ = beside(log, tmp_path, planner=planner)
+    (hawk,) = story.vehicles.values()
+    assert sum(span.to_us - span.from_us for span in hawk.differs) > 60e6
+    assert all(story.since_s(span.to_us) < 105.0 for span in hawk.differs)
+
+
+def test_drops_are_told_against_the_mission(log: Path, tmp_path: Path) -> None:
+    story, _ = beside(log, tmp_path)
+    (hawk,) = story.vehicles.values()
+    (drop,) = hawk.drops  # servo 3 would steer, if its mission did not say otherwise
+    assert drop.done is not None
+    assert story.since_s(drop.done.at_us) == pytest.approx(50.25, abs=0.3)
+    assert drop.off_m == pytest.approx(400.0, abs=2.0)
+    path = tmp_path / "gripper.ulg"
+    path.write_bytes(ulg_flight())
+    told = story_of("gripper", flight_of([str(path)]), None, None, "today")
+    (kite,) = told.vehicles.values()
+    (drop,) = kite.drops
+    assert drop.planned is None
+    assert drop.done is not None
+    assert told.since_s(drop.done.at_us) == pytest.approx(4.5, abs=0.1)
+
+
+def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Path) -> None:
+    flight = flight_of([str(log)])._replace(from_s=60.0, to_s=90.0)
+    story = story_of("part", flight, Beside(scenario()), tmp_path, "today")
+    told = telemetry(JournalLog(tmp_path / "journal.jsonl"))
+    assert len(told) == 4 * 30 + 1
+    (hawk,) = story.vehicles.values()
+    assert hawk.flown.stack is not None
+    assert hawk.flown.modes[0][0] == story.begin_us
+    assert len(hawk.flown.missions) == 1
+    nothing = flight_of([str(log)])._replace(from_s=1e6)
+    with pytest.raises(FlightError, match="nothing flew in this part"):
+        survey(nothing)
+
+
+def test_two_logs_of_one_vehicle_tell_nothing_twice(log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.bin"
+    copy.write_bytes(round_flight(end_s=80.0))
+    both = survey(flight_of([f"hawk={log}", f"hawk={copy}"]))
+    assert list(both.flown) == ["hawk"]
+    assert both.flown["hawk"].positions == 640
+    assert len(survey(flight_of([str(log), str(copy)])).flown) == 2
+
+
+def test_when_a_flight_begins_on_the_fires_clock(tmp_path: Path) -> None:
+    path = tmp_path / "hawk.bin"
+    path.write_bytes(bin_flight())  # it knows the date
+    flight = flight_of([str(path)])
+    found = survey(flight)
+    assert mission_time(flight, found, scenario()).start_us == 3_600_000_000
+    assert mission_time(flight, found, scenario(), 12.5).start_us == 12_500_000
+    assert flight.offset_us is not None
+    begin_s = (found.begin_us + flight.offset_us) / 1e6
+    zero = datetime.fromtimestamp(begin_s - 1000.0, UTC)
+    by_date = mission_time(flight, found, scenario(time_zero=zero.isoformat()))
+    assert by_date.start_us == pytest.approx(1_000_000_000, abs=2)
+    later = datetime.fromtimestamp(begin_s + 1000.0, UTC)
+    with pytest.raises(FlightError, match="--at"):
+        mission_time(flight, found, scenario(time_zero=later.isoformat()))
+
+
+def test_vehicles_are_those_that_flew(log: Path, tmp_path: Path) -> None:
+    other = tmp_path / "kite.ulg"
+    other.write_bytes(ulg_flight())
+    flight = flight_of([str(log), f"kite={other}"])
+    found = survey(flight)
+    told = scenario_for(scenario(), found, mission_time(flight, found, scenario()))
+    assert [(each.name, each.stack) for each in told.vehicles] == [
+        ("round-1", "ardupilot"),
+        ("kite", "px4"),
+    ]
+
+
+def test_a_flight_elsewhere_is_told_in_one_line(log: Path, tmp_path: Path) -> None:
+    with pytest.raises(FlightError, match=r"no position is on the landscape of level.*36\.35360"):
+        beside(log, tmp_path, lat_deg=37.0)
+    assert not (tmp_path / "journal.jsonl").exists()
+
+
+def test_the_journal_of_a_run_is_not_written_over(log: Path, tmp_path: Path) -> None:
+    beside(log, tmp_path)
+    beside(log, tmp_path)  # a replay's own may be
+    path = tmp_path / "journal.jsonl"
+    begin, _, rest = path.read_bytes().partition(b"\n")
+    told = json.loads(begin)["header"]
+    assert told["shadow_of"] == [str(log)]
+    with pytest.raises(FlightError, match="choose another --out"):
+        story_of("self", flight_of([str(tmp_path)]), Beside(scenario()), tmp_path, "today")
+    path.write_text("precious")
+    with pytest.raises(FlightError, match="choose another --out"):
+        beside(log, tmp_path)
+    assert path.read_text() == "precious"
+    assert rest
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(share=st.floats(0.0, 1.0))
+def test_a_log_cut_at_any_byte_is_replayed_up_to_there(tmp_path: Path, share: float) -> None:
+    whole = round_flight(end_s=40.0)
+    path = tmp_path / "cut.bin"
+    data = whole[: round(share * len(whole))]
+    path.write_bytes(data)
+    (tmp_path / "whole.bin").write_bytes(whole)
+    for old in tmp_path.glob("journal*"):
+        old.unlink()
+    if not any(isinstance(each, Position) for each in _events(path, data)):
+        return  # no flight yet
+    _, journal = beside(path, tmp_path)
+    told = telemetry(journal)
+    flown = positions(tmp_path / "whole.bin")[: len(told)]
+    same_track(flown, told)
+
+
+def _events(path: Path, data: bytes) -> list[Any]:
+    return [entry.event for entry in open_flight(path).entries()] if data else []
+
+
+@pytest.mark.skipif(not LOGS, reason="the shared flights are not here")
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
+def test_real_flights_replay_to_their_tracks(path: Path, tmp_path: Path) -> None:
+    fire = scenario(36.303, -84.197, landscape={
+        "source": "flat", "rows": 150, "cols": 150, "lat_deg": 36.303, "lon_deg": -84.197,
+        "elevation_m": 300.0,
+    })  # fmt: skip
+    story = story_of(path.stem, flight_of([str(path)]), Beside(fire), tmp_path, "today")
+    same_track(positions(path), telemetry(JournalLog(tmp_path / "journal.jsonl")))
+    (vehicle,) = story.vehicles.values()
+    if path.stem == "arduplane_perimeter":
+        turned = [story.since_s(each.at_us) for each in vehicle.turned_back]
+        seen = 134.0 if path.suffix == ".tlog" else 132.0  # its clock begins a little later
+        assert any(at_s == pytest.approx(seen, abs=2.0) for at_s in turned)
+    if path.stem == "arducopter_drops":
+        assert sum(each.done is not None for each in vehicle.drops) == 6
+        off_m = [each.off_m for each in vehicle.drops if each.off_m is not None]
+        assert path.suffix == ".tlog" or (len(off_m) == 6 and max(off_m) < 1.0)
