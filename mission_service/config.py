@@ -188,7 +188,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
     for override in overrides:
-        _apply(data, override)
+        apply_override(data, override)
     service = data.pop("service", {})
     at = ("service",)
     settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
@@ -305,7 +305,7 @@ def _in_words(error: ValidationError) -> str:
     return f"{key}: {text}{shown}{more}"
 
 
-def _apply(data: dict[str, Any], override: str) -> None:
+def apply_override(data: dict[str, Any], override: str) -> None:
     """Set ``a.b.0.c=value`` (a TOML value) in the dictionary of a scenario."""
     key, equals, text = override.partition("=")
     if not equals:

@@ -123,10 +123,10 @@ class Simulation:
         picture: Picture | None = None,
     ) -> None:
         """A burn has a simulated crew if none is given; ``picture`` is kept up, if there is one."""
-        if crew is None and scenario.burn is not None:
+        if crew is None and scenario.burn_flown is not None:
             from mission_service.simulated_crew import SimulatedCrew
 
-            crew = SimulatedCrew(scenario.burn).due
+            crew = SimulatedCrew(scenario.burn_flown).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
         self.world = world_of(scenario, landscape)
         self.rigs = [Rig(section, scenario, landscape, self.clock) for section in scenario.flown]
@@ -174,8 +174,9 @@ def simulate(
     created: str,
     progress: Progress = unshown,
     crew: Crew | None = None,
+    until_s: float | None = None,
 ) -> tuple[Record, FireWorld]:
-    """Fly a scenario to its end in virtual time, leaving a journal.
+    """Fly a scenario to its end (or ``until_s``) in virtual time, leaving a journal.
 
     ``created`` (wall-clock time in words) only goes into the journal's header. ``progress`` is
     called about once a minute of mission time. ``crew`` says what people do by a mission time.
@@ -184,7 +185,7 @@ def simulate(
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)
     try:
         simulation = Simulation(scenario, journal, landscape, crew, progress)
-        simulation.run(scenario.duration_s)
+        simulation.run(scenario.duration_s if until_s is None else until_s)
     finally:
         journal.close()
     simulation.world.advance(simulation.clock.now_us)

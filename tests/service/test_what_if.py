@@ -1,0 +1,192 @@
+"""A journal's scenario flown again with other settings: exact with its own, refused in one line."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from mission_service.cli import main
+from mission_service.commands import Decided
+from mission_service.config import flying, load_scenario
+from mission_service.core import Core
+from mission_service.errors import JournalError
+from mission_service.events import (
+    Aborted,
+    Approved,
+    CrewEvent,
+    MissionAccepted,
+    Ordered,
+    Present,
+    Resumed,
+    SettingsTold,
+    WindTold,
+)
+from mission_service.journal import JournalReader
+from mission_service.outputs import summary_of
+from mission_service.recorded import Recorded
+from mission_service.replay import verify
+from mission_service.sim import simulate
+from mission_service.what_if import Script, figures_of, past_run, told_again, what_if
+
+CHANGES = ("start_s=3590", "duration_s=4200", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")
+ANN = ("ann", "desk")
+
+
+def script() -> Script:
+    """Wind, other settings and a hold, as people of the first flight have it."""
+    said: list[CrewEvent] = [
+        Present(3_600_000_000, *ANN),
+        WindTold(3_700_000_000, *ANN, 12.0, 10.0),
+        SettingsTold(3_750_000_000, *ANN, alpha=0.2, dwell_s=30.0),
+        Ordered(3_900_000_000, *ANN, "hawk", "hold"),
+        Ordered(3_960_000_000, *ANN, "hawk", "resume"),
+    ]
+    return Script(said)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run") / "journal.jsonl"
+    simulate(flying(load_scenario("default", CHANGES)), path, "", crew=script().due)
+    return path
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["replay", *arguments])
+
+
+def lines(path: Path) -> list[bytes]:
+    """All but the header, which says when it was made."""
+    return path.read_bytes().splitlines()[1:]
+
+
+def test_with_the_journals_own_settings_it_is_the_same_flight_again(
+    run: Path, tmp_path: Path
+) -> None:
+    again = tmp_path / "journal.jsonl"
+    found = what_if(run, ["planner=damped"], tmp_path, "")
+    assert lines(again) == lines(run)
+    assert found.recorded == found.what_if
+    assert found.recorded["decisions"] > 50
+    assert found.notes == []
+    assert verify(again).differing == []
+
+
+def test_another_planner_flies_otherwise_and_both_are_told(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("planner=predictive", "dwell_s=90", "baseline_s=300")
+    result = call(str(run), "--what-if", *words, "--out", str(out), "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["settings"] == {"rule": "predictive", "dwell_s": 90.0, "baseline_s": 300.0}
+    assert told["recorded"] != told["what_if"]
+    assert told["what_if"]["vehicles"]["hawk"]["uploads_accepted"] > 0
+    names = {"journal.jsonl", "map.png", "perimeters.geojson", "summary.json", "tracks.geojson"}
+    assert {each.name for each in out.iterdir()} == names
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert figures_of(summary) == told["what_if"]
+    entries = [entry.content for entry in JournalReader(out / "journal.jsonl")]
+    assert sum(isinstance(each, Decided) for each in entries) == told["what_if"]["decisions"]
+    said = [each for each in entries if isinstance(each, SettingsTold)]
+    assert [each.given for each in said] == [{"alpha": 0.2}]
+    assert sum(isinstance(each, Ordered | WindTold | Present) for each in entries) == 4
+    assert verify(out / "journal.jsonl").differing == []
+
+
+def test_settings_may_stand_in_one_word_or_in_several(run: Path, tmp_path: Path) -> None:
+    short = tmp_path / "short.jsonl"
+    part = run.read_bytes().splitlines(keepends=True)[:200]
+    short.write_bytes(b"".join(part))
+    for number, words in enumerate(
+        (
+            ["alpha=1.5,dwell_s=10"],
+            ["alpha=1.5 dwell_s=10"],
+            ["alpha=1.5", "--what-if", "dwell_s=10"],
+        )
+    ):
+        result = call(str(short), "--what-if", *words, "--out", str(tmp_path / str(number)))
+        assert result.exit_code == 0, result.output
+        assert "with alpha = 1.5, dwell_s = 10.0" in result.stdout
+        rows = [line.split() for line in result.stdout.splitlines()]
+        assert ["recorded", "what-if"] in rows
+
+
+def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    scenario = flying(load_scenario("default", CHANGES))
+    record, world = simulate(scenario, path, "", crew=script().due)
+    past = past_run(Recorded(path))
+    assert summary_of(scenario, past.record, past.fire.world.fire) == summary_of(
+        scenario, record, world.fire
+    )
+    assert [type(each) for each in past.people] == [
+        Present, WindTold, SettingsTold, Ordered, Ordered,
+    ]  # fmt: skip
+
+
+def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
+    small = ("landscape.rows=120", "landscape.cols=120", "duration_s=150")
+    path = tmp_path / "journal.jsonl"
+    simulate(flying(load_scenario("burn", small)), path, "")
+    out = tmp_path / "again"
+    out.mkdir()
+    found = what_if(path, ["alpha=2"], out, "")
+    assert lines(out / "journal.jsonl") == lines(path)
+    assert "a simulated crew says GO, watches and approves the plans" in found.notes
+
+
+def test_approvals_and_restarts_are_not_told_again() -> None:
+    who = (1, *ANN)
+    kept: list[CrewEvent] = [Aborted(*who), Present(*who), SettingsTold(*who, reversal_margin=0.1)]
+    people: list[CrewEvent] = [
+        Approved(*who, "x"),
+        MissionAccepted(*who, "hawk", "y"),
+        Resumed(*who, 3.0),
+        SettingsTold(*who, alpha=2.0),
+        *kept,
+    ]
+    assert told_again(people, {"alpha": 1.0}) == kept
+    said = Script(kept)
+    core: Core = None  # type: ignore[assignment]
+    assert [said.due(0, core), said.due(1, core), said.due(2, core)] == [[], kept, []]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words", "code"),
+    [
+        (("--what-if", "beta=1", "--out", "OUT/new"), "planner.beta: unknown key (got 1)", 1),
+        (("--what-if", "planner=nix", "--out", "OUT/new"), "planner.rule: no such rule", 1),
+        (("--what-if", "alpha=-1", "--out", "OUT/new"), "planner.alpha: Input should be", 1),
+        (("--what-if", "alpha", "--out", "OUT/new"), "write it as KEY=VALUE of [planner]", 1),
+        (("--what-if", "alpha.x=1", "--out", "OUT/new"), "write it as KEY=VALUE of [planner]", 1),
+        (("--what-if", "alpha=1", "--out", "RUN"), "is the journal's own folder", 1),
+        (("--what-if", "alpha=1"), "--what-if needs --out DIR", 2),
+        (("--verify", "alpha=1"), "alpha=1: is for --what-if", 2),
+        (("--verify", "--what-if", "alpha=1", "--out", "OUT"), "--verify or --what-if", 2),
+        (("--what-if", "alpha=1", "--stage", "core", "--out", "OUT"), "--stage is for", 2),
+        ((), "--verify or --what-if", 2),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(
+    run: Path, tmp_path: Path, arguments: tuple[str, ...], words: str, code: int
+) -> None:
+    where = {"OUT": str(tmp_path), "RUN": str(run.parent)}
+    for name, folder in where.items():
+        arguments = tuple(each.replace(name, folder) for each in arguments)
+    before = run.read_bytes()
+    result = call(str(run), *arguments)
+    assert result.exit_code == code
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+    if code == 1:
+        assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+    assert run.read_bytes() == before
+
+
+def test_a_damaged_journal_is_not_flown_again(run: Path, tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(run.read_bytes().replace(b'"type":"Telemetry"', b'"type": "Telemetry"', 1))
+    with pytest.raises(JournalError, match=r"line \d+ was altered; see replay --verify"):
+        what_if(path, ["alpha=1"], tmp_path / "out", "")
