@@ -27,6 +27,7 @@ from mission_service.fire_cli import bench, fire
 from mission_service.log_cli import log
 from mission_service.mission_cli import mission, signing
 from mission_service.replay_cli import replay
+from mission_service.report_cli import report
 from mission_service.tune_cli import tune
 
 
@@ -62,7 +63,7 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for command in (fire, bench, mission, signing, experiment, tune, burn, token, log, replay):
+for command in (fire, bench, mission, signing, experiment, tune, burn, token, log, replay, report):
     main.add_command(command)
 
 

@@ -1,20 +1,27 @@
-"""``mission-service replay``: a journal verified, or flown again with other settings."""
+"""``mission-service replay``: logged flights and journals. Heavy imports wait."""
 
 import json
+import math
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
-from mission_service.cli_parts import JSON, folder
+from mission_service.cli_parts import JSON, OVERRIDE, folder
 from mission_service.clocks import now_text
 
 STAGE_NAMES = ("file", "fire", "planner", "core")
 
 
 @click.command()
-@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
-@click.argument("settings", nargs=-1, metavar="[KEY=VALUE]...")
-@click.option("--verify", is_flag=True, help="Recompute what the journal has, stage by stage.")
+@click.argument("words", nargs=-1, required=True, metavar="[NAME=]LOG...")
+@click.option("--scenario", metavar="SCENARIO", help="The fire beside logs, and who watches it.")
+@click.option("--planner", "rule", metavar="RULE", help="Another rule than the scenario's.")
+@click.option("--at", "at_s", type=float, metavar="S", help="Mission time at which logs begin.")
+@click.option("--from", "from_s", type=float, default=0.0, metavar="S", help="Since the beginning.")
+@click.option("--to", "to_s", type=float, default=math.inf, metavar="S", help="As --from.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="For all files.")
+@click.option("--verify", is_flag=True, help="Recompute what a journal has, stage by stage.")
 @click.option(
     "--stage",
     "stages",
@@ -27,45 +34,89 @@ STAGE_NAMES = ("file", "fire", "planner", "core")
     "changes",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Fly it again in the simulator with another key of [planner] (repeatable; more may "
+    help="Fly a journal again in the simulator with another key of [planner] (repeatable; more may "
     "follow as words); planner=RULE is the rule.",
 )
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="With --what-if: the folder of the new flight.",
-)
+@OVERRIDE
 @JSON
 def replay(
-    journal: Path,
-    settings: tuple[str, ...],
+    words: tuple[str, ...],
+    scenario: str | None,
+    rule: str | None,
+    at_s: float | None,
+    from_s: float,
+    to_s: float,
+    out: Path | None,
     verify: bool,
     stages: tuple[str, ...],
     changes: tuple[str, ...],
-    out: Path | None,
+    overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Verify a journal, or fly it again with other settings.
+    """Replay logged flights: what was flown, and what a scenario's planner would have done.
 
-    --verify: exit code 1 where anything differs. file: every line's checksum. fire: what cameras
-    saw, in the fire burned again. planner: decisions on the recorded observations. core: all
-    commands, bit for bit.
+    A LOG is a .tlog, .bin or .ulg, or a journal (or its run's folder), which has a scenario of its
+    own. Those of one NAME are of one vehicle. With --out a report, its pictures and the journal of
+    what the core made of it are left there.
 
-    --what-if planner=predictive alpha=1.5 --out DIR: the scenario flown again by mock autopilots,
-    and both runs in figures.
+    --verify: exit code 1 where anything in a journal differs. file: every line's checksum. fire:
+    what cameras saw, in the fire burned again. planner: decisions on the recorded observations.
+    core: all commands, bit for bit.
+
+    --what-if planner=predictive alpha=1.5 --out DIR: a journal's scenario flown again by mock
+    autopilots, and both runs in figures and on one page.
     """
-    if verify == bool(changes):
-        raise click.UsageError("say what to do with the journal: --verify or --what-if KEY=VALUE")
-    if settings and not changes:
-        raise click.UsageError(f"{settings[0]}: is for --what-if")
+    if verify and changes:
+        raise click.UsageError("either --verify or --what-if")
     if stages and not verify:
         raise click.UsageError("--stage is for --verify")
-    if (out is None) == bool(changes):
-        raise click.UsageError("--what-if needs --out DIR, and nothing else does")
-    if out is None:
-        _verify(journal, stages, as_json)
+    of_logs = scenario or rule or at_s is not None or from_s or to_s != math.inf or overrides
+    if (verify or changes) and of_logs:
+        raise click.UsageError("--verify and --what-if take a whole journal as it is")
+    if verify and (len(words) > 1 or out is not None):
+        raise click.UsageError("--verify takes one journal, and leaves no files")
+    from mission_service.flights.journal_log import journal_in
+
+    if verify:
+        _verify(journal_in(Path(words[0])), stages, as_json)
+    elif changes:
+        if out is None:
+            raise click.UsageError("--what-if needs --out DIR")
+        _what_if(journal_in(Path(words[0])), (*changes, *words[1:]), out, as_json)
     else:
-        _what_if(journal, (*changes, *settings), out, as_json)
+        part = (from_s, to_s)
+        _batch(words, part, Asked(scenario, rule, at_s, overrides), out, as_json)
+
+
+class Asked(NamedTuple):
+    """What logs are to be replayed beside."""
+
+    scenario: str | None
+    rule: str | None
+    at_s: float | None
+    overrides: tuple[str, ...]
+
+
+def _batch(
+    words: tuple[str, ...], part: tuple[float, float], asked: Asked, out: Path | None, as_json: bool
+) -> None:
+    from mission_service.flights.batch import beside, called, story_of
+    from mission_service.flights.figures import figures_of, in_text
+    from mission_service.flights.played import flight_of, path_of
+    from mission_service.flights.report_page import write_report
+
+    flight = flight_of(words)._replace(from_s=part[0], to_s=part[1])
+    scenario = beside(flight, *asked)
+    made = None if out is None else folder(out)
+    story = story_of(called(path_of(words[0])), flight, scenario, made, now_text())
+    files = [] if made is None else write_report(made, [story])
+    figures = figures_of(story)
+    if as_json:
+        click.echo(json.dumps(figures))
+        return
+    click.echo(in_text([figures]))
+    if made is not None:
+        click.echo(f"{', '.join(files)} in {out}/")
 
 
 def _verify(journal: Path, stages: tuple[str, ...], as_json: bool) -> None:
@@ -89,7 +140,21 @@ def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) ->
     scenario, _ = with_settings(Recorded(journal), words)  # before anything is made
     with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
         found = what_if(journal, words, folder(out), now_text(), progress)
+    _side_by_side(journal, out)
     if as_json:
         click.echo(json.dumps({**asdict(found), "out": str(out)}))
     else:
-        click.echo(f"{in_text(found)}\njournal, GeoJSON, map and summary in {out}/")
+        click.echo(f"{in_text(found)}\nreport, journal, GeoJSON, map and summary in {out}/")
+
+
+def _side_by_side(journal: Path, out: Path) -> None:
+    from mission_service.flights.batch import story_of
+    from mission_service.flights.played import flight_of
+    from mission_service.flights.report_page import write_report
+
+    runs = {"recorded": journal, "what-if": out}
+    stories = [
+        story_of(name, flight_of([str(path)]), None, None, now_text())
+        for name, path in runs.items()
+    ]
+    write_report(out, stories)

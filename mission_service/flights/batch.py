@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from mission_service.config import Scenario
+from mission_service.config import Scenario, apply_override, flying, load_scenario, parse_scenario
 from mission_service.errors import FlightError
 from mission_service.fire_setup import landscape_of
 from mission_service.flights.journal_log import JOURNAL, JournalLog
@@ -26,6 +26,36 @@ class Beside(NamedTuple):
 
     scenario: Scenario
     at_s: float | None = None  # of mission time; None: as shadow.mission_time has it
+
+
+def beside(
+    flight: Flight,
+    scenario: str | None,
+    rule: str | None,
+    at_s: float | None,
+    overrides: tuple[str, ...],
+) -> Beside | None:
+    """What a flight is to be replayed beside: a scenario by its name, or a journal's own.
+
+    None if nothing is asked for. Raises ScenarioError, and FlightError for settings of nothing.
+    """
+    own = flight.logs[0]
+    if scenario is not None:
+        found = load_scenario(scenario, overrides)
+    elif rule is None and at_s is None and not overrides:
+        return None
+    elif isinstance(own, JournalLog):
+        data = own.scenario.model_dump(mode="json")
+        for override in overrides:
+            apply_override(data, override)
+        found = parse_scenario(data, own.path)
+    else:
+        raise FlightError(f"{own.path}: has no scenario of its own; give one with --scenario")
+    if rule is not None:
+        data = {**found.model_dump(mode="json")}
+        data["planner"] = {**data["planner"], "rule": rule}
+        found = parse_scenario(data, Path(found.name))
+    return Beside(flying(found), at_s)
 
 
 def story_of(

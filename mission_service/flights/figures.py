@@ -208,6 +208,23 @@ def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str
     return sections
 
 
+def in_text(runs: Sequence[dict[str, Any]]) -> str:
+    """The table for a terminal, with what is damaged and where vehicles turned back."""
+    lines = [f"DAMAGED: {each}" for run in runs for each in run["damage"]]
+    for name, rows in table(runs):
+        lines.append(name)
+        for label, unit, values in rows:
+            shown = ("–" if value is None else f"{value} {unit}".rstrip() for value in values)
+            lines.append(f"  {label:<48} {'  '.join(f'{each:>16}' for each in shown)}")
+    for run in runs:
+        for vehicle in run["vehicles"]:
+            lines += [
+                f"{vehicle['name']} turned back at {turn['at_s']:.1f} s: {turn['how']}"
+                for turn in vehicle["turned_back"]
+            ]
+    return "\n".join(lines)
+
+
 def _rows(rows: Sequence[Row], of: Sequence[Any]) -> list[tuple[str, str, list[Any]]]:
     found = [
         (label, unit, [None if each is None else value(each) for each in of])

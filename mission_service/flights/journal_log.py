@@ -147,8 +147,12 @@ def _told(event: AnyEvent) -> LogEvent | None:
             return None
 
 
+def journal_in(path: Path) -> Path:
+    """A file, or the journal in the folder of a run."""
+    return path / JOURNAL if path.is_dir() else path
+
+
 def open_flight(path: Path) -> Log:
     """A log or a journal, or the journal in the folder of a run. Raises BridgeError and others."""
-    if path.is_dir():
-        path = path / JOURNAL
+    path = journal_in(path)
     return JournalLog(path) if begins_journal(path) else open_log(path)

@@ -13,6 +13,7 @@ from mission_service.flights.figures import figures_of, table
 from mission_service.flights.instants import utc
 from mission_service.flights.run_story import RunStory, VehicleStory
 
+FEW_MISSIONS = 8  # each is news then
 MOST_HAPPENED = 400  # lines; of a long flight the page says how many more there are
 
 
@@ -121,7 +122,12 @@ def _of_vehicle(run: RunStory, vehicle: VehicleStory) -> list[Happened]:
         for at_us, mode, armed in flown.modes
     ]
     lines += [
-        Happened(run.since_s(at_us), name, f"has a new mission of {len(items)} items")
+        Happened(
+            run.since_s(at_us),
+            name,
+            f"has a new mission of {len(items)} items",
+            len(flown.missions) <= FEW_MISSIONS,
+        )
         for at_us, items in flown.missions
     ]
     lines += [
