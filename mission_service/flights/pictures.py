@@ -189,7 +189,7 @@ def draw_timeline(run: RunStory) -> Figure:
     scale, unit = _scale(run.since_s(run.end_us))
     for axes, (_, vehicle) in zip(panels, coloured(run), strict=True):
         _draw_strip(axes, run, vehicle, scale)
-        axes.set_title(vehicle.name, loc="left", fontsize=10, parse_math=False)
+        axes.set_title(_title(run, vehicle), loc="left", fontsize=10, parse_math=False)
     panels[-1].set_xlabel(f"since the flight began ({unit})")
     panels[-1].set_xlim(0.0, max(run.since_s(run.end_us) / scale, 1e-3))
     return figure
@@ -253,18 +253,22 @@ def draw_heights(run: RunStory) -> Figure:
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0
             axes.fill_between(since, low, vehicle.terrain_amsl_m, color="#a1887f", label="terrain")
         axes.set_ylabel("m above sea level")
-        axes.set_title(_height_title(vehicle), loc="left", fontsize=10, parse_math=False)
+        axes.set_title(_height_title(run, vehicle), loc="left", fontsize=10, parse_math=False)
         axes.grid(alpha=0.3)
         axes.legend(loc="upper right", fontsize=8)
     panels[-1].set_xlabel(f"since the flight began ({unit})")
     return figure
 
 
-def _height_title(vehicle: VehicleStory) -> str:
+def _height_title(run: RunStory, vehicle: VehicleStory) -> str:
     heights_m = above_terrain_m(vehicle)
     if heights_m is None or not np.isfinite(heights_m).any():
-        return vehicle.name
-    return f"{vehicle.name}: up to {np.nanmax(heights_m):.0f} m above terrain"
+        return _title(run, vehicle)
+    return f"{_title(run, vehicle)}: up to {np.nanmax(heights_m):.0f} m above terrain"
+
+
+def _title(run: RunStory, vehicle: VehicleStory) -> str:
+    return vehicle.name if run.name == vehicle.name else f"{run.name}, {vehicle.name}"
 
 
 def draw_knowledge(runs: Sequence[RunStory]) -> Figure | None:

@@ -13,6 +13,7 @@ from mission_service.flights.figures import figures_of, table
 from mission_service.flights.instants import utc
 from mission_service.flights.run_story import RunStory, VehicleStory
 
+LONG_US = 30_000_000  # the other way for less: it was turning
 FEW_MISSIONS = 8  # each is news then
 MOST_HAPPENED = 400  # lines; of a long flight the page says how many more there are
 
@@ -154,7 +155,7 @@ def _of_vehicle(run: RunStory, vehicle: VehicleStory) -> list[Happened]:
             run.since_s(span.from_us),
             name,
             f"flies the other way than its planner for {(span.to_us - span.from_us) / 1e6:.0f} s",
-            True,
+            span.to_us - span.from_us >= LONG_US,
         )
         for span in vehicle.differs
     ]
