@@ -211,6 +211,9 @@ def _figures(vehicle: dict[str, Any]) -> dict[str, int]:
     }
 
 
+LABELS = {"closest_pair_m": "closest pair (m)", "burned_area_ha": "burned area (ha)"}
+
+
 def in_text(found: WhatIf) -> str:
     """For people: a table of both runs."""
     rows = [("", "recorded", "what-if")]
@@ -233,7 +236,7 @@ def _rows(
     about: str, recorded: dict[str, Any], other: dict[str, Any]
 ) -> list[tuple[str, str, str]]:
     return [
-        (about + key.replace("_", " "), _shown(recorded[key]), _shown(other[key]))
+        (about + LABELS.get(key, key.replace("_", " ")), _shown(recorded[key]), _shown(other[key]))
         for key in recorded
         if key != "vehicles"
     ]
