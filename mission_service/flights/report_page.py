@@ -2,7 +2,7 @@
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,20 +33,24 @@ def write_report(out: Path, runs: Sequence[RunStory]) -> list[str]:
     The first run is told of in full; others stand beside it in the table and the pictures.
     """
     figures = [figures_of(run) for run in runs]
-    drawn: dict[str, Any] = {}
-    for run in runs:
-        suffix = f"-{run.name}" if len(runs) > 1 else ""
-        drawn[f"map{suffix}"] = pictures.draw_map(run)
-        drawn[f"timeline{suffix}"] = pictures.draw_timeline(run)
-        drawn[f"heights{suffix}"] = pictures.draw_heights(run)
-    drawn["knowledge"] = pictures.draw_knowledge(runs)
-    drawn["changes"] = pictures.draw_changes(runs)
-    images = {name: pictures.png(figure) for name, figure in drawn.items() if figure is not None}
+    images: dict[str, bytes] = {}
+    for name, drawn in _drawn(runs):  # one after the other: a figure takes megabytes
+        images |= {} if drawn is None else {name: pictures.png(drawn)}
     for name, data in images.items():
         (out / f"{name}.png").write_bytes(data)
     (out / "figures.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     (out / "report.html").write_text(_page(runs, figures, images), encoding="utf-8")
     return ["report.html", "figures.json", *(f"{name}.png" for name in images)]
+
+
+def _drawn(runs: Sequence[RunStory]) -> Iterator[tuple[str, Any]]:
+    for run in runs:
+        suffix = f"-{run.name}" if len(runs) > 1 else ""
+        yield f"map{suffix}", pictures.draw_map(run)
+        yield f"timeline{suffix}", pictures.draw_timeline(run)
+        yield f"heights{suffix}", pictures.draw_heights(run)
+    yield "knowledge", pictures.draw_knowledge(runs)
+    yield "changes", pictures.draw_changes(runs)
 
 
 def _page(
