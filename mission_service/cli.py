@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,11 @@ from mission_service.cli_parts import (
     TLOG,
     echo,
     folder,
+    tell_address,
 )
 from mission_service.experiment_cli import experiment
 from mission_service.fire_cli import bench, fire
+from mission_service.flights.live_cli import replay_live
 from mission_service.log_cli import log
 from mission_service.mission_cli import mission, signing
 from mission_service.tune_cli import tune
@@ -60,7 +63,7 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for group in (fire, bench, mission, signing, experiment, tune, burn, token, log):
+for group in (fire, bench, mission, signing, experiment, tune, burn, token, log, replay_live):
     main.add_command(group)
 
 
@@ -96,7 +99,7 @@ def demo(
     report = _logger(log, log_level) or _reporter(as_json)
     journal = folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, _now(), settings, logs=log is not None, goes_on=False)
-    _finish(run_demo(run, scenario, speedup, report, _tell_address), out, as_json)
+    _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
 
 
 @main.command()
@@ -171,7 +174,7 @@ def run(
     report = _logger(log, log_level) or _reporter(as_json)
     journal, logs = made / "journal.jsonl", log is not None
     going = Run(scenario, journal, _now(), settings, tlog, logs, channel=channel, goes_on=not anew)
-    record, world = asyncio.run(serve(going, report, address=_tell_address))
+    record, world = asyncio.run(serve(going, report, address=partial(tell_address, made)))
     _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
 
 
@@ -367,14 +370,6 @@ def _now() -> str:
     from datetime import UTC, datetime
 
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _tell_address(address: str) -> None:
-    """Where the map is. The token in it is for a person's eyes, not for a log."""
-    if sys.stderr.isatty():
-        click.echo(f"map: {address}", err=True)
-    else:
-        click.echo(f"map: {address.partition('#')[0]} (its token is in the file token)", err=True)
 
 
 def _reporter(as_json: bool) -> Callable[[Any, Any], None]:

@@ -8,7 +8,7 @@ that can be verified, and interfaces show it as they show a run.
 import heapq
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from autopilot_bridge import client_events as bridge
 from firemodel.landscape import Landscape
@@ -27,6 +27,7 @@ from mission_service.journal import Journal
 from mission_service.picture import Picture
 from mission_service.record import Record
 from mission_service.service import OF_FIRE, Service
+from mission_service.watchman import Watchman
 from mission_service.world import world_of
 
 Told = Played | CrewEvent
@@ -42,6 +43,10 @@ class Mission(NamedTuple):
     def of(self, log_us: int) -> int:
         """Mission time of a time of the log's."""
         return self.start_us + log_us - self.begin_us
+
+    def log_us(self, mission_us: int) -> int:
+        """The time of the log's of a mission time."""
+        return self.begin_us + mission_us - self.start_us
 
 
 def mission_time(
@@ -135,7 +140,7 @@ def told_in(flight: Flight, mission: Mission, from_us: int, to_us: int) -> Itera
     people: list[CrewEvent] = []
     if isinstance(log, JournalLog):
         people = [each for each in log.crew() if isinstance(each, (*OF_FIRE, Lit))]
-    on_clock = ((each.at_us - mission.start_us + mission.begin_us, each) for each in people)
+    on_clock = ((mission.log_us(each.at_us), each) for each in people)
     vehicles = ((each.at_us, each) for each in flight.played())
     streams: list[Iterable[tuple[int, Told]]] = [on_clock, vehicles]
     for at_us, told in heapq.merge(*streams, key=lambda each: each[0]):
@@ -144,6 +149,9 @@ def told_in(flight: Flight, mission: Mission, from_us: int, to_us: int) -> Itera
         moves = isinstance(told, Played) and isinstance(told.event, bridge.Position)
         if at_us >= from_us or not moves:
             yield told
+
+
+NEVER_LATE_US = 1 << 62  # nobody waits for a log
 
 
 class Shadow:
@@ -156,27 +164,39 @@ class Shadow:
         journal: Journal,
         mission: Mission,
         picture: Picture | None = None,
+        kept: dict[str, Any] | None = None,
     ) -> None:
-        """``scenario`` has the vehicles of the flight (``scenario_for``)."""
+        """``scenario`` has the vehicles of the flight (``scenario_for``).
+
+        With what another has ``kept`` it goes on from there; these objects are its own then.
+        """
         self.mission = mission
-        self.clock = MissionClock(mission.start_us, wall=True)
-        self.clock.go_on(mission.start_us, mission.begin_us)
-        self.vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
-        self.gateways = {
-            name: Gateway(name, vehicle, self.clock) for name, vehicle in self.vehicles.items()
-        }
-        world = world_of(scenario, landscape)
-        world.advance(mission.start_us)
-        record = Record(tuple(self.vehicles), mission.start_us)
+        begun = kept or _begun(scenario, landscape, mission, picture)
+        self.clock: MissionClock = begun["clock"]
+        self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
+        self.gateways: dict[str, Gateway] = begun["gateways"]
+        self._watchman: Watchman | None = begun["watchman"]
         self.service = Service(
             scenario,
-            Core(scenario, landscape),
-            world,
+            begun["core"],
+            begun["world"],
             journal,
-            record,
+            begun["record"],
             self.gateways,
-            picture=picture,
+            picture=begun["picture"],
         )
+        if kept is not None:
+            self.service.restore(kept)
+
+    def kept(self) -> dict[str, Any]:
+        """All that there is to know beside the scenario, to be copied."""
+        return {
+            "clock": self.clock,
+            "vehicles": self.vehicles,
+            "gateways": self.gateways,
+            "watchman": self._watchman,
+            **self.service.kept(),
+        }
 
     def take(self, told: Told) -> None:
         """Take in what the flight tells next."""
@@ -185,6 +205,31 @@ class Shadow:
             return
         self.vehicles[told.vehicle].take(told.event)
         self.service.take(self.gateways[told.vehicle].events(told.at_us), told.at_us)
+        if self._watchman is not None:
+            self._watchman.look(told.at_us)
+
+
+def _begun(
+    scenario: Scenario, landscape: Landscape, mission: Mission, picture: Picture | None
+) -> dict[str, Any]:
+    clock = MissionClock(mission.start_us, wall=True)
+    clock.go_on(mission.start_us, mission.begin_us)
+    vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
+    world = world_of(scenario, landscape)
+    world.advance(mission.start_us)
+    watchman = None
+    if picture is not None:
+        watchman = Watchman(picture, scenario.mission.separation_m, NEVER_LATE_US)
+    return {
+        "clock": clock,
+        "vehicles": vehicles,
+        "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
+        "watchman": watchman,
+        "core": Core(scenario, landscape),
+        "world": world,
+        "record": Record(tuple(vehicles), mission.start_us),
+        "picture": picture,
+    }
 
 
 def journal_path(out: Path) -> Path:
