@@ -88,10 +88,12 @@ class Player:
         self.what = what
         self.head = head
         self.jumps = 0
+        self.complete = False  # whether the flight was ever told to its end
         self._journal = journal
         self._known = Known(what.scenario, what.landscape)
         told = told_in(what.flight, what.mission, what.begin_us, what.end_us)
         self._spool: Spool[Told] = Spool(told)
+        self._spool.get(0)  # before anybody looks: a journal is read once for what people said
         picture = Picture(what.scenario, what.landscape, what.mission.start_us)
         shadow = Shadow(what.scenario, what.landscape, journal, what.mission, picture)
         self._shown = _Telling(shadow, 0, head.begin_us, journal.rest)
@@ -111,11 +113,6 @@ class Player:
         picture = self.shadow.service.picture
         assert picture is not None
         return picture
-
-    @property
-    def complete(self) -> bool:
-        """Whether the flight is told to its end."""
-        return self.head.ended
 
     def state(self) -> ReplayState:
         """Where it is."""
@@ -151,6 +148,7 @@ class Player:
                 return False
             done = self._tell(self._shown, due_us, is_over)
             head.reached(due_us if done else max(self._shown.at_us, head.at_us), now_us)
+            self.complete |= done and head.ended
             return not done
         if self._seeks_us != due_us:
             self._seeks_us, self._work = due_us, self._nearest(due_us)
@@ -158,6 +156,7 @@ class Player:
         if done:
             self._arrived()
             head.reached(due_us, now_us)
+            self.complete |= head.ended
         return not done
 
     def _arrived(self) -> None:

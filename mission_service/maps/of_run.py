@@ -18,7 +18,7 @@ def forecasts_of(hub: "Hub") -> "Forecasts | BelievedForecasts":
     if hub.believed is not None:
         from mission_service.maps.believed import BelievedForecasts  # not for all who start
 
-        def believed() -> BelievedFire:
+        def believed() -> "BelievedFire":
             assert hub.believed is not None
             return hub.believed
 
