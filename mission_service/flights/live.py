@@ -167,7 +167,7 @@ async def _play(
         if changed or begun_us - shown_us >= SHOWN_EVERY_S * 1e6:
             service = player.shadow.service
             progress(service.record, service.world)
-            if state != before:
+            if state != before and state.jumps == before.jumps:  # else it is told already
                 player.picture.tell_replay()
             shown_us, before = begun_us, state
         hub.ring()

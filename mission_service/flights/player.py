@@ -164,6 +164,8 @@ class Player:
             before, self._shown = self.picture, self._work
             self.picture.take_the_place_of(before)
             self.shadow.service.record.news.clear()  # told before, or of what was passed over
+        else:
+            self.picture.tell_replay()
         self.jumps += 1
         self._seeks_us = None
 
