@@ -3,10 +3,7 @@
 import asyncio
 import json
 import os
-import re
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,67 +14,20 @@ import pytest
 
 from mission_service.replay import verify
 from tests.bridge.log_writers import bin_flight
+from tests.flights.replays import V1, Replay, replayed
 from tests.flights.worlds import journal_in
 from tests.service.test_cli import call
 
-V1 = "/api/v1"
 NOTHING = "this is a replay: nothing can be ordered"
-
-
-class Replay:
-    """A replay in a process of its own."""
-
-    def __init__(self, out: Path, *words: str) -> None:
-        command = [sys.executable, "-m", "mission_service.cli", "replay-live", "--out", str(out)]
-        self.out = out
-        self.process = subprocess.Popen(
-            [*command, *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
-        )
-        assert self.process.stderr is not None
-        line = self.process.stderr.readline()
-        found = re.search(r"http://\S+?:\d+", line)
-        assert found is not None, line + self.process.stderr.read()
-        headers = {"authorization": f"Bearer {(out / 'token').read_text().strip()}"}
-        self.http = httpx.Client(base_url=found[0], headers=headers, timeout=20.0)
-
-    def get(self, path: str) -> Any:
-        answer = self.http.get(V1 + path)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    def post(self, **body: Any) -> Any:
-        answer = self.http.post(f"{V1}/replay", json=body)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    def until(self, **wanted: Any) -> Any:
-        """The state of the replay, once it is so."""
-        until_s = time.monotonic() + 30.0
-        while time.monotonic() < until_s:
-            state = self.get("/replay")
-            if all(state[key] == value for key, value in wanted.items()):
-                return state
-            time.sleep(0.05)
-        raise AssertionError(f"not {wanted}: {state}")
-
-    def end(self, number: int = signal.SIGINT) -> int:
-        self.http.close()
-        self.process.send_signal(number)
-        return self.process.wait(timeout=20)
 
 
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replay]:
     """Of a journal with two vehicles, paused at its begin."""
     log = journal_in(tmp_path_factory.mktemp("flown"))
-    replay = Replay(tmp_path_factory.mktemp("out"), f"{log}", "--speed", "0.1")
-    try:
+    with replayed(tmp_path_factory.mktemp("out"), f"{log}", "--speed", "0.1") as replay:
         replay.post(paused=True)
         yield replay
-    finally:
-        if replay.process.poll() is None:
-            replay.process.kill()
-        replay.process.communicate(timeout=10)
 
 
 def test_it_is_shown_and_moved(replay: Replay) -> None:
