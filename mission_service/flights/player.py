@@ -22,7 +22,7 @@ from mission_service.state_file import Frozen, Known, thawed
 
 MOST_KEPT = 20
 KEPT_EVERY_US = 30_000_000
-MOST_KEPT_BYTES = 400_000_000
+MOST_KEPT_BYTES = 200_000_000
 
 
 class Replaying(NamedTuple):
@@ -99,6 +99,8 @@ class Player:
         self._shown = _Telling(shadow, 0, head.begin_us, journal.rest)
         self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MOST_KEPT)
         self._kept = [self._state_of(self._shown)]
+        if 4 * self._kept[0].size > MOST_KEPT_BYTES:  # of a large landscape: from the beginning
+            self._every_us = 1 << 62
         self._work = self._shown  # what a seek works on
         self._seeks_us: int | None = None
 
