@@ -20,7 +20,7 @@ class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
     logs: tuple[str, ...]
     log_begin_us: int
     log_end_us: int
-    log_at_us: int
+    log_at_us: int  # while it is seeking, where it will be
     begin_us: int  # the mission time of ``log_begin_us``
     speed: Speed
     paused: bool
