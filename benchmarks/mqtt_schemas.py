@@ -12,9 +12,19 @@ from typing import Any, get_args
 
 import msgspec
 
+from mission_service.flights.playing import ReplayState
 from mission_service.mqtt.commands import ABORT, TAKEN
 from mission_service.mqtt.messages import Alarms, Command, Reply, ServiceStatus
-from mission_service.mqtt.topics import ALARM, EVENT, FRONT, MISSION, REPLY, STATUS, TELEMETRY
+from mission_service.mqtt.topics import (
+    ALARM,
+    EVENT,
+    FRONT,
+    MISSION,
+    REPLAY,
+    REPLY,
+    STATUS,
+    TELEMETRY,
+)
 from mission_service.mqtt.topics import VEHICLE as STATE
 from mission_service.picture import (
     Alarm,
@@ -26,7 +36,7 @@ from mission_service.picture import (
     TelemetryState,
     VehicleState,
 )
-from mission_service.requests import AnyRequest
+from mission_service.requests import AnyRequest, Replay
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -78,6 +88,19 @@ EXAMPLES: dict[str, msgspec.Struct] = {
     ),
     ALARM.schema: Alarms(AT_US, (ALARM_EXAMPLE,)),
     EVENT.schema: NewsLine(17, AT_US, "hawk", "info", "turns back: what is behind matters more"),
+    REPLAY.schema: ReplayState(
+        AT_US,
+        ("flight.tlog",),
+        UNIX_US,
+        UNIX_US + 900_000_000,
+        UNIX_US + 120_000_000,
+        AT_US - 120_000_000,
+        10.0,
+        False,
+        False,
+        False,
+        0,
+    ),
     REPLY.schema: Reply("7f3a", "hold", AT_US, True, event="Ordered", said=("hawk: holds",)),
 }
 PLACE = {"lat_deg": 36.364232, "lon_deg": -84.140907}
@@ -99,6 +122,7 @@ ASKED: dict[str, dict[str, Any]] = {
     "unit": {"points": [*LINE, [36.3661, -84.1409]]},
     "plan": {"line_spacing_m": 20.0, "drop_spacing_m": 15.0},
     "reject": {"hash": HASH},
+    "replay": {"paused": False, "speed": 10.0, "seek_s": 120.0},
     "no-go": {"item": "weather is within the prescription"},
 }
 NUMBER, TIME = {"type": "number"}, {"type": "integer"}
@@ -197,7 +221,7 @@ def command_schema(name: str) -> dict[str, Any]:
     base = schema_of(Command)
     properties, required = dict(base["properties"]), list(base["required"])
     required.remove("schema")
-    requests = {each.__struct_config__.tag: each for each in get_args(AnyRequest)}
+    requests = {each.__struct_config__.tag: each for each in (*get_args(AnyRequest), Replay)}
     described = "Stop: no further drop; every vehicle holds. Taken whatever it says."
     if name == ABORT:
         required = []

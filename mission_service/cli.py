@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from mission_service.cli_parts import (
     TLOG,
     echo,
     folder,
+    tell_address,
 )
 from mission_service.clocks import now_text
 from mission_service.experiment_cli import experiment
@@ -99,7 +101,7 @@ def demo(
     report = _logger(log, log_level) or _reporter(as_json)
     journal = folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=log is not None, goes_on=False)
-    _finish(run_demo(run, scenario, speedup, report, _tell_address), out, as_json)
+    _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
 
 
 @main.command()
@@ -176,7 +178,7 @@ def run(
     going = Run(
         scenario, journal, now_text(), settings, tlog, logs, channel=channel, goes_on=not anew
     )
-    record, world = asyncio.run(serve(going, report, address=_tell_address))
+    record, world = asyncio.run(serve(going, report, address=partial(tell_address, made)))
     _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
 
 
@@ -340,14 +342,6 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     from mission_service.world import check
 
     echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
-
-
-def _tell_address(address: str) -> None:
-    """Where the map is. The token in it is for a person's eyes, not for a log."""
-    if sys.stderr.isatty():
-        click.echo(f"map: {address}", err=True)
-    else:
-        click.echo(f"map: {address.partition('#')[0]} (its token is in the file token)", err=True)
 
 
 def _reporter(as_json: bool) -> Callable[[Any, Any], None]:

@@ -1,6 +1,7 @@
 """What the files of the command line share."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -62,3 +63,11 @@ def echo(result: dict[str, Any], as_json: bool) -> None:
         click.echo(json.dumps(result))
     else:
         click.echo("\n".join(f"{key}: {value}" for key, value in result.items()))
+
+
+def tell_address(out: Path, address: str) -> None:
+    """Where the map is. The token in it is for a person's eyes, not for a log."""
+    if sys.stderr.isatty():
+        click.echo(f"map: {address}", err=True)
+    else:
+        click.echo(f"map: {address.partition('#')[0]} (its token is in {out / 'token'})", err=True)

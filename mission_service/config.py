@@ -187,6 +187,13 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    return run_of(data, path, overrides)
+
+
+def run_of(
+    data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
+) -> tuple[Scenario, ServiceSection]:
+    """As ``load_run``, of what stands in a file, or in the header of a journal."""
     for override in overrides:
         apply_override(data, override)
     service = data.pop("service", {})

@@ -84,7 +84,7 @@ async def serve(
     scenario = run.scenario
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
-    _warm_up(scenario, landscape)
+    warm_up_for(scenario, landscape)
     service: Service | None = None
     early: list[tuple[str, str]] = []  # told before there is a service
 
@@ -97,7 +97,7 @@ async def serve(
     async with contextlib.AsyncExitStack() as stack:
         # Ports and socket first: what is in use already must not cost an earlier run its journal.
         listening = stack.enter_context(claimed(run.out / NAME))
-        doors = _doors_of(run, stack, address)
+        doors = doors_of(run.settings, run.out, scenario.name, stack, address, run.logs)
         links = await open_links(
             stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, tell
         )
@@ -135,7 +135,7 @@ async def serve(
         silence = Silence(links, clock_us())
         watchman = Watchman(picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6))
         stop = asyncio.Event()
-        signals = _stop_on_signals(stop)
+        signals = stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
             if exchange is not None:
                 tasks = [group.create_task(exchange.run(Ears(service, clock, clock_us)))]
@@ -169,7 +169,7 @@ async def serve(
     return record, world
 
 
-def _warm_up(scenario: Scenario, landscape: Landscape) -> None:
+def warm_up_for(scenario: Scenario, landscape: Landscape) -> None:
     """Compiling takes long: nobody flies yet."""
     if scenario.planner.rule == FORMATION:
         from mission_service.formation.warm_up import warm_up
@@ -237,31 +237,39 @@ def replay(cut_off: Unfinished, service: Service) -> None:
         service.past(event, commands)
 
 
-def _doors_of(
-    run: Run, stack: contextlib.AsyncExitStack, address: Callable[[str], None]
+def doors_of(
+    settings: ServiceSection,
+    out: Path,
+    site: str,
+    stack: contextlib.AsyncExitStack,
+    address: Callable[[str], None],
+    logs: bool,
 ) -> list[Door]:
-    """The interfaces that the settings name; what is not named is not imported."""
+    """The interfaces that the settings name; what is not named is not imported.
+
+    ``site`` is what others know the run by.
+    """
     from mission_service.notify import pulse
 
     doors: list[Door] = [pulse]
-    if run.logs:
+    if logs:
         from mission_service.logs import news_to_log
 
         doors.append(news_to_log)
-    if run.settings.http is not None:
+    if settings.http is not None:
         from mission_service.api.door import http_door
 
-        door = stack.enter_context(http_door(run.settings.http, run.out))
+        door = stack.enter_context(http_door(settings.http, out))
         address(door.address)
         doors.append(door)
-    if run.settings.mqtt is not None:
+    if settings.mqtt is not None:
         from mission_service.mqtt.publisher import mqtt_door
 
-        doors.append(mqtt_door(run.settings.mqtt, run.scenario.name))
-    if run.settings.cot is not None:
+        doors.append(mqtt_door(settings.mqtt, site))
+    if settings.cot is not None:
         from mission_service.feeds.cot_sender import cot_door
 
-        doors.append(cot_door(run.settings.cot, run.scenario.name))
+        doors.append(cot_door(settings.cot, site))
     return doors
 
 
@@ -351,7 +359,7 @@ async def _fly(link: Link, service: Service, hub: Hub) -> None:
         hub.ring()
 
 
-def _stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:
+def stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:
     """Returns those that have come."""
     loop, come = asyncio.get_running_loop(), set[signal.Signals]()
 

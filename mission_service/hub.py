@@ -11,6 +11,7 @@ from firemodel.weather import Weather
 from mission_service.config import Scenario
 from mission_service.control import Desk
 from mission_service.core import Core
+from mission_service.flights.playing import ReplayState
 from mission_service.front_flight import FrontFlight
 from mission_service.gateway import MissionClock
 from mission_service.links import Link
@@ -52,6 +53,7 @@ class Hub:
         self.not_ready: dict[str, str] = {}  # what is still missing, and why
         self.stopping = False
         self.gauges: dict[str, Callable[[], float]] = {}  # what only an interface knows: metrics.py
+        self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
         self._bell = asyncio.Event()
 
     @property

@@ -63,6 +63,8 @@ MOST_CLEARED = 50
 FIRE_EVERY_US = 30_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
 Severity = Literal["warning", "severe"]
+# What alarms that follow from the flight begin with; others are of the service itself.
+OF_FLIGHT = ("link", "silent", "position", "battery", "mission", "order", "abort", "near")
 
 
 class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
@@ -223,6 +225,10 @@ def item_state(item: MissionItem) -> ItemState:
     )
 
 
+def _of_flight(alarm: str) -> bool:
+    return alarm.partition("/")[0] in OF_FLIGHT
+
+
 class Picture:
     """The states of a run. ``take`` folds in what happened; ``version`` grows with each change."""
 
@@ -320,6 +326,24 @@ class Picture:
         """People have changed what is known of the fire."""
         self.fire_version += 1
         self._touch("fire")
+
+    def tell_replay(self) -> None:
+        """The replay is somewhere else, or goes otherwise."""
+        self._touch("replay")
+
+    def take_the_place_of(self, before: "Picture") -> None:
+        """Be shown instead of another, of another moment: for readers all of it is new.
+
+        Lines for people that are in it were told before, or will never be.
+        """
+        self.version = max(self.version, before.version)
+        self.fire_version = max(self.fire_version, before.fire_version) + 1
+        of_service = {key: alarm for key, alarm in before.alarms.items() if not _of_flight(key)}
+        self.alarms = {key: alarm for key, alarm in self.alarms.items() if _of_flight(key)}
+        self.alarms |= of_service
+        self._touch("replay")  # first of all: who reads it asks for everything again
+        self._touch(*(self.changed.keys() - {"replay"}))
+        self.news_id = self.told_before = self.version
 
     def _touch(self, *keys: str) -> None:
         self.version += 1

@@ -3,12 +3,16 @@
 import json
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli_parts import JSON, OVERRIDE, folder
+from mission_service.cli_parts import JSON, LOG, LOG_LEVEL, OVERRIDE, folder
 from mission_service.clocks import now_text
+
+if TYPE_CHECKING:
+    from mission_service.flights.beside import Asked
+    from mission_service.flights.played import Flight
 
 STAGE_NAMES = ("file", "fire", "planner", "core")
 
@@ -37,7 +41,12 @@ STAGE_NAMES = ("file", "fire", "planner", "core")
     help="Fly a journal again in the simulator with another key of [planner] (repeatable; more may "
     "follow as words); planner=RULE is the rule.",
 )
+@click.option("--speed", metavar="X", help="Play it on the map and MQTT: 0.1 to 100 times, or max.")
+@click.option("--listen", metavar="HOST:PORT", help="With --speed: where the map is.")
+@click.option("--until-end", is_flag=True, help="With --speed: end there, instead of pausing.")
 @OVERRIDE
+@LOG
+@LOG_LEVEL
 @JSON
 def replay(
     words: tuple[str, ...],
@@ -50,7 +59,12 @@ def replay(
     verify: bool,
     stages: tuple[str, ...],
     changes: tuple[str, ...],
+    speed: str | None,
+    listen: str | None,
+    until_end: bool,
     overrides: tuple[str, ...],
+    log: str | None,
+    log_level: str,
     as_json: bool,
 ) -> None:
     """Replay logged flights: what was flown, and what a scenario's planner would have done.
@@ -58,6 +72,10 @@ def replay(
     A LOG is a .tlog, .bin or .ulg, or a journal (or its run's folder), which has a scenario of its
     own. Those of one NAME are of one vehicle. With --out a report, its pictures and the journal of
     what the core made of it are left there.
+
+    --speed 10: it is shown on the map and over MQTT as a live run is, to be paused and sought in,
+    until Ctrl-C. What the service would have seen and decided beside it is shown; nothing can be
+    ordered.
 
     --verify: exit code 1 where anything in a journal differs. file: every line's checksum. fire:
     what cameras saw, in the fire burned again. planner: decisions on the recorded observations.
@@ -71,51 +89,58 @@ def replay(
     if stages and not verify:
         raise click.UsageError("--stage is for --verify")
     of_logs = scenario or rule or at_s is not None or from_s or to_s != math.inf or overrides
-    if (verify or changes) and of_logs:
+    if (verify or changes) and (of_logs or speed):
         raise click.UsageError("--verify and --what-if take a whole journal as it is")
     if verify and (len(words) > 1 or out is not None):
         raise click.UsageError("--verify takes one journal, and leaves no files")
+    if speed is None and (listen or until_end or log):
+        raise click.UsageError("--listen, --until-end and --log are for --speed")
+    from mission_service.flights.batch import called
+    from mission_service.flights.beside import Asked
     from mission_service.flights.journal_log import journal_in
+    from mission_service.flights.played import flight_of, path_of
 
     if verify:
         _verify(journal_in(Path(words[0])), stages, as_json)
-    elif changes:
+        return
+    if changes:
         if out is None:
             raise click.UsageError("--what-if needs --out DIR")
         _what_if(journal_in(Path(words[0])), (*changes, *words[1:]), out, as_json)
-    else:
-        part = (from_s, to_s)
-        _batch(words, part, Asked(scenario, rule, at_s, overrides), out, as_json)
+        return
+    flight = flight_of(words)._replace(from_s=from_s, to_s=to_s)
+    asked = Asked(scenario, rule, at_s, overrides)
+    if speed is None:
+        _batch(flight, called(path_of(words[0])), asked, out, as_json)
+        return
+    from mission_service.flights.live_cli import play
+
+    play(flight, asked, speed, listen, out, until_end, log, log_level, as_json)
 
 
-class Asked(NamedTuple):
-    """What logs are to be replayed beside."""
-
-    scenario: str | None
-    rule: str | None
-    at_s: float | None
-    overrides: tuple[str, ...]
-
-
-def _batch(
-    words: tuple[str, ...], part: tuple[float, float], asked: Asked, out: Path | None, as_json: bool
-) -> None:
-    from mission_service.flights.batch import beside, called, story_of
+def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_json: bool) -> None:
+    from mission_service.flights.batch import story_beside, story_of
+    from mission_service.flights.beside import Asked, replaying, scenario_asked
     from mission_service.flights.figures import figures_of, in_text
-    from mission_service.flights.played import flight_of, path_of
+    from mission_service.flights.played import survey
     from mission_service.flights.report_page import write_report
 
-    flight = flight_of(words)._replace(from_s=part[0], to_s=part[1])
-    scenario = beside(flight, *asked)
-    made = None if out is None else folder(out)
-    story = story_of(called(path_of(words[0])), flight, scenario, made, now_text())
-    files = [] if made is None else write_report(made, [story])
+    found = None if asked == Asked() else scenario_asked(flight, asked)
+    if found is None and asked.at_s is not None:
+        raise click.UsageError("--at is mission time of a scenario; give one with --scenario")
+    if found is None:
+        story, made = story_of(name, flight), out and folder(out)
+    else:
+        what = replaying(flight, survey(flight), found[0], asked.at_s)
+        made = out and folder(out)
+        story = story_beside(name, what, made, now_text())
+    files = write_report(made, [story]) if made else []
     figures = figures_of(story)
     if as_json:
         click.echo(json.dumps(figures))
         return
     click.echo(in_text([figures]))
-    if made is not None:
+    if files:
         click.echo(f"{', '.join(files)} in {out}/")
 
 
@@ -153,8 +178,4 @@ def _side_by_side(journal: Path, out: Path) -> None:
     from mission_service.flights.report_page import write_report
 
     runs = {"recorded": journal, "what-if": out}
-    stories = [
-        story_of(name, flight_of([str(path)]), None, None, now_text())
-        for name, path in runs.items()
-    ]
-    write_report(out, stories)
+    write_report(out, [story_of(name, flight_of([str(path)])) for name, path in runs.items()])

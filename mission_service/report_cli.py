@@ -29,24 +29,26 @@ def report(
     column in the table.
     """
     from mission_service.clocks import now_text
-    from mission_service.config import flying, load_scenario
-    from mission_service.flights.batch import Beside, called, distinct, story_of
+    from mission_service.flights.batch import called, distinct, story_beside, story_of
+    from mission_service.flights.beside import Asked, replaying, scenario_asked
     from mission_service.flights.figures import figures_of
     from mission_service.flights.journal_log import JournalLog
-    from mission_service.flights.played import flight_of, path_of
+    from mission_service.flights.played import flight_of, path_of, survey
     from mission_service.flights.report_page import write_report
 
-    beside = None
-    if scenario is not None:
-        beside = Beside(flying(load_scenario(scenario, overrides)), at_s)
     words = [run.split("+") for run in runs]
     names = distinct([called(path_of(each[0])) for each in words])
+    flights = [flight_of(each) for each in words]
     made = folder(out)
     stories = []
-    for name, each in zip(names, words, strict=True):
-        flight = flight_of(each)
-        has_fire = isinstance(flight.logs[0], JournalLog)
-        stories.append(story_of(name, flight, None if has_fire else beside, None, now_text()))
+    for name, flight in zip(names, flights, strict=True):
+        if scenario is None or isinstance(flight.logs[0], JournalLog):
+            stories.append(story_of(name, flight))
+            continue
+        found = scenario_asked(flight, Asked(scenario, None, at_s, overrides))
+        assert found is not None
+        what = replaying(flight, survey(flight), found[0], at_s)
+        stories.append(story_beside(name, what, None, now_text()))
     files = write_report(made, stories)
     if as_json:
         click.echo(json.dumps([figures_of(story) for story in stories]))

@@ -15,6 +15,7 @@ from mission_service import events
 from mission_service.distance import M_PER_DEG
 from mission_service.errors import RequestError
 from mission_service.events import CrewEvent
+from mission_service.flights.playing import FASTEST, SLOWEST
 
 LONGEST_S = 1e7  # times farther away are a mistake
 ELSEWHERE = "mqtt"  # "mqtt:west": whoever asks over MQTT is at no station, so never present
@@ -190,6 +191,14 @@ class Settings(Request, frozen=True):
     dwell_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] | None = None
 
 
+class Replay(Request, frozen=True):
+    """Pause or go on, at another speed or from another place; of replays alone, and no event."""
+
+    paused: bool | None = None
+    speed: Annotated[float, Meta(ge=SLOWEST, le=FASTEST)] | Literal["max"] | None = None
+    seek_s: Seconds | None = None  # from the replay's begin
+
+
 AnyRequest = (
     Plan
     | Approve
@@ -219,6 +228,7 @@ ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", 
 OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
 NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
 KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
+REPLAY = "replay"
 ORDERS: dict[type[Request], events.Order] = {
     Hold: "hold",
     Resume: "resume",
@@ -250,6 +260,8 @@ def event_of(
     do = request.get("do")
     if do == "abort":
         return events.Aborted(at_us, _told(request, "by"), _told(request, "station"))
+    if do == REPLAY:
+        raise RequestError("replay: this run is no replay")
     if not isinstance(do, str) or do not in words:
         if do in KNOWN:
             what = "only in a burn" if do in OF_BURNS else "not in a burn"

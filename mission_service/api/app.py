@@ -24,6 +24,7 @@ from mission_service.api import (
     journal,
     missions,
     planner,
+    replay,
     state,
     states,
     vehicles,
@@ -35,6 +36,7 @@ from mission_service.api.described import COMMON, REF, V1, Needs, json, route
 from mission_service.api.guard import Guard
 from mission_service.clocks import wall_us
 from mission_service.errors import MissionServiceError
+from mission_service.flights.playing import ReplayState
 from mission_service.hub import Hub
 from mission_service.picture import MissionState, NewsLine, TelemetryState, VehicleState
 
@@ -48,6 +50,7 @@ ANSWERS = (
     states.Health,
     MissionState,
     NewsLine,
+    ReplayState,
     TelemetryState,
     VehicleState,
 )
@@ -80,7 +83,7 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
         redirect_slashes=False,
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
-    for part in (state, vehicles, missions, fire, planner, burn, journal, health):
+    for part in (state, vehicles, missions, fire, planner, burn, journal, replay, health):
         part.add(app.router, api)
     described = json({"openapi": "3.1.0"}, what="This description.")
 

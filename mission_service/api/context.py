@@ -15,7 +15,7 @@ from mission_service.maps.of_run import forecasts_of
 from mission_service.maps.terrain import TerrainTiles
 from mission_service.picture import VehicleState
 from mission_service.planning import BURN
-from mission_service.requests import NOT_OF_BURNS, OF_BURNS
+from mission_service.requests import NOT_OF_BURNS, OF_BURNS, REPLAY
 
 MOST_THREADS = 2  # at once: those who look must not slow down those who fly
 ABORT_WAITS_S = 0.5  # for a body that says who it is
@@ -74,6 +74,8 @@ class Api:
         found = self.hub.desk.ask({"do": "abort", "by": by, "station": station})
         self.hub.ring()
         if not found["ok"]:
+            if self.hub.replay is not None:
+                raise ApiError(409, str(found["error"]))
             raise ApiError(507, str(found["error"]))  # an abort is refused for nothing else
         return answer(found)
 
@@ -86,6 +88,8 @@ class Api:
             if self.hub.service.recording.trouble:
                 raise ApiError(507, str(found["error"]))
             do = wanted["do"]
+            if self.hub.replay is not None and do != REPLAY:
+                raise ApiError(409, str(found["error"]))
             elsewhere = OF_BURNS if self.hub.scenario.planner.rule != BURN else NOT_OF_BURNS
             raise ApiError(409 if do in elsewhere else 422, str(found["error"]))
         return found

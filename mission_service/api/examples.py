@@ -104,6 +104,20 @@ STATUS = {
     "not_ready": [],
     "stopping": False,
 }
+REPLAY = {
+    "schema": "replay/1",
+    "at_us": 120000000,
+    "logs": ["flight.tlog"],
+    "log_begin_us": 1790000000000000,
+    "log_end_us": 1790000900000000,
+    "log_at_us": 1790000120000000,
+    "begin_us": 0,
+    "speed": 10.0,
+    "paused": False,
+    "seeking": False,
+    "ended": False,
+    "jumps": 0,
+}
 STATE = {
     "version": 4711,
     "status": STATUS,
@@ -119,6 +133,7 @@ STATE = {
     "landscape": LAND,
     "rule": "damped",
     "planner": {"rule": "damped", "alpha": 1.0},
+    "replay": None,
 }
 FIGURES = {
     "items": 6,

@@ -58,6 +58,8 @@ class Frames:
                 return hub.fire()
             case "burn":
                 return hub.burn()
+            case "replay":
+                return None if hub.replay is None else hub.replay()
             case "alarms":
                 return list(hub.picture.alarms.values())
             case _:

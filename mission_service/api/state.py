@@ -44,6 +44,7 @@ def add(routes: APIRouter, api: Api) -> None:
                 land,
                 hub.scenario.planner.rule,
                 planner_of(hub),
+                None if hub.replay is None else hub.replay(),
             )
         )
 

@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 
 from mission_service.api.auth import Role
+from mission_service.flights.playing import ReplayState
 from mission_service.hub import Hub
 from mission_service.mission_figures import Figures
 from mission_service.picture import (
@@ -71,6 +72,7 @@ class State(msgspec.Struct):
     landscape: Land
     rule: str
     planner: dict[str, Any]
+    replay: ReplayState | None = None  # None: it is happening
 
 
 class Difference(msgspec.Struct):

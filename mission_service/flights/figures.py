@@ -53,7 +53,7 @@ def figures_of(run: RunStory) -> dict[str, Any]:
         "name": run.name,
         "logs": run.logs,
         "damage": run.damage,
-        "duration_s": round(run.since_s(run.end_us), 1),
+        "duration_s": round((run.end_us - run.begin_us) / 1e6, 1),
         "fire": None if run.fire is None else _fire(run.fire),
         "vehicles": [_vehicle(run, each) for each in run.vehicles.values()],
     }

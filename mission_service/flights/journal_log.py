@@ -30,6 +30,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.flights.instants import unix_us
+from mission_service.flights.journal_once import REPLAY
 from mission_service.journal import begins_journal
 from mission_service.segments import Chain
 
@@ -51,7 +52,7 @@ class JournalLog:
         self._chain = Chain(path)
         header = self._chain.readers[0].header
         self.scenario: Scenario = parse_scenario(header["scenario"], path)
-        self.shadow = bool(header.get("shadow_of"))
+        self.shadow = bool(header.get(REPLAY))
         self.names = {at: each.name for at, each in enumerate(self.scenario.vehicles, 1)}
         self._numbers = {name: number for number, name in self.names.items()}
 

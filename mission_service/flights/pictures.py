@@ -191,7 +191,8 @@ def draw_timeline(run: RunStory) -> Figure:
         _draw_strip(axes, run, vehicle, scale)
         axes.set_title(_title(run, vehicle), loc="left", fontsize=10, parse_math=False)
     panels[-1].set_xlabel(f"since the flight began ({unit})")
-    panels[-1].set_xlim(0.0, max(run.since_s(run.end_us) / scale, 1e-3))
+    first = run.since_s(run.begin_us) / scale
+    panels[-1].set_xlim(first, max(run.since_s(run.end_us) / scale, first + 1e-3))
     return figure
 
 
@@ -247,7 +248,7 @@ def draw_heights(run: RunStory) -> Figure:
     figure, panels = _new(count, 0.8 + 2.0 * count)
     scale, unit = _scale(run.since_s(run.end_us))
     for axes, (colour, vehicle) in zip(panels, coloured(run), strict=True):
-        since = (vehicle.track[:, 0] - run.begin_us) / 1e6 / scale
+        since = (vehicle.track[:, 0] - run.zero_us) / 1e6 / scale
         axes.plot(since, vehicle.track[:, 3], color=colour, linewidth=1.2, label="altitude")
         if vehicle.terrain_amsl_m is not None and np.isfinite(vehicle.terrain_amsl_m).any():
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0

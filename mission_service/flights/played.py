@@ -1,7 +1,7 @@
 """Several logs of several vehicles as one stream: whose each entry is, and which tells what."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,6 +50,23 @@ class Flight(NamedTuple):
         if len(offsets) == 1:
             return offsets[0]
         return None if None in offsets else 0
+
+    @property
+    def is_part(self) -> bool:
+        """Whether not all of it counts."""
+        return self.from_s > 0.0 or self.to_s < math.inf
+
+    def zero_us(self) -> int:
+        """When the whole flight begins on its clock. Raises FlightError where nothing is in it."""
+        first = next(self._whole(), None)
+        if first is None:
+            raise FlightError(f"{self.paths}: nothing flew in it")
+        return first.at_us
+
+    @property
+    def paths(self) -> str:
+        """Of all its logs."""
+        return ", ".join(str(log.path) for log in self.logs)
 
     def played(self) -> Iterator[Played]:
         """All of it, by time; what holds when the part begins is told with its first moment.
@@ -115,16 +132,19 @@ def _split(word: str) -> tuple[str | None, Path]:
 
 
 class Survey(NamedTuple):
-    """Who flew in a flight, and from when to when on its clock."""
+    """Who flew in a flight, and when, on its clock: the whole began at ``zero_us``."""
 
     flown: dict[str, Flown]
+    zero_us: int
     begin_us: int
     end_us: int
+    offset_us: int | None  # to microseconds since 1970
+    damage: tuple[str, ...]
 
 
-def survey(flight: Flight, listen: Sequence[Callable[[Played], None]] = ()) -> Survey:
+def survey(flight: Flight) -> Survey:
     """Read a flight to its end. Raises FlightError if nothing flew in it."""
-    offset_us = flight.offset_us
+    zero_us, offset_us = flight.zero_us(), flight.offset_us
     flown: dict[str, Flown] = {}
     begin_us = end_us = 0
     for told in flight.played():
@@ -134,11 +154,8 @@ def survey(flight: Flight, listen: Sequence[Callable[[Played], None]] = ()) -> S
             flown[told.vehicle] = Flown(told.vehicle, told.system_id, offset_us)
         flown[told.vehicle].take(told.event, told.at_us)
         end_us = max(end_us, told.at_us)
-        for each in listen:
-            each(told)
     if not flown:
-        part = "" if flight[2:] == (0.0, math.inf) else " in this part of it"
-        raise FlightError(
-            f"{', '.join(str(log.path) for log in flight.logs)}: nothing flew{part or ' in it'}"
-        )
-    return Survey(flown, begin_us, end_us)
+        where = "in this part of it" if flight.is_part else "in it"
+        raise FlightError(f"{flight.paths}: nothing flew {where}")
+    damage = tuple(f"{log.path}: {each}" for log in flight.logs for each in log.damage)
+    return Survey(flown, zero_us, begin_us, end_us, offset_us, damage)

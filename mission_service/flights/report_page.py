@@ -72,14 +72,15 @@ def _page(
 def _told(run: RunStory, several: bool) -> dict[str, Any]:
     happened = sorted(_happened(run))
     fire = run.fire
-    begun = None if run.offset_us is None else utc(run.begin_us + run.offset_us)
+    begun = None if run.offset_us is None else utc(run.zero_us + run.offset_us)
     return {
         "name": run.name,
         "logs": run.logs,
         "damage": run.damage,
         "begun": begun,
-        "duration_s": run.since_s(run.end_us),
-        "mission_s": run.mission.of(run.begin_us) / 1e6,
+        "from_s": run.since_s(run.begin_us),
+        "to_s": run.since_s(run.end_us),
+        "mission_s": run.mission.of(run.zero_us) / 1e6,
         "rule": None if fire is None else fire.scenario.planner.rule,
         "scenario": None if fire is None else fire.scenario.name,
         "shadow": fire is not None and fire.shadow,

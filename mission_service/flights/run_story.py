@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import Items, has_position
 from mission_service.distance import M_PER_DEG
+from mission_service.flights.beside import Mission
 from mission_service.flights.dropped import GRIPPER, Compared, Done, compared, planned_in
 from mission_service.flights.fire_story import FireStory, fire_story
 from mission_service.flights.flown import Flown
 from mission_service.flights.journal_log import JournalLog
 from mission_service.flights.played import Flight, survey
 from mission_service.flights.sense import FIRE_DEG, TRACK_DEG, Span, differing, turns
-from mission_service.flights.shadow import Mission
 from mission_service.steering import AIRBORNE_M
 
 Floats = NDArray[np.float64]
@@ -61,11 +61,15 @@ class VehicleStory:
 
 @dataclass
 class RunStory:
-    """A run. A time of the log's clock is ``mission.of(at_us)`` on that of the fire."""
+    """A run. A time of the log's clock is ``mission.of(at_us)`` on that of the fire.
+
+    ``zero_us`` is when the flight begins, ``begin_us`` the part of it that is told of.
+    """
 
     name: str
     logs: list[str]
     damage: list[str]
+    zero_us: int
     begin_us: int
     end_us: int
     offset_us: int | None
@@ -75,7 +79,7 @@ class RunStory:
 
     def since_s(self, at_us: int) -> float:
         """Seconds since the flight began, of a time of the log's clock."""
-        return (at_us - self.begin_us) / 1e6
+        return (at_us - self.zero_us) / 1e6
 
     def log_us(self, mission_us: int) -> int:
         """The log's clock at a mission time."""
@@ -88,15 +92,15 @@ def run_story(
     """Read a flight, and the journal of its fire: its own, or its shadow's."""
     found = survey(flight)
     fire = None if journal is None else fire_story(journal)
-    mission = mission or Mission(found.begin_us, found.begin_us)
-    damage = [f"{log.path}: {each}" for log in flight.logs for each in log.damage]
+    mission = mission or Mission(found.zero_us, found.zero_us)
     run = RunStory(
         name,
         [str(log.path) for log in flight.logs],
-        damage,
+        list(found.damage),
+        found.zero_us,
         found.begin_us,
         found.end_us,
-        flight.offset_us,
+        found.offset_us,
         {},
         mission,
         fire,

@@ -23,37 +23,41 @@ class BelievedForecasts:
     """As ``Forecasts``; a simulation knows the future as well as the past."""
 
     def __init__(
-        self, believed: BelievedFire, landscape: Landscape, now_s: Callable[[], float]
+        self,
+        believed_of: Callable[[], BelievedFire],
+        landscape: Landscape,
+        now_s: Callable[[], float],
     ) -> None:
-        self._believed = believed
+        self._believed_of = believed_of
         self._landscape = landscape
         self._now_s = now_s
         row, col = np.indices(landscape.shape)
         centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
         self._centres_m = np.column_stack(centres)
         self.took_s = 0.0  # nothing is burned ahead
-        self._arrival_s: tuple[int, Floats] = (-1, np.empty(0))
+        self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
         """When fire comes where, by the simulation as it is believed now."""
-        version, arrival_s = await self._arrivals()
+        version, _, arrival_s = await self._arrivals()
         return Arrival(self._now_s(), until_s, arrival_s, version)
 
     async def probability(self, at_s: float) -> Floats:
         """(y, x) probability that fire has come by a time."""
-        _, arrival_s = await self._arrivals()
-        simulation = self._believed.simulation
+        _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 
     def close(self) -> None:
         """Nothing goes on."""
 
-    async def _arrivals(self) -> tuple[int, Floats]:
-        version, simulation = self._believed.version, self._believed.simulation
-        if self._arrival_s[0] != version:
-            found = await asyncio.to_thread(simulation.ignition_time_s, self._centres_m)
-            self._arrival_s = (version, found.reshape(self._landscape.shape))
-        return self._arrival_s
+    async def _arrivals(self) -> tuple[int, Simulation, Floats]:
+        believed = self._believed_of()
+        version, simulation = believed.version, believed.simulation
+        found = self._arrival_s
+        if found[0] != version or found[1] is not simulation:
+            times_s = await asyncio.to_thread(simulation.ignition_time_s, self._centres_m)
+            found = self._arrival_s = (version, simulation, times_s.reshape(self._landscape.shape))
+        return version, simulation, found[2]
 
     def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
         sd_of = getattr(simulation, "sd_s", None)  # the paper's correction does not know it

@@ -8,6 +8,7 @@ from mission_service.maps.forecast import Forecasts
 from mission_service.maps.fronts import front_geojson
 
 if TYPE_CHECKING:
+    from mission_service.burn.fire_state import BelievedFire
     from mission_service.hub import Hub
     from mission_service.maps.believed import BelievedForecasts
 
@@ -17,7 +18,11 @@ def forecasts_of(hub: "Hub") -> "Forecasts | BelievedForecasts":
     if hub.believed is not None:
         from mission_service.maps.believed import BelievedForecasts  # not for all who start
 
-        return BelievedForecasts(hub.believed, hub.landscape, lambda: hub.clock.now_us / 1e6)
+        def believed() -> "BelievedFire":
+            assert hub.believed is not None
+            return hub.believed
+
+        return BelievedForecasts(believed, hub.landscape, lambda: hub.clock.now_us / 1e6)
     return Forecasts(lambda: hub.world.fire, lambda: hub.picture.fire_version, hub.scenario.seed)
 
 

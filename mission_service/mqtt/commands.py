@@ -45,6 +45,7 @@ TAKEN = (
     "plan",
     "reject",
     "no-go",
+    "replay",
 )
 _ENVELOPE = ("schema", "id", "sent_at_unix_us")
 

@@ -28,6 +28,7 @@ class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
     not_ready: tuple[str, ...] = ()
     commands: bool = False  # whether they are taken over MQTT
     why: str = ""  # it is not online
+    replay: bool = False  # of a logged flight: nothing of it happens now
 
 
 class Alarms(msgspec.Struct, tag="alarms/1", tag_field="schema"):

@@ -28,7 +28,7 @@ from mission_service.mqtt.inbox import Inbox
 from mission_service.mqtt.messages import Reply, ServiceStatus
 from mission_service.mqtt.outgoing import Outgoing, Publication
 from mission_service.mqtt.site import Site, site_in
-from mission_service.mqtt.topics import COMMAND, FRONT, REPLY, STATUS
+from mission_service.mqtt.topics import COMMAND, FRONT, REPLAY, REPLY, STATUS
 from mission_service.service_config import MqttSection
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ LOOK_S = 0.05  # between one look at the picture and the next
 LONGEST_LOOK_S = 0.5
 FRONT_EVERY_S, CORRECTED_EVERY_S = 10.0, 1.0
 STATUS_EVERY_S = 1.0  # a look at whether it has changed
+REPLAY_EVERY_S = 0.5
 FAREWELL_S = 1.0
 TELL_AGAIN_US = 60_000_000
 MOST_REPLIES = 100  # that wait for the broker; beyond it the oldest is dropped
@@ -104,7 +105,9 @@ class Publisher:
             await self._subscribe(client)
         self._outgoing.begin()
         self._found()
-        told = (self._tell_status, self._tell_states, self._tell_news, self._tell_front)
+        told = [self._tell_status, self._tell_states, self._tell_news, self._tell_front]
+        if self._hub.replay is not None:
+            told.append(self._tell_replay)
         try:
             await together(*(talk(client) for talk in (*told, self._hear, self._answer)))
         except asyncio.CancelledError:
@@ -170,6 +173,7 @@ class Publisher:
             tuple(hub.ready()),
             self._takes_commands,
             why,
+            hub.replay is not None,
         )
 
     async def _tell_status(self, client: aiomqtt.Client) -> None:
@@ -180,6 +184,16 @@ class Publisher:
                 await self._publish(client, Publication(STATUS, msgspec.json.encode(status)))
                 before = (status.not_ready, status.vehicles)
             await asyncio.sleep(STATUS_EVERY_S)
+
+    async def _tell_replay(self, client: aiomqtt.Client) -> None:
+        replay, before = self._hub.replay, None
+        assert replay is not None
+        while True:
+            state = replay()
+            if state != before:
+                await self._publish(client, Publication(REPLAY, msgspec.json.encode(state)))
+                before = state
+            await asyncio.sleep(REPLAY_EVERY_S)
 
     async def _tell_states(self, client: aiomqtt.Client) -> None:
         while True:

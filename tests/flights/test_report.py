@@ -11,7 +11,7 @@ import pytest
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import Decided
 from mission_service.events import Telemetry
-from mission_service.flights.batch import Beside, story_of
+from mission_service.flights.batch import story_beside, story_of
 from mission_service.flights.dropped import Done, Planned, compared, planned_in
 from mission_service.flights.figures import figures_of, table
 from mission_service.flights.fire_story import fire_story
@@ -21,7 +21,7 @@ from mission_service.flights.report_page import write_report
 from mission_service.flights.sense import Span, differing, turns
 from mission_service.sim import simulate
 from tests.bridge.log_writers import round_flight
-from tests.flights.test_shadow import scenario
+from tests.flights.test_shadow import beside_level, scenario
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
-    story = story_of("run", flight_of([str(run)]), None, None, "today")
+    story = story_of("run", flight_of([str(run)]))
     figures = figures_of(story)
     things = list(JournalLog(run / "journal.jsonl").things())
     (hawk,) = figures["vehicles"]
@@ -70,7 +70,7 @@ def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None
 def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -> None:
     log = tmp_path / "round.bin"
     log.write_bytes(round_flight())
-    flown = story_of("round", flight_of([str(log)]), Beside(scenario()), None, "today")
+    flown = story_beside("round", beside_level(flight_of([str(log)])), None, "today")
     files = write_report(tmp_path, [flown])
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!data:)", page)
@@ -87,7 +87,7 @@ def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -
 
 
 def test_several_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
-    stories = [story_of(name, flight_of([str(run)]), None, None, "x") for name in ("one", "other")]
+    stories = [story_of(name, flight_of([str(run)])) for name in ("one", "other")]
     files = write_report(tmp_path, stories)
     assert {"map-one.png", "map-other.png", "knowledge.png"} <= set(files)
     sections = table([figures_of(story) for story in stories])
@@ -101,7 +101,7 @@ def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         out = tmp_path / name
         out.mkdir()
-        write_report(out, [story_of("run", flight_of([str(run)]), None, None, "today")])
+        write_report(out, [story_of("run", flight_of([str(run)]))])
         pages.append((out / "report.html").read_bytes())
     assert pages[0] == pages[1]
 
@@ -109,7 +109,7 @@ def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
 def test_what_logs_say_is_not_taken_for_html(tmp_path: Path) -> None:
     log = tmp_path / "<b>x&.bin"
     log.write_bytes(round_flight(end_s=20.0))
-    story = story_of("<script>alert(1)</script>", flight_of([str(log)]), None, None, "today")
+    story = story_of("<script>alert(1)</script>", flight_of([str(log)]))
     write_report(tmp_path, [story])
     page = (tmp_path / "report.html").read_text()
     assert "<script" not in page

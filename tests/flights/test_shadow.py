@@ -14,11 +14,11 @@ from autopilot_bridge.client_events import Position
 from mission_service.config import Scenario, parse_scenario
 from mission_service.errors import FlightError
 from mission_service.events import MissionProgress, Observed, Telemetry, UploadFinished
-from mission_service.flights.batch import Beside, story_of
+from mission_service.flights.batch import story_beside, story_of
+from mission_service.flights.beside import Replaying, mission_time, replaying, scenario_for
 from mission_service.flights.journal_log import JournalLog, open_flight
-from mission_service.flights.played import flight_of, survey
+from mission_service.flights.played import Flight, flight_of, survey
 from mission_service.flights.run_story import RunStory
-from mission_service.flights.shadow import mission_time, scenario_for
 from mission_service.replay import verify
 from tests.bridge.log_writers import bin_flight, round_flight, ulg_flight
 
@@ -65,8 +65,12 @@ def log(tmp_path: Path) -> Path:
 
 
 def beside(log: Path | str, out: Path, **changes: Any) -> tuple[RunStory, JournalLog]:
-    story = story_of("round", flight_of([str(log)]), Beside(scenario(**changes)), out, "today")
-    return story, JournalLog(out / "journal.jsonl")
+    what = beside_level(flight_of([str(log)]), **changes)
+    return story_beside("round", what, out, "today"), JournalLog(out / "journal.jsonl")
+
+
+def beside_level(flight: Flight, **changes: Any) -> Replaying:
+    return replaying(flight, survey(flight), scenario(**changes))
 
 
 def positions(path: Path) -> list[Position]:
@@ -144,7 +148,7 @@ def test_drops_are_told_against_the_mission(log: Path, tmp_path: Path) -> None:
     assert drop.off_m == pytest.approx(400.0, abs=2.0)
     path = tmp_path / "gripper.ulg"
     path.write_bytes(ulg_flight())
-    told = story_of("gripper", flight_of([str(path)]), None, None, "today")
+    told = story_of("gripper", flight_of([str(path)]))
     (kite,) = told.vehicles.values()
     (drop,) = kite.drops
     assert drop.planned is None
@@ -154,7 +158,7 @@ def test_drops_are_told_against_the_mission(log: Path, tmp_path: Path) -> None:
 
 def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Path) -> None:
     flight = flight_of([str(log)])._replace(from_s=60.0, to_s=90.0)
-    story = story_of("part", flight, Beside(scenario()), tmp_path, "today")
+    story = story_beside("part", beside_level(flight), tmp_path, "today")
     told = telemetry(JournalLog(tmp_path / "journal.jsonl"))
     assert len(told) == 4 * 30 + 1
     (hawk,) = story.vehicles.values()
@@ -216,9 +220,9 @@ def test_the_journal_of_a_run_is_not_written_over(log: Path, tmp_path: Path) -> 
     path = tmp_path / "journal.jsonl"
     begin, _, rest = path.read_bytes().partition(b"\n")
     told = json.loads(begin)["header"]
-    assert told["shadow_of"] == [str(log)]
+    assert told["replay"] == ["round.bin"]
     with pytest.raises(FlightError, match="choose another --out"):
-        story_of("self", flight_of([str(tmp_path)]), Beside(scenario()), tmp_path, "today")
+        beside(tmp_path, tmp_path)
     path.write_text("precious")
     with pytest.raises(FlightError, match="choose another --out"):
         beside(log, tmp_path)
@@ -251,11 +255,10 @@ def _events(path: Path, data: bytes) -> list[Any]:
 @pytest.mark.skipif(not LOGS, reason="the shared flights are not here")
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
 def test_real_flights_replay_to_their_tracks(path: Path, tmp_path: Path) -> None:
-    fire = scenario(36.303, -84.197, landscape={
-        "source": "flat", "rows": 150, "cols": 150, "lat_deg": 36.303, "lon_deg": -84.197,
-        "elevation_m": 300.0,
-    })  # fmt: skip
-    story = story_of(path.stem, flight_of([str(path)]), Beside(fire), tmp_path, "today")
+    ground = {"source": "flat", "rows": 150, "cols": 150, "elevation_m": 300.0}
+    place = {"lat_deg": 36.303, "lon_deg": -84.197}
+    what = beside_level(flight_of([str(path)]), **place, landscape={**ground, **place})
+    story = story_beside(path.stem, what, tmp_path, "today")
     same_track(positions(path), telemetry(JournalLog(tmp_path / "journal.jsonl")))
     (vehicle,) = story.vehicles.values()
     if path.stem == "arduplane_perimeter":

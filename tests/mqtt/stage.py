@@ -86,8 +86,8 @@ class Stage:
 
 
 @asynccontextmanager
-async def telling(broker: str | int, **settings: Any) -> AsyncIterator[Stage]:
-    """A publisher at work; it ends with the block."""
+async def telling(broker: str | int, replay: Any = None, **settings: Any) -> AsyncIterator[Stage]:
+    """A publisher at work, of a replay if there is one; it ends with the block."""
     broker = f"127.0.0.1:{broker}" if isinstance(broker, int) else broker
     asked: list[dict[str, Any]] = []
 
@@ -99,6 +99,7 @@ async def telling(broker: str | int, **settings: Any) -> AsyncIterator[Stage]:
 
     section = MqttSection(broker=broker, prefix="test", **settings)
     hub = hub_of(section, ask)
+    hub.replay = None if replay is None else lambda: replay
     publisher = Publisher(hub, section, site_in(section, hub.scenario.name))
     stage = Stage(hub, publisher, asyncio.create_task(publisher.run()), asked)
     try:

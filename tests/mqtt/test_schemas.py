@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import msgspec
 import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
-from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, texts
+from benchmarks.mqtt_schemas import EXAMPLES, FOLDER, command_file, documents, file_of, texts
 from mission_service.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.mqtt.topics import COMMAND, TOPICS
-from mission_service.requests import event_of
+from mission_service.requests import REPLAY, Replay, event_of
 from tests.mqtt.stage import ROOT, listening, telling, until
 
 PAGE = (FOLDER.parent / "mqtt.md").read_text("utf-8")
@@ -23,6 +24,7 @@ COUNTS = {"system_id", "current_seq", "mission_id", "command", "frame", "id", "a
 COUNTS |= {"decisions", "reversals", "importance_back", "importance_front", "front_cells"}
 COUNTS |= {"uploads_accepted", "uploads_failed", "drops_done", "drops_refused", "drops_unknown"}
 COUNTS |= {"points", "coordinates", "reversal_margin"}
+COUNTS |= {"speed", "jumps"}
 
 
 def test_no_schema_is_missing_stale_or_left_over() -> None:
@@ -85,10 +87,13 @@ def test_the_page_names_all_topics_schemas_and_commands() -> None:
 @pytest.mark.parametrize("name", TAKEN)
 def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
     (example,) = documents()[command_file(name)]["examples"]
-    events = []
+    events: list[Any] = []
 
     def ask(request: dict[str, Any]) -> dict[str, Any]:
-        events.append(event_of(request, 0, stations=["west"], vehicles=["hawk"]))
+        if request["do"] == REPLAY:  # no event
+            events.append(msgspec.convert(request, Replay))
+        else:
+            events.append(event_of(request, 0, stations=["west"], vehicles=["hawk"]))
         return {"ok": True}
 
     sent_us = example["sent_at_unix_us"]
@@ -103,7 +108,10 @@ def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) ->
     broker = Mosquitto(tmp_path)
 
     async def look() -> dict[str, Any]:
-        async with listening(broker.port) as ear, telling(broker.port, commands=True) as stage:
+        async with (
+            listening(broker.port) as ear,
+            telling(broker.port, replay=EXAMPLES["replay/1"], commands=True) as stage,
+        ):
             await until(lambda: stage.publisher.connected)
             stage.moves(1_000_000)
             stage.tells("a line")

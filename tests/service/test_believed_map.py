@@ -16,7 +16,7 @@ def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> 
     assert scenario.burn is not None
     landscape = landscape_of(scenario)
     believed = BelievedFire(scenario.burn, landscape, weather_of(scenario))
-    forecasts = BelievedForecasts(believed, landscape, lambda: 600.0)
+    forecasts = BelievedForecasts(lambda: believed, landscape, lambda: 600.0)
     before = asyncio.run(forecasts.arrival(1200.0))
     row, col = np.argwhere((before.arrival_s > 900) & (before.arrival_s < 1000))[0]
     x_m, y_m = landscape.xy_of(float(row), float(col))

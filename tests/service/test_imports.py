@@ -42,6 +42,8 @@ SHELL = {
     "mission_service/daemon.py",
     "mission_service/demo.py",
     "mission_service/feeds/cot_sender.py",
+    "mission_service/flights/live.py",
+    "mission_service/flights/live_cli.py",
     "mission_service/formation_mqtt.py",
     "mission_service/hub.py",
     "mission_service/keeping.py",

@@ -5,12 +5,13 @@ import { say } from "./actions.ts";
 import { post, wordsOf } from "./api.ts";
 import { byId, h } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import type { Store } from "./store.ts";
 
 const HOLD_MS = 700;
 const ARMED_MS = 4000;
 const TRIES = 5;
 
-export function abortButton(): HTMLButtonElement {
+export function abortButton(store: Store): HTMLButtonElement {
   const button = h(
     "button",
     { id: "abort", type: "button", title: "Press twice or hold: all vehicles stop, climb and hold" },
@@ -57,7 +58,8 @@ export function abortButton(): HTMLButtonElement {
     else arm();
     fired = false;
   });
-  shortcut("Ctrl+Shift+X", "ABORT at once: all vehicles stop, climb and hold", fire, true);
+  const flies = (): boolean => !store.state?.replay;
+  shortcut("Ctrl+Shift+X", "ABORT at once: all vehicles stop, climb and hold", fire, true, flies);
   return button;
 }
 

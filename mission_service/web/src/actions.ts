@@ -40,8 +40,13 @@ const WORDS: Record<Role, string> = {
   approve: "approve drops",
 };
 
-/** Why this token may not do what takes a role; "" if it may. */
+/** Why nobody may order anything here, or this token not what takes a role; "" if it may. */
 export function lacking(store: Store, role: Role): string {
+  return store.state?.replay ? "This is a replay: nothing can be ordered" : withoutRole(store, role);
+}
+
+/** Why this token may not do what takes a role; "" if it may. */
+export function withoutRole(store: Store, role: Role): string {
   const roles = store.state?.roles ?? [];
   if (roles.includes(role)) return "";
   return `Your token may not ${WORDS[role]}: it lacks the role "${role}"`;

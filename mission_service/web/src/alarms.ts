@@ -53,7 +53,7 @@ export class Alarms {
       const text = `Service lost (${store.why}). The picture is ${duration(store.ageS)} old`;
       return [{ ...base, alarm: "page/service", at_us: Math.round(this.lostAt), text }];
     }
-    if (store.state && store.linked && store.stillS > STILL_S) {
+    if (store.state && !store.state.replay && store.linked && store.stillS > STILL_S) {
       const text = `No news of fire and vehicles for ${duration(store.stillS)}`;
       return [{ ...base, alarm: "page/still", at_us: 0, text, severity: "warning" }];
     }
@@ -124,6 +124,7 @@ export class Alarms {
   }
 
   private mayBeep(severe: boolean): boolean {
+    if (this.store.state?.replay) return false; // nothing is wrong now
     return !this.muted || (severe && performance.now() - this.mutedAt > MUTED_MS);
   }
 

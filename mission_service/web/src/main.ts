@@ -17,6 +17,7 @@ import { logPanel } from "./panels/log.ts";
 import { PlannerPanel } from "./panels/planner.ts";
 import { VehiclesPanel } from "./panels/vehicles.ts";
 import { Pens } from "./pens.ts";
+import { replayBar } from "./replay_bar.ts";
 import { side } from "./side.ts";
 import { Store } from "./store.ts";
 import { timeBar } from "./time_bar.ts";
@@ -29,6 +30,7 @@ import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./ve
 const groups: Record<string, Group> = { ...FIRE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
+const TRACKS_OF_REPLAY_MS = 2000; // which may go a hundred times as fast
 let map: MapView | null = null;
 let pens: Pens | null = null;
 let refreshFire: () => void = () => undefined;
@@ -45,6 +47,7 @@ function toggle(name: string, shown: boolean): void {
 const alarms = new Alarms(store);
 topBar(store, alarms, showHelp);
 timeBar(store);
+replayBar(store);
 const toolbar = new Toolbar(store, () => pens);
 const fire = new FirePanel(store, groups, toggle);
 side(store, [
@@ -89,7 +92,13 @@ async function makeMapOnce(): Promise<void> {
   await fetchTracks(store);
   setInterval(() => {
     if (store.missed) void fetchTracks(store);
-  }, TRACKS_AGAIN_MS);
+  }, store.state.replay ? TRACKS_OF_REPLAY_MS : TRACKS_AGAIN_MS);
+  let jumps = store.state.replay?.jumps;
+  store.on(["replay"], () => {
+    if (store.state?.replay?.jumps === jumps) return;
+    jumps = store.state?.replay?.jumps;
+    void fetchTracks(store);
+  });
 }
 
 /** Where fire, vehicles and burn unit are. */

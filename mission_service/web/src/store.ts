@@ -9,6 +9,7 @@ import type {
   Fire,
   MissionState,
   NewsLine,
+  Replay,
   State,
   Status,
   Telemetry,
@@ -27,6 +28,7 @@ export type Topic =
   | "alarms"
   | "news"
   | "status"
+  | "replay"
   | "link" // whether the service is heard
   | "chosen" // the vehicle that is looked at
   | "moment"; // the time that is looked at
@@ -36,6 +38,9 @@ const MISSED_S = 5; // between two places of a vehicle: this page was too slow f
 export const TRACK_S = 900; // longer ones hide the fire
 const SILENT_MS = 15_000; // the service says something each 10 s
 const HIDDEN_MS = 250;
+
+/** A replay is at another moment: the whole picture is to be asked for. */
+class Jumped extends Error {}
 
 /** Old and new lines, each once. */
 function joined(before: NewsLine[], told: NewsLine[]): NewsLine[] {
@@ -120,6 +125,7 @@ export class Store {
         this.lost("the service ended the connection");
       } catch (error) {
         if (stop.signal.aborted) return;
+        if (error instanceof Jumped) continue;
         this.lost(wordsOf(error));
         if (error instanceof Refused && error.status === 401) return;
       }
@@ -168,6 +174,7 @@ export class Store {
 
   /** A picture as a whole takes the place of what was. */
   private whole(state: State): void {
+    if (state.replay?.jumps !== this.state?.replay?.jumps) this.tracks.clear(); // of the future
     this.state = state;
     this.atUs = 0;
     this.vehicles = new Map(state.vehicles.map((one) => [one.vehicle, one]));
@@ -204,6 +211,12 @@ export class Store {
       case "news":
         this.state.news = joined(this.state.news, told as NewsLine[]).slice(-MOST_NEWS);
         break;
+      case "replay": {
+        const jumped = (told as Replay).jumps !== this.state.replay?.jumps;
+        if (jumped) throw new Jumped();
+        this.state.replay = told as Replay;
+        break;
+      }
       case "status":
         this.state.status = told as Status;
         this.time(this.state.status.at_us);
@@ -212,6 +225,13 @@ export class Store {
         return;
     }
     this.changed(event);
+  }
+
+  /** Another try of what a replay was told: shown until the service says how it is. */
+  expect(replay: Partial<Replay>): void {
+    if (!this.state?.replay) return;
+    this.state.replay = { ...this.state.replay, ...replay };
+    this.changed("replay");
   }
 
   private moved(here: Telemetry): void {

@@ -4,17 +4,23 @@ import { abortButton } from "./abort.ts";
 import type { Alarms } from "./alarms.ts";
 import { byId, h, setText } from "./dom.ts";
 import type { Store } from "./store.ts";
+import type { Replay } from "./types.ts";
 import { area, clock } from "./units.ts";
 
 const STALE_S = 3;
 
+/** The first log by name, and how many more. */
+const logsOf = ({ logs }: Replay): string => `${logs[0]}${logs.length > 1 ? ` + ${logs.length - 1}` : ""}`;
+
 export function topBar(store: Store, alarms: Alarms, help: () => void): void {
+  const badge = h("strong", { class: "badge", hidden: true });
   const name = h("strong", { class: "name" });
   const time = h("span", { title: "Mission time, h:min" });
   const size = h("span", { class: "size" });
   const link = h("span", { class: "link", role: "status" });
   const ready = h("span", { class: "ready" });
   byId("top").append(
+    badge,
     name,
     time,
     size,
@@ -23,7 +29,7 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     h("span", { class: "gap" }),
     alarms.button,
     h("button", { type: "button", title: "Keyboard shortcuts (?)", "aria-label": "Help", onclick: help }, "?"),
-    abortButton(),
+    abortButton(store),
   );
   const renew = (): void => {
     const { state } = store;
@@ -31,12 +37,16 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     setText(time, state ? `Time ${clock(store.nowS)}` : "");
     setText(size, state ? `Fire ${area(state.fire.area_ha * 1e4)}` : "");
     const old = store.ageS > STALE_S && !store.linked;
-    setText(link, store.linked ? "● live" : `○ NOT LIVE${old ? `, ${Math.round(store.ageS)} s old` : ""}`);
+    const replay = state?.replay ?? null;
+    badge.hidden = !replay;
+    setText(badge, replay ? `REPLAY ${logsOf(replay)}` : "");
+    badge.title = replay ? `A logged flight, not a live one: ${replay.logs.join(", ")}` : "";
+    setText(link, store.linked ? (replay ? "" : "● live") : `○ NOT LIVE${old ? `, ${Math.round(store.ageS)} s old` : ""}`);
     link.classList.toggle("lost", !store.linked);
     const lacks = state?.status.not_ready ?? [];
     setText(ready, lacks.length ? `Not ready: ${lacks[0]}` : "");
     ready.title = lacks.join("; ");
-    document.title = state ? `${state.status.scenario} · fire map` : "Fire map";
+    document.title = state ? `${replay ? "REPLAY · " : ""}${state.status.scenario} · fire map` : "Fire map";
   };
   store.on(["status", "fire", "link", "telemetry"], renew);
   setInterval(renew, 1000);

@@ -244,6 +244,21 @@ export interface Landscape {
 
 export type Planner = Record<string, unknown>;
 
+/** Where a replay is. Times but `at_us` and `begin_us` are of the log's own clock. */
+export interface Replay {
+  at_us: number;
+  logs: string[];
+  log_begin_us: number;
+  log_end_us: number;
+  log_at_us: number;
+  begin_us: number;
+  speed: number | "max";
+  paused: boolean;
+  seeking: boolean;
+  ended: boolean;
+  jumps: number; // another one: all is as of another moment
+}
+
 /** What /state answers: everything for a new page. */
 export interface State {
   version: number;
@@ -260,4 +275,5 @@ export interface State {
   landscape: Landscape;
   rule: string;
   planner: Planner;
+  replay: Replay | null; // null: it is happening
 }

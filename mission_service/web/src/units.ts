@@ -39,6 +39,14 @@ export function clock(atS: number): string {
   return `${atS < 0 ? "−" : ""}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}`;
 }
 
+/** A time of a recording: "1:05" (min:s), "1:02:05". */
+export function counter(s: number): string {
+  const whole = Math.max(0, Math.floor(s));
+  const [hours, minutes] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60];
+  const two = (value: number): string => String(value).padStart(2, "0");
+  return hours ? `${hours}:${two(minutes)}:${two(whole % 60)}` : `${minutes}:${two(whole % 60)}`;
+}
+
 /** A length of time: "42 s", "3 min 20 s", "2 h 5 min". */
 export function duration(s: number | null | undefined): string {
   if (s === null || s === undefined || !Number.isFinite(s)) return "–";

@@ -20,7 +20,7 @@ export class MissionPart {
       button("Preview", () => void this.look(), "What would be sent now"),
       button("Plan and send now", () => this.tell("renew", {}), "Plan a new mission and send it"),
     ];
-    this.element = section("Mission", h("div", { class: "row" }, ...this.controls), this.body);
+    this.element = section("Mission", h("div", { class: "row orders" }, ...this.controls), this.body);
     store.on(["mission", "chosen"], () => this.renew());
   }
 

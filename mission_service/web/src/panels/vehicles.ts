@@ -34,8 +34,8 @@ export class VehiclesPanel {
     const all = this.ordersFor(() => "", "all vehicles");
     const one = this.ordersFor(() => this.store.chosen, "this vehicle");
     this.element.append(
-      h("div", {}, this.list, h("div", { class: "row all" }, h("span", {}, "All:"), ...all)),
-      h("div", {}, this.title, h("div", { class: "row" }, ...one), this.decision.element),
+      h("div", {}, this.list, h("div", { class: "row all orders" }, h("span", {}, "All:"), ...all)),
+      h("div", {}, this.title, h("div", { class: "row orders" }, ...one), this.decision.element),
       h("div", {}, this.facts),
       h(
         "div",
@@ -142,7 +142,8 @@ export class VehiclesPanel {
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
       ["Height", here ? `${metres(here.height_agl_m)} above ground` : "–"],
       ["Moves", here ? `${speed(here.ground_speed_m_s)}, heading ${here.heading_deg.toFixed(0)}°` : "–"],
-      ["On board", missionWords(mission?.on_board ?? null, vehicle)],
+      // In a replay nothing is sent: it flew what it flew.
+      [store.state?.replay ? "Would fly" : "On board", missionWords(mission?.on_board ?? null, vehicle)],
       ["Being sent", mission?.sending ? missionWords(mission.sending, null) : null],
       [
         "Turned last",

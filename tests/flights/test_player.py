@@ -1,0 +1,173 @@
+"""Playing and seeking: wherever one comes from, the same is shown."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from mission_service.errors import FlightError
+from mission_service.flights import player as playing
+from mission_service.flights.journal_once import refuse_loss
+from mission_service.flights.player import Player
+from mission_service.flights.spool import BLOCK, Spool
+from mission_service.journal import JournalReader
+from mission_service.replay import verify
+from tests.bridge.log_writers import bin_flight, ulg_flight
+from tests.flights.worlds import journal_in, player_of, run, sought
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return journal_in(tmp_path_factory.mktemp("flown"))
+
+
+@pytest.fixture(autouse=True)
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """States each five seconds, so that a short flight has many."""
+    monkeypatch.setattr(playing, "KEPT_EVERY_US", 5_000_000)
+
+
+def shown(player: Player) -> Any:
+    """All that a page shows, but what grows with each change."""
+    picture, service = player.picture, player.shadow.service
+    return msgspec.to_builtins(
+        {
+            "vehicles": picture.vehicles,
+            "telemetry": picture.telemetry,
+            "missions": picture.missions,
+            "alarms": picture.alarms,
+            "news": [(line.at_us, line.text) for line in picture.news],
+            "corrections": service.world.corrections(),
+            "fire": service.world.fire.arrival_time_s.tobytes().hex(),
+            "tracks": {name: list(each.track) for name, each in service.record.vehicles.items()},
+        }
+    )
+
+
+def test_seeking_shows_what_playing_shows_and_one_journal_tells_it(
+    flown: Path, tmp_path: Path
+) -> None:
+    straight = {}
+    with player_of(flown, tmp_path / "straight", 1.0) as player:
+        player.turn(0, lambda: False)
+        for share in (0.1, 0.45, 0.7, 1.0):
+            length_us = player.head.end_us - player.head.begin_us
+            player.turn(round(share * length_us), lambda: False)
+            straight[share] = shown(player)
+    assert straight[0.45]["corrections"] == []
+    assert len(straight[0.7]["corrections"]) == 1
+    with player_of(flown, tmp_path / "sought") as player:
+        player.head.pause()
+        versions = [player.picture.version]
+        for share in (0.7, 0.1, 0.45, 1.0, 0.45, 0.7, 0.1):
+            sought(player, share)
+            assert shown(player) == straight[share], share
+            versions.append(player.picture.version)
+        assert versions == sorted(set(versions))
+        assert player.jumps == 7
+        assert len(player._kept) > 5
+    told = [(tmp_path / name / "journal.jsonl").read_bytes() for name in ("straight", "sought")]
+    assert told[0] == told[1]  # each line once
+    for name in ("straight", "sought"):
+        result = verify(tmp_path / name / "journal.jsonl")
+        assert result.difference is None
+        assert result.events > 500
+    assert told[0].splitlines()[-1].startswith(b'{"end"')
+
+
+def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_path: Path) -> None:
+    with player_of(flown, tmp_path) as player:
+        run(player)
+        before, picture = shown(player), player.picture
+        reader = picture.version
+        picture.alarm("broker", "no broker")
+        player.head.seek(player.head.begin_us + 3_000_000)
+        assert player.turn(0, lambda: True)
+        assert player.turn(0, lambda: True)
+        assert player.state().seeking
+        assert player.picture is picture
+        assert {**shown(player), "alarms": {}} == {**before, "alarms": {}}
+        run(player)
+        assert not player.state().seeking
+        now = player.picture
+        assert now is not picture
+        # Who has read up to before is told all of it, the replay first; the broker is lost still.
+        new = {key: version for key, version in now.changed.items() if version > reader}
+        assert set(new) >= {"replay", "fire", "news", "alarms", "vehicle/hawk", "mission/kite"}
+        assert min(new, key=lambda key: new[key]) == "replay"
+        assert set(now.alarms) == {"broker"}
+        assert now.fire_version > picture.fire_version
+        assert now.news_after(0) == []
+        assert player.state().at_us == player.what.mission.of(player.head.begin_us + 3_000_000)
+
+
+def test_a_seek_can_change_its_mind(flown: Path, tmp_path: Path) -> None:
+    with player_of(flown, tmp_path / "one") as player, player_of(flown, tmp_path / "two") as other:
+        run(player)
+        head = player.head
+        for share in (0.2, 0.9, 0.05):
+            head.seek(head.begin_us + round(share * (head.end_us - head.begin_us)))
+            player.turn(0, lambda: True)
+        sought(player, 0.6)
+        other.head.pause()
+        sought(other, 0.6)
+        assert shown(player) == shown(other)
+
+
+def test_states_stay_few_and_small(
+    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(playing, "MOST_KEPT_BYTES", 4_000_000)
+    with player_of(flown, tmp_path) as player:
+        run(player)
+        assert sum(each.size for each in player._kept) <= 4_000_000
+        assert player._kept[0].number == 0
+        sought(player, 0.02)  # before the second
+        assert player.picture.at_us <= player.what.mission.of(player.head.at_us)
+
+
+def test_a_journal_that_is_no_replays_is_not_written_over(flown: Path, tmp_path: Path) -> None:
+    with pytest.raises(FlightError, match="would be lost; choose another --out"):
+        refuse_loss(flown, [])
+    refuse_loss(tmp_path / "journal.jsonl", [])
+    with player_of(flown, tmp_path) as player:
+        run(player)
+    refuse_loss(tmp_path / "journal.jsonl", [])
+    assert JournalReader(tmp_path / "journal.jsonl").header["replay"] == ["journal.jsonl"]
+
+
+@pytest.mark.parametrize("make", [bin_flight, ulg_flight], ids=["bin", "ulg"])
+def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any) -> None:
+    log = tmp_path / ("one.bin" if make is bin_flight else "one.ulg")
+    log.write_bytes(make())
+    with player_of(log, tmp_path / "out") as player:
+        run(player)
+        service = player.shadow.service
+        assert service.record.telemetry > 5
+        assert service.world.fire.burned_ha == 0.0
+        assert not np.isfinite(service.world.fire.arrival_time_s).any()
+        (mission,) = player.picture.missions.values()
+        assert mission.on_board is mission.sending is None
+        assert player.complete
+
+
+def test_a_spool_reads_again_what_has_come() -> None:
+    taken = []
+
+    def stream() -> Any:
+        for number in range(2 * BLOCK + 3):
+            taken.append(number)
+            yield number
+
+    spool = Spool(stream())
+    assert [spool.get(number) for number in range(BLOCK + 2)] == list(range(BLOCK + 2))
+    assert len(taken) == BLOCK + 2  # not more than was needed
+    assert [spool.get(number) for number in (0, BLOCK - 1, BLOCK, BLOCK + 1)] == [
+        *(0, BLOCK - 1, BLOCK, BLOCK + 1)
+    ]
+    assert [spool.get(number) for number in range(2 * BLOCK + 3)] == list(range(2 * BLOCK + 3))
+    assert spool.get(2 * BLOCK + 3) is None
+    assert len(spool._last) == 3
+    spool.close()

@@ -1,0 +1,59 @@
+"""Flights to play: a journal of two planes at a fire that people correct, and a plane's .bin."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+from mission_service.events import Corrected
+from mission_service.flights.beside import Asked
+from mission_service.flights.journal_once import JournalOnce
+from mission_service.flights.live_cli import played
+from mission_service.flights.played import flight_of
+from mission_service.flights.player import Player
+from mission_service.flights.playing import PlayHead, Speed
+from mission_service.journal import header_of
+from tests.api.worlds import scenario_of, world_in
+
+BURNED = ((36.352, -84.162), (36.352, -84.158), (36.355, -84.158), (36.355, -84.162))
+
+
+def journal_in(folder: Path, seconds: float = 160.0) -> Path:
+    """The journal of a run of the demo; half-way somebody draws what has burned."""
+    world = world_in(folder, scenario_of())
+    begin_s = world.hub.scenario.deploy_at_s
+    world.fly(begin_s + seconds / 2)
+    at_us = round(world.now_s * 1e6)
+    event = Corrected(at_us, "anna", "", "burned", "polygon", BURNED, at_us)
+    world.hub.service.tell(event, world.simulation.link_us)
+    world.fly(begin_s + seconds)
+    world.hub.service.recording.journal.close()
+    return folder / "journal.jsonl"
+
+
+@contextmanager
+def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Player]:
+    """A log that is played, its journal in ``out``."""
+    what, _ = played(flight_of([str(log)]), Asked())
+    header = header_of(what.scenario, what.landscape.digest(), "2026-11-22")
+    out.mkdir(exist_ok=True)
+    journal = JournalOnce(out / "journal.jsonl", header, what.logs)
+    player = Player(what, journal, PlayHead(what.begin_us, what.end_us, speed))
+    try:
+        yield player
+    finally:
+        player.close()
+
+
+def run(player: Player) -> None:
+    """Let it do all that is due, a few things a turn."""
+    told = count(1)
+    while player.turn(0, lambda: next(told) % 50 == 0):
+        pass
+
+
+def sought(player: Player, share: float) -> None:
+    """Go to a share of the flight."""
+    head = player.head
+    head.seek(head.begin_us + round(share * (head.end_us - head.begin_us)))
+    run(player)
