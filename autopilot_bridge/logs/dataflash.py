@@ -27,7 +27,7 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import Damage, Entry, LogEvent, MissionLoaded, Outputs
-from autopilot_bridge.logs.pieces import records
+from autopilot_bridge.logs.pieces import records, steady
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
 
@@ -88,7 +88,7 @@ class DataFlashLog:
     def entries(self) -> Iterator[Entry]:
         """From the beginning."""
         flight = _Flight()
-        for name, values in self._messages(frozenset(_TELLS)):
+        for name, values in steady(self._messages(frozenset(_TELLS)), _time_of):
             for event in _TELLS[name](flight, values, values["TimeUS"]):
                 yield Entry(self.system_id, event)
 
@@ -113,6 +113,11 @@ class DataFlashLog:
                 if described.right:
                     lengths[described.number] = described.length
                     kinds[described.number] = described if described.name in wanted else None
+
+
+def _time_of(message: tuple[str, Values]) -> int:
+    at_us: int = message[1]["TimeUS"]
+    return at_us
 
 
 def _next_start(data: bytes, at: int) -> int:

@@ -2,11 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log
 
 PIECE_BYTES = 1 << 19
+LEAP_US = 600_000_000  # no log is silent for so long, but where it begins anew
+
+Message = TypeVar("Message")
 
 
 def pieces(path: Path) -> Iterator[bytes]:
@@ -56,3 +60,25 @@ def records(
             at += length
     if lost_at >= 0:
         log.damage.append(Damage(lost_at, base + at - lost_at, damaged))
+
+
+def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
+    """Messages without those whose time leaps away from the others: formats without checksums have
+    such where noise looks like a message. A leap that the next message has made too is none.
+    """
+    latest_us: int | None = None
+    held: Message | None = None
+    for message in messages:
+        at_us = time_of(message)
+        if latest_us is not None and abs(at_us - latest_us) <= LEAP_US:
+            held = None
+        elif held is not None and abs(at_us - time_of(held)) <= LEAP_US:
+            yield held
+            held = None
+        else:
+            held = message
+            continue
+        latest_us = at_us
+        yield message
+    if latest_us is None and held is not None:
+        yield held

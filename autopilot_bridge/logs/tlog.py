@@ -26,7 +26,7 @@ from autopilot_bridge.logs.entries import (
     MissionLoaded,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import records
+from autopilot_bridge.logs.pieces import LEAP_US, records
 from autopilot_bridge.mission_file import PATHS, decode_mission_file
 from autopilot_bridge.telemetry import MESSAGES
 from autopilot_bridge.texts import Texts
@@ -77,6 +77,7 @@ class TlogLog:
         """From the beginning; a vehicle that is not heard for three seconds has lost its link."""
         codec, seen = Codec(255, 0), dict[int, _Seen]()
         missions = _Missions()
+        latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
         ):
@@ -84,6 +85,9 @@ class TlogLog:
             if message_id_of(frame) not in WANTED:
                 continue
             at_us = int.from_bytes(data[at : at + STAMP_BYTES], "big") & ~LINK_BITS
+            if latest_us is None or not -LEAP_US <= at_us - latest_us <= LEAP_US:
+                at_us = _steady(at_us, latest_us, data[at + length : at + length + STAMP_BYTES])
+            latest_us = at_us
             decoded = codec.decode_frames([frame])
             if not decoded:
                 continue
@@ -94,6 +98,16 @@ class TlogLog:
                     seen[system_id] = _Seen()
                 for event in seen[system_id].receive(message, at_us):
                     yield Entry(system_id, event)
+
+
+def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
+    """A time that leaps, or another for it where that is noise: stamps have no checksum."""
+    if len(after) < STAMP_BYTES:
+        return at_us if latest_us is None else latest_us
+    after_us = int.from_bytes(after, "big") & ~LINK_BITS
+    if abs(after_us - at_us) <= LEAP_US:
+        return at_us
+    return after_us if latest_us is None else latest_us
 
 
 def _record_length(data: bytes, at: int, lost: bool) -> int:

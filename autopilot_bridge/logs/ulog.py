@@ -31,7 +31,7 @@ from autopilot_bridge.logs.entries import (
     LogEvent,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import records
+from autopilot_bridge.logs.pieces import records, steady
 from autopilot_bridge.modes import PX4
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
@@ -103,7 +103,7 @@ class UlogLog:
     def entries(self) -> Iterator[Entry]:
         """From the beginning."""
         flight = _Flight()
-        for name, told in self._messages(frozenset(_TELLS)):
+        for name, told in steady(self._messages(frozenset(_TELLS)), _time_of):
             for event in _TELLS[name](flight, told, told["timestamp"]):
                 yield Entry(self._system_id, event)
 
@@ -144,6 +144,11 @@ class UlogLog:
         key = body[1 : 1 + body[0]]
         if key == b"int32_t MAV_SYS_ID" and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
+
+
+def _time_of(message: tuple[str, Values]) -> int:
+    at_us: int = message[1]["timestamp"]
+    return at_us
 
 
 def _length_at(data: bytes, at: int, lost: bool) -> int:
@@ -326,7 +331,8 @@ def _acknowledged(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 def _battery(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     share = told["remaining"]
     percent = round(100.0 * share) if math.isfinite(share) and share >= 0.0 else None
-    voltage_v, current_a = round(told["voltage_v"], 2), round(told["current_a"], 1)
+    voltage_v = round(told["voltage_v"], 2)
+    current_a = round(told["current_a"], 1) if told["current_a"] >= 0.0 else None  # -1: not known
     return flight.news(Battery(at_us, 0, percent, voltage_v, current_a))
 
 

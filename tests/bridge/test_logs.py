@@ -275,6 +275,38 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_told(
         assert log.damage
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.97])
+def test_a_time_that_is_noise_moves_no_clock(
+    written: tuple[Path, bytes, Any], share: float
+) -> None:
+    path, good, reader = written
+    whole, _ = entries_of(path, good, reader)
+    times = [entry.event.at_us for entry in whole]
+    at = good.index(_stamp(reader, times[round(share * (len(times) - 1))]))
+    noise = _stamp(reader, times[0] + 86_400_000_000)  # a day later
+    found, _ = entries_of(path, good[:at] + noise + good[at + 8 :], reader)
+    assert len(found) >= len(whole) - 6
+    assert {entry.event.at_us for entry in found} <= set(times)
+
+
+def _stamp(reader: Any, at_us: int) -> bytes:
+    return at_us.to_bytes(8, "big" if reader is TlogLog else "little")
+
+
+def test_a_log_that_begins_anew_is_read_on(written: tuple[Path, bytes, Any]) -> None:
+    path, good, reader = written
+    if reader is not TlogLog:
+        return  # theirs begin once
+    whole, _ = entries_of(path, good, reader)
+    later = bytearray(good)
+    for each in {entry.event.at_us for entry in whole}:
+        old, new = _stamp(reader, each), _stamp(reader, each + 3_600_000_000)
+        later = later.replace(old, new)
+    found, _ = entries_of(path, good + bytes(later), reader)
+    assert found[-1].event.at_us == whole[-1].event.at_us + 3_600_000_000
+    assert len(found) > 1.5 * len(whole)
+
+
 def test_what_is_no_log_is_told_in_one_line(tmp_path: Path) -> None:
     other = tmp_path / "notes.txt"
     other.write_text("nothing")
