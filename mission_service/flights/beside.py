@@ -7,7 +7,7 @@ from mission_service.config import Scenario, flying, load_run, run_of
 from mission_service.config_sections import VehicleSection
 from mission_service.errors import FlightError
 from mission_service.fire_setup import landscape_of
-from mission_service.flights.flown import Flown
+from mission_service.flights.flown import Flown, file_of
 from mission_service.flights.instants import unix_us
 from mission_service.flights.journal_log import JournalLog
 from mission_service.flights.played import Flight, Survey
@@ -52,7 +52,7 @@ class Replaying(NamedTuple):
     @property
     def logs(self) -> tuple[str, ...]:
         """Their names."""
-        return tuple(log.path.name for log in self.flight.logs)
+        return tuple(file_of(log) for log in self.flight.logs)
 
     @property
     def begin_us(self) -> int:

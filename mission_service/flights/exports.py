@@ -12,7 +12,7 @@ from autopilot_bridge.logs.entries import Log, LogEvent
 from autopilot_bridge.planfile import write_plan
 from autopilot_bridge.stacks import stack_named
 from mission_service.errors import RequestError
-from mission_service.flights.flown import Flown, flown_in
+from mission_service.flights.flown import Flown, file_of, flown_in
 from mission_service.flights.instants import utc
 from mission_service.flights.mcap_file import write_mcap
 from mission_service.flights.table_files import WRITERS, TableFiles
@@ -41,7 +41,7 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
     flown: list[Flown] = []
     with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
         for number, log in enumerate(logs):
-            rows = Rows(log.path.name, offset_us_of(log))
+            rows = Rows(file_of(log), offset_us_of(log))
             for each in flown_in(log, [_adding(tables, rows)]).values():
                 each.name = _untaken(each.name, log.path.suffix, names.values())
                 names[number, each.system_id] = each.name

@@ -155,6 +155,11 @@ class Flown:
         }
 
 
+def file_of(log: Log) -> str:
+    """A log's file in short; a journal's with its folder, for all have the same name."""
+    return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
+
+
 def name_of(log: Log, system_id: int) -> str:
     """What a vehicle of a log is called."""
     return log.names.get(system_id) or f"{log.path.stem}-{system_id}"

@@ -7,6 +7,7 @@ from typing import Any
 
 from autopilot_bridge.logs.entries import Log
 from autopilot_bridge.logs.reading import merged
+from mission_service.flights.flown import file_of
 from mission_service.flights.foxglove import SCHEMAS, Message, messages_of
 from mission_service.flights.tables import LATEST_US, Rows, offset_us_of
 
@@ -20,7 +21,7 @@ def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], 
     """
     known = [offset for offset in map(offset_us_of, logs) if offset is not None]
     offsets = known if len(known) == len(logs) else [0] * len(logs)
-    rows = [Rows(log.path.name, None) for log in logs]
+    rows = [Rows(file_of(log), None) for log in logs]
     with path.open("wb") as file:
         channels = _Channels(file)
         for _, number, (system_id, event) in merged(logs):

@@ -20,7 +20,7 @@ from mission_service.outputs import VEHICLE_COLOURS
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # lat, lon to the axes' own km
 
-MOST_MISSIONS = 6  # drawn
+MOST_MISSIONS = 6  # more hide the map and are not drawn
 MOST_LABELS = 8  # of places where a vehicle turned back; more are only marked
 DIFFERS, PLANNED = "#d500f9", "#004d40"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
@@ -113,7 +113,8 @@ def _draw_vehicle(
         handles.append(
             Line2D([], [], color=DIFFERS, linewidth=6, alpha=0.3, label="planner: the other way")
         )
-    for _, items in vehicle.flown.missions[:MOST_MISSIONS]:
+    missions = vehicle.flown.missions
+    for _, items in missions if len(missions) <= MOST_MISSIONS else ():
         led = np.array(places_of(items)).reshape(-1, 2)
         axes.plot(*places(led[:, 0], led[:, 1]), color=colour, linestyle=":", marker=".", alpha=0.6)
         handles.append(

@@ -135,7 +135,8 @@ def test_a_journal_that_is_no_replays_is_not_written_over(flown: Path, tmp_path:
     with player_of(flown, tmp_path) as player:
         run(player)
     refuse_loss(tmp_path / "journal.jsonl", [])
-    assert JournalReader(tmp_path / "journal.jsonl").header["replay"] == ["journal.jsonl"]
+    header = JournalReader(tmp_path / "journal.jsonl").header
+    assert header["replay"] == [f"{flown.parent.name}/journal.jsonl"]
 
 
 @pytest.mark.parametrize("make", [bin_flight, ulg_flight], ids=["bin", "ulg"])
