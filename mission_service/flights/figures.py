@@ -65,7 +65,7 @@ def _fire(fire: FireStory) -> dict[str, Any]:
     return {
         "scenario": fire.scenario.name,
         "rule": fire.scenario.planner.rule,
-        "area_ha": round(samples[-1].area_ha, 2) if samples else None,
+        "area_ha": round(fire.area_ha, 2),
         "seen_pct": round(100.0 * samples[-1].seen_share, 1) if samples else None,
         "recent_pct": _mean([100.0 * each.recent_share for each in samples]),
         "age_mean_s": _mean([each.age_mean_s for each in samples]),
@@ -82,7 +82,8 @@ def _vehicle(run: RunStory, vehicle: VehicleStory) -> dict[str, Any]:
     fire, name = run.fire, vehicle.name
     flown = vehicle.flown.figures()
     errors = [] if fire is None else fire.errors_m.get(name, [])
-    decided = None if fire is None else len(fire.record.vehicles[name].reversals)
+    led = fire is not None and fire.follows_front
+    decided = len(fire.record.vehicles[name].reversals) if fire is not None and led else None
     heights_m = above_terrain_m(vehicle)
     return {
         **flown,
@@ -102,7 +103,7 @@ def _vehicle(run: RunStory, vehicle: VehicleStory) -> dict[str, Any]:
             [round(run.since_s(span.from_us), 1), round(run.since_s(span.to_us), 1)]
             for span in vehicle.differs
         ],
-        "differs_s": None if fire is None else round(_length_s(vehicle), 1),
+        "differs_s": round(_length_s(vehicle), 1) if led else None,
         "distance_error_mean_m": _mean([mean for _, mean, _ in errors]),
         "distance_error_worst_m": _worst([worst for _, _, worst in errors]),
         **_missions(fire, name),

@@ -68,6 +68,7 @@ class FireStory:
     record: Record
     shadow: bool  # of a logged flight: no mission was sent, none flown
     centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the fire that was reported
+    area_ha: float = 0.0  # burned at the end
     arrival_s: Floats = field(default_factory=lambda: np.empty((0, 0)))
     samples: list[Sample] = field(default_factory=list)
     errors_m: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
@@ -122,6 +123,7 @@ class _Telling:
             commands = self._core.handle(event)
             self._follow(event, commands)
             self._story.record.add(event, commands)
+            self._story.record.news.clear()
             self._note(event, commands)
             if at_us >= self._due_us:
                 self._due_us = at_us - at_us % SAMPLE_US + SAMPLE_US
@@ -202,9 +204,9 @@ class _Telling:
     def _compare(self) -> None:
         """What was believed against what burned: mean and greatest distance, in metres."""
         story = self._story
-        story.arrival_s = np.where(
-            self._fire.world.fire.burned(), self._fire.world.fire.arrival_time_s, np.inf
-        )
+        fire = self._fire.world.fire
+        story.area_ha = fire.burned_ha
+        story.arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
         if self._centre is None or not self._believed:
             return
         truth = TrueShape(story.arrival_s, (round(self._centre[0]), round(self._centre[1])))

@@ -115,7 +115,8 @@ def _vehicle(flown: Flown, run: RunStory) -> VehicleStory:
     story = VehicleStory(flown, track)
     if not len(track):
         return story
-    _went_round(story, run)
+    if run.fire is None or run.fire.follows_front:
+        _went_round(story, run)
     story.turned_back = _joined(
         [
             TurnedBack(at_us, *story.place_at(at_us), "its mission went back to an earlier item")
