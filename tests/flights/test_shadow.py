@@ -96,6 +96,7 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
 ) -> None:
     _, journal = beside(log, tmp_path)
     same_track(positions(log), telemetry(journal))
+    assert telemetry(journal)[0].at_us == 3_600_250_000  # 0.25 s after the log's first message
     found = verify(journal.path)
     assert found.difference is None
     assert found.commands > 5
