@@ -1,11 +1,25 @@
 """What the files of the command line share."""
 
 import json
+import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
+
+
+def seconds(
+    context: click.Context, parameter: click.Parameter, value: float | None
+) -> float | None:
+    """A time that is not negative, nor infinite, for an option; raises BadParameter."""
+    if value is not None and not 0.0 <= value < math.inf:
+        raise click.BadParameter(f"{value:g}: seconds from 0 on")
+    return value
+
+
+Command = TypeVar("Command", bound=Callable[..., Any] | click.Command)
 
 OVERRIDE = click.option(
     "--set",
@@ -31,6 +45,14 @@ LOG = click.option(
     type=click.Choice(["text", "json"]),
     help="Log to stderr, news and alarms too, instead of showing the run.",
 )
+
+
+def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
+    """An option in seconds from 0 on; its name is --NAME, its parameter NAME_s."""
+    key = f"{name.removeprefix('--')}_s"
+    return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
+
+
 LOG_LEVEL = click.option(
     "--log-level",
     type=click.Choice(["debug", "info", "warning", "error"]),

@@ -94,6 +94,8 @@ class MissionClock:
         self.now_us = start_us
         self.latest_us = start_us  # of all processes
         self.wall = wall
+        # Of the clock of a journal, whose positions have each vehicle's own mission time.
+        self.ahead_us: int | None = None
         self._start_us = start_us
         self._began_us: int | None = None
 
@@ -227,6 +229,10 @@ class Gateway:
         )
 
     def _mission_us(self, boot_us: int, now_us: int) -> int:
+        if self._clock.ahead_us is not None:
+            mission_us = boot_us + self._clock.ahead_us
+            self._clock.autopilot_passed(mission_us)
+            return mission_us
         if self._clock.wall:
             return self._clock.now_us
         if self._offset_us is None:

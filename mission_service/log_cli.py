@@ -110,4 +110,7 @@ def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> N
     for each in opened:
         for damage in each.damage:
             click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
-    click.echo(f"{', '.join(files) or 'nothing to write'} in {out}/")
+    plans = [name for name in files if name.endswith(".plan")]
+    shown = [name for name in files if name not in plans or len(plans) <= MOST_MISSIONS]
+    shown += [f"{len(plans)} missions (.plan)"] if len(plans) > MOST_MISSIONS else []
+    click.echo(f"{', '.join(shown) or 'nothing to write'} in {out}/")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli_parts import JSON, LOG, LOG_LEVEL, OVERRIDE, folder
+from mission_service.cli_parts import JSON, LOG, LOG_LEVEL, OVERRIDE, folder, seconds_option
 from mission_service.clocks import now_text
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ STAGE_NAMES = ("file", "fire", "planner", "core")
 @click.argument("words", nargs=-1, required=True, metavar="[NAME=]LOG...")
 @click.option("--scenario", metavar="SCENARIO", help="The fire beside logs, and who watches it.")
 @click.option("--planner", "rule", metavar="RULE", help="Another rule than the scenario's.")
-@click.option("--at", "at_s", type=float, metavar="S", help="Mission time at which logs begin.")
-@click.option("--from", "from_s", type=float, default=0.0, metavar="S", help="Since the beginning.")
-@click.option("--to", "to_s", type=float, default=math.inf, metavar="S", help="As --from.")
+@seconds_option("--at", "Mission time at which logs begin.")
+@seconds_option("--from", "Only from here on, since the flight's beginning.")
+@seconds_option("--to", "Only to here, as --from.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="For all files.")
 @click.option("--verify", is_flag=True, help="Recompute what a journal has, stage by stage.")
 @click.option(
@@ -53,8 +53,8 @@ def replay(
     scenario: str | None,
     rule: str | None,
     at_s: float | None,
-    from_s: float,
-    to_s: float,
+    from_s: float | None,
+    to_s: float | None,
     out: Path | None,
     verify: bool,
     stages: tuple[str, ...],
@@ -88,7 +88,7 @@ def replay(
         raise click.UsageError("either --verify or --what-if")
     if stages and not verify:
         raise click.UsageError("--stage is for --verify")
-    of_logs = scenario or rule or at_s is not None or from_s or to_s != math.inf or overrides
+    of_logs = scenario or rule or at_s is not None or from_s or to_s is not None or overrides
     if (verify or changes) and (of_logs or speed):
         raise click.UsageError("--verify and --what-if take a whole journal as it is")
     if verify and (len(words) > 1 or out is not None):
@@ -108,10 +108,12 @@ def replay(
             raise click.UsageError("--what-if needs --out DIR")
         _what_if(journal_in(Path(words[0])), (*changes, *words[1:]), out, as_json)
         return
-    flight = flight_of(words)._replace(from_s=from_s, to_s=to_s)
+    flight = flight_of(words)._replace(
+        from_s=from_s or 0.0, to_s=math.inf if to_s is None else to_s
+    )
     asked = Asked(scenario, rule, at_s, overrides)
     if speed is None:
-        _batch(flight, called(path_of(words[0])), asked, out, as_json)
+        _batch(flight, called([path_of(word) for word in words]), asked, out, as_json)
         return
     from mission_service.flights.live_cli import play
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli_parts import JSON, OVERRIDE, folder
+from mission_service.cli_parts import JSON, OVERRIDE, folder, seconds_option
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
 @click.option("--scenario", metavar="SCENARIO", help="The fire beside logs, which have none.")
-@click.option("--at", "at_s", type=float, help="Mission time (s) at which these logs begin.")
+@seconds_option("--at", "Mission time at which these logs begin.")
 @OVERRIDE
 @JSON
 def report(
@@ -37,7 +37,7 @@ def report(
     from mission_service.flights.report_page import write_report
 
     words = [run.split("+") for run in runs]
-    names = distinct([called(path_of(each[0])) for each in words])
+    names = distinct([called([path_of(log) for log in each]) for each in words])
     flights = [flight_of(each) for each in words]
     made = folder(out)
     stories = []

@@ -9,7 +9,6 @@ import math
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -26,8 +25,16 @@ from autopilot_bridge.client_events import (
     Text,
 )
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.logs.entries import Damage, Entry, LogEvent, MissionLoaded, Outputs
-from autopilot_bridge.logs.pieces import records, steady
+from autopilot_bridge.logs.entries import (
+    LATEST_US,
+    Damage,
+    Entry,
+    LogEvent,
+    MissionLoaded,
+    MissionReplaced,
+    Outputs,
+)
+from autopilot_bridge.logs.pieces import Values, events_of, records, steady
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
 
@@ -64,7 +71,6 @@ LETTERS: dict[str, tuple[str, float]] = {
     "Q": ("Q", 1.0),
 }
 ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Disarming motors")
-Values = dict[str, Any]
 
 
 class DataFlashLog:
@@ -82,15 +88,21 @@ class DataFlashLog:
         for name, values in self._messages(frozenset(("GPS",))):
             if name == "GPS" and values.get("GWk", 0) > 0:
                 gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
-                return int(GPS_EPOCH_US + gps_us - LEAP_US - values["TimeUS"])
+                offset_us = int(GPS_EPOCH_US + gps_us - LEAP_US - values["TimeUS"])
+                if 0 < offset_us < LATEST_US:
+                    return offset_us
         return None
 
     def entries(self) -> Iterator[Entry]:
         """From the beginning."""
         flight = _Flight()
-        for name, values in steady(self._messages(frozenset(_TELLS)), _time_of):
-            for event in _TELLS[name](flight, values, values["TimeUS"]):
-                yield Entry(self.system_id, event)
+
+        def tell(name: str, values: Values) -> list[LogEvent]:
+            return _TELLS[name](flight, values, values["TimeUS"])
+
+        messages = steady(self._messages(frozenset(_TELLS)), _time_of)
+        for event in events_of(self, messages, tell):
+            yield Entry(self.system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
         """Name and values of each message of the kinds wanted that has a time."""
@@ -186,12 +198,15 @@ class _Flight:
         self.stack: Stack | None = None
         self.armed = False
         self.mode: int | None = None
+        self.mode_name = ""  # not known before the firmware has said what it is
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
         self.by_filter = False  # velocity is the EKF's, not the GPS receiver's
         self.yaw_deg = 0.0
         self.airspeed_m_s: float | None = None
         self.throttle_percent = 0
         self.items: dict[int, MissionItem] = {}
+        self.known: dict[int, MissionItem] = {}  # of the mission on board, its home left out
+        self.count = 0
         self.current: int | None = None
         self._changes = Changes()
 
@@ -252,12 +267,12 @@ def _mode(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 
 
 def _now(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[LogEvent]:
-    if (mode, armed) == (flight.mode, flight.armed):
+    name = "" if flight.stack is None or mode is None else flight.stack.mode_name(mode)
+    if (mode, armed, name) == (flight.mode, flight.armed, flight.mode_name):
         return []
-    flight.mode, flight.armed = mode, armed
+    flight.mode, flight.armed, flight.mode_name = mode, armed, name
     if mode is None:
         return []
-    name = "" if flight.stack is None else flight.stack.mode_name(mode)
     return [ModeChanged(at_us, mode, armed, name)]
 
 
@@ -278,25 +293,43 @@ def _msg(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
 
 
+# What an item is where a log's MISE does not have it.
+NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
+
+
+def _item(told: Values) -> MissionItem:
+    params = (told["Prm1"], told["Prm2"], told["Prm3"], told["Prm4"])
+    x, y = round(told["Lat"] * 1e7), round(told["Lng"] * 1e7)
+    return MissionItem(told["CId"], told["Frame"], x, y, told["Alt"], *params)
+
+
 def _cmd(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    """The whole mission is logged, its home first, at the start and whenever there is another."""
+    """The whole mission is logged, its home first, at the start and when items came one by one.
+
+    One that came as a file (MAVFTP) is not (4.6.2: ``AP_Filesystem_Mission.cpp``).
+    """
     number, count = told["CNum"], told["CTot"]
     if number == 0:
         flight.items.clear()
-    params = (told["Prm1"], told["Prm2"], told["Prm3"], told["Prm4"])
-    x, y = round(told["Lat"] * 1e7), round(told["Lng"] * 1e7)
-    flight.items[number] = MissionItem(told["CId"], told["Frame"], x, y, told["Alt"], *params)
+    flight.items[number] = _item(told)
     if number + 1 < count or len(flight.items) < count or count < 2:
         return []
     user = tuple(flight.items[place] for place in range(1, count))
-    flight.items.clear()
+    flight.known, flight.count = flight.items, count
+    flight.items = {}
     return [MissionLoaded(at_us, user)]
 
 
 def _mise(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     """An item is begun, so the one before it was reached."""
-    seq, before = told["CNum"] - 1, flight.current
-    flight.current = seq
+    seq, item, count = told["CNum"] - 1, _item({**NO_ITEM, **told}), told["CTot"]
+    other = flight.count and (count, flight.known.get(seq + 1, item)) != (flight.count, item)
+    if other:
+        flight.known, flight.current = {}, None
+    flight.count, flight.known[seq + 1] = count, item
+    before, flight.current = flight.current, seq
+    if other:
+        return [MissionReplaced(at_us), MissionProgress(at_us, seq)]
     if before is None or seq != before + 1:
         return [MissionProgress(at_us, seq)]
     return [ItemReached(at_us, before), MissionProgress(at_us, seq)]

@@ -18,6 +18,8 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.items import Items
 
+LATEST_US = 4_102_444_800_000_000  # 2100: a time beyond is noise
+
 
 @dataclass(frozen=True, slots=True)
 class MissionLoaded:
@@ -25,6 +27,13 @@ class MissionLoaded:
 
     at_us: int
     items: Items
+
+
+@dataclass(frozen=True, slots=True)
+class MissionReplaced:
+    """The vehicle has another mission now, whose items the log does not have."""
+
+    at_us: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +72,7 @@ LogEvent = (
     | ModeChanged
     | Text
     | MissionLoaded
+    | MissionReplaced
     | Outputs
     | GripperMoved
     | Acknowledged

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.logs.entries import Damage, Log
+from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 
 PIECE_BYTES = 1 << 19
 LEAP_US = 600_000_000  # no log is silent for so long, but where it begins anew
 
 Message = TypeVar("Message")
+Values = dict[str, Any]
 
 
 def pieces(path: Path) -> Iterator[bytes]:
@@ -82,3 +83,23 @@ def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> It
         yield message
     if latest_us is None and held is not None:
         yield held
+
+
+def events_of(
+    log: Log,
+    messages: Iterator[tuple[str, Values]],
+    tell: Callable[[str, Values], list[LogEvent]],
+) -> Iterator[LogEvent]:
+    """What messages tell, by their names; one that lacks what it should have is left out, and
+    noted once: it is not described as autopilots do, or the description is damaged.
+    """
+    strange = set[str]()
+    for name, values in messages:
+        try:
+            events = tell(name, values)
+        except KeyError as lacks:
+            if name not in strange:
+                strange.add(name)
+                log.damage.append(Damage(0, 0, f"{name} has no {lacks}: left out"))
+            continue
+        yield from events

@@ -18,6 +18,7 @@ from autopilot_bridge.framing import STARTS, frame_length, is_known, message_id_
 from autopilot_bridge.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import (
+    LATEST_US,
     Acknowledged,
     Damage,
     Entry,
@@ -38,7 +39,6 @@ LINK_BITS = 3
 NO_RECORD = "no record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
 MOST_FILE_BYTES = 4_000_000
-EARLIEST_US, LATEST_US = 0, 4_102_444_800_000_000  # 2100: a stamp beyond is noise
 _OTHERS = (
     "HEARTBEAT",
     "MISSION_CURRENT",
@@ -116,7 +116,7 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
     if begin >= len(data) or data[begin] not in STARTS:
         return 0
     stamp = int.from_bytes(data[at:begin], "big")
-    if not EARLIEST_US <= stamp < LATEST_US:
+    if not 0 <= stamp < LATEST_US:
         return 0
     length = frame_length(data, begin, True)
     if length:

@@ -9,7 +9,6 @@ import re
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 from autopilot_bridge.client_events import (
     Attitude,
@@ -24,14 +23,16 @@ from autopilot_bridge.client_events import (
     Text,
 )
 from autopilot_bridge.logs.entries import (
+    LATEST_US,
     Acknowledged,
     Damage,
     Entry,
     GripperMoved,
     LogEvent,
+    MissionReplaced,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import records, steady
+from autopilot_bridge.logs.pieces import Values, events_of, records, steady
 from autopilot_bridge.modes import PX4
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
@@ -42,6 +43,7 @@ LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "no ULog message"
 KINDS = b"BFIMPQARDLCSO"
 SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
+BOOT_KEY = b"uint64_t boot_time_utc_us"  # the autopilot's own, where it knows it
 LETTERS = {
     "int8_t": "b",
     "uint8_t": "B",
@@ -80,7 +82,6 @@ NAV_STATES = {
     22: "vtol takeoff",
     **{22 + number: f"external {number}" for number in range(1, 9)},
 }
-Values = dict[str, Any]
 
 
 class UlogLog:
@@ -92,20 +93,25 @@ class UlogLog:
         self.damage: list[Damage] = []
         self.names: dict[int, str] = {}
         self._system_id = 1
+        self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """By the first GPS message that knows its time."""
+        """By the first GPS message that knows its time, else by the autopilot's own clock."""
         for name, told in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
-            if name != "L" and told.get("time_utc_usec", 0) > 0:
+            if name != "L" and 0 < told.get("time_utc_usec", 0) < LATEST_US:
                 return int(told["time_utc_usec"] - told["timestamp"])
-        return None
+        return self._boot_unix_us
 
     def entries(self) -> Iterator[Entry]:
         """From the beginning."""
         flight = _Flight()
-        for name, told in steady(self._messages(frozenset(_TELLS)), _time_of):
-            for event in _TELLS[name](flight, told, told["timestamp"]):
-                yield Entry(self._system_id, event)
+
+        def tell(name: str, values: Values) -> list[LogEvent]:
+            return _TELLS[name](flight, values, values["timestamp"])
+
+        messages = steady(self._messages(frozenset(_TELLS)), _time_of)
+        for event in events_of(self, messages, tell):
+            yield Entry(self._system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
         """Topic and values of each message of the first instance of topics wanted; L for texts."""
@@ -133,6 +139,8 @@ class UlogLog:
                     topics.pop(int.from_bytes(body[:2], "little"), None)
                 case "P" if len(body) > 1:
                     self._parameter(body)
+                case "I" if body[1:].startswith(BOOT_KEY) and body[0] == len(BOOT_KEY):
+                    self._boot_unix_us = int.from_bytes(body[1 + len(BOOT_KEY) :], "little") or None
                 case "L" if "L" in wanted and len(body) > 9:
                     level, at_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode("utf-8", "replace")
@@ -242,6 +250,7 @@ class _Flight:
         self.home_amsl_m = math.nan
         self.current: int | None = None
         self.reached: int | None = None
+        self.mission: int | None = None
         self._changes = Changes()
 
     def news(self, event: Battery | GpsFix) -> list[LogEvent]:
@@ -306,6 +315,10 @@ def _status(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 def _mission(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     found: list[LogEvent] = []
     reached, current = told["seq_reached"], told["seq_current"]
+    mission = told.get("mission_id", told.get("mission_update_counter"))
+    if mission != flight.mission:
+        found += [MissionReplaced(at_us)] if flight.mission is not None else []
+        flight.mission, flight.reached, flight.current = mission, None, None
     if reached != flight.reached:
         flight.reached = reached
         found += [ItemReached(at_us, reached)] if reached >= 0 else []

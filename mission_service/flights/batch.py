@@ -58,8 +58,12 @@ def distinct(names: Sequence[str]) -> list[str]:
     ]
 
 
-def called(path: Path) -> str:
-    """What a run is called by its file: a journal by its folder."""
+def called(paths: Sequence[Path]) -> str:
+    """What a run is called by its files: a journal by its folder, files of one name by that."""
+    return " + ".join(dict.fromkeys(_called(path) for path in paths))
+
+
+def _called(path: Path) -> str:
     if path.is_dir():
         return path.resolve().name
     return path.resolve().parent.name if path.name == JOURNAL else path.stem

@@ -32,6 +32,7 @@ VEHICLE_ROWS: tuple[Row, ...] = (
     ("distance error, on average", "m", lambda of: of["distance_error_mean_m"]),
     ("distance error, worst bearing", "m", lambda of: of["distance_error_worst_m"]),
     ("missions loaded", "", lambda of: len(of["missions"])),
+    ("missions replaced, items not in the log", "", lambda of: of["missions_replaced"] or None),
     ("missions sent, of those accepted", "", lambda of: _of_two(of, "missions_sent", "accepted")),
     ("mission sent to accepted, median", "s", lambda of: of["mission_latency_median_s"]),
     ("mission sent to accepted, worst", "s", lambda of: of["mission_latency_worst_s"]),
@@ -122,7 +123,9 @@ def _lowest(heights_m: Any) -> float | None:
     """Once it was up: from the first to the last time that it is half as high as ever."""
     if heights_m is None or not np.isfinite(heights_m).any():
         return None
-    up = np.flatnonzero(heights_m >= np.nanmax(heights_m) / 2.0)
+    # Where it stands, the terrain may be higher than it is by the landscape's own error.
+    most_m = float(np.nanmax(heights_m))
+    up = np.flatnonzero(heights_m >= min(most_m, most_m / 2.0))
     return round(float(np.nanmin(heights_m[up[0] : up[-1] + 1])), 1)
 
 

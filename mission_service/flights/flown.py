@@ -13,7 +13,14 @@ from autopilot_bridge.client_events import (
     Position,
 )
 from autopilot_bridge.items import Items
-from autopilot_bridge.logs.entries import GripperMoved, Log, LogEvent, MissionLoaded, Outputs
+from autopilot_bridge.logs.entries import (
+    GripperMoved,
+    Log,
+    LogEvent,
+    MissionLoaded,
+    MissionReplaced,
+    Outputs,
+)
 from autopilot_bridge.stacks import Stack
 from mission_service.distance import distance_m
 from mission_service.flights.dropped import planned_in
@@ -34,6 +41,7 @@ class Flown:
         self.stack: Stack | None = None
         self.track = Track()
         self.missions: list[tuple[int, Items]] = []
+        self.replaced_us: list[int] = []  # by missions whose items the log does not have
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
         self._dated = offset_us is not None
@@ -68,10 +76,10 @@ class Flown:
             case MissionLoaded():
                 self.missions.append((at_us, event.items))
                 self._dropping |= {drop.output for drop in planned_in(event.items)}
-                self._current = None
-                # Of the new mission, told before it was known that the vehicle has it.
-                if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
-                    self.turned_back_us.pop()
+                self._renewed(at_us)
+            case MissionReplaced():
+                self.replaced_us.append(at_us)
+                self._renewed(at_us)
             case MissionProgress():
                 if self._current is not None and event.current_seq < self._current:
                     self.turned_back_us.append(at_us)
@@ -87,6 +95,12 @@ class Flown:
             case _:
                 pass
 
+    def _renewed(self, at_us: int) -> None:
+        """There is another mission; what was of it already, before it was told of, is none."""
+        self._current = None
+        if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
+            self.turned_back_us.pop()
+
     def _put_out(self, now: Outputs, at_us: int) -> None:
         """Steps of servos that do not steer, or that a mission names: what lets things fall."""
         steps = zip(self._pulses, now.pulse_us, strict=False)
@@ -100,11 +114,13 @@ class Flown:
     def _moved(self, here: Position, at_us: int) -> None:
         self.positions += 1
         self.track.add((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
-        if self.home is None:
-            self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
         down_m_s = 0.0 if math.isnan(here.velocity_down_m_s) else here.velocity_down_m_s
         speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
         self._most_m_s = max(self._most_m_s, speed_m_s)
+        if self.home is None or self._most_m_s < MOVES_M_S:
+            # Where it stood last: an autopilot's first positions may lack the height.
+            self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
+            self.highest_m = None
         above_m = here.altitude_amsl_m - self.home[2]
         self.highest_m = above_m if self.highest_m is None else max(self.highest_m, above_m)
         before, self._here = self._here, here
@@ -138,6 +154,7 @@ class Flown:
                 {"at_s": self._since_s(at_us), "items": len(items)}
                 for at_us, items in self.missions
             ],
+            "missions_replaced": len(self.replaced_us),
             "items_reached": self.items_reached,
             "turned_back_at_s": [self._since_s(at_us) for at_us in self.turned_back_us],
             "servo_steps": [

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from autopilot_bridge.logs.entries import Log
+from autopilot_bridge.logs.entries import LATEST_US, Log
 from autopilot_bridge.logs.reading import merged
 from mission_service.flights.flown import file_of
 from mission_service.flights.foxglove import SCHEMAS, Message, messages_of
-from mission_service.flights.tables import LATEST_US, Rows, offset_us_of
+from mission_service.flights.tables import Rows, offset_us_of
 
 LIBRARY = "mission-service"  # the package's own would change the bytes with its version
 

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # lat, lon to the axes' own km
 
 MOST_MISSIONS = 6  # more hide the map and are not drawn
+SILENT_US = 10_000_000
 MOST_LABELS = 8  # of places where a vehicle turned back; more are only marked
 DIFFERS, PLANNED = "#d500f9", "#004d40"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
@@ -223,7 +224,7 @@ def _draw_strip(axes: Any, run: RunStory, vehicle: VehicleStory, scale: float) -
         rows.append("planner")
     axes.set_yticks(range(len(rows)), rows)
     axes.set_ylim(len(rows) - 0.5, -0.9)
-    for at_us, _ in flown.missions:
+    for at_us in [*(at_us for at_us, _ in flown.missions), *flown.replaced_us]:
         axes.plot(run.since_s(at_us) / scale, -0.6, marker="v", color="black", markersize=4)
     for turn in vehicle.turned_back:
         axes.axvline(run.since_s(turn.at_us) / scale, color="#e31a1c", linewidth=1.2)
@@ -250,7 +251,9 @@ def draw_heights(run: RunStory) -> Figure:
     scale, unit = _scale(run.since_s(run.end_us))
     for axes, (colour, vehicle) in zip(panels, coloured(run), strict=True):
         since = (vehicle.track[:, 0] - run.zero_us) / 1e6 / scale
-        axes.plot(since, vehicle.track[:, 3], color=colour, linewidth=1.2, label="altitude")
+        altitude = vehicle.track[:, 3].copy()
+        altitude[1:][np.diff(vehicle.track[:, 0]) > SILENT_US] = np.nan  # nothing is known of it
+        axes.plot(since, altitude, color=colour, linewidth=1.2, label="altitude")
         if vehicle.terrain_amsl_m is not None and np.isfinite(vehicle.terrain_amsl_m).any():
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0
             axes.fill_between(since, low, vehicle.terrain_amsl_m, color="#a1887f", label="terrain")
@@ -341,9 +344,7 @@ def draw_changes(runs: Sequence[RunStory]) -> Figure | None:
             share = 100.0 * np.arange(1, len(ordered) + 1) / len(ordered)
             axes.step(ordered, share, where="post", color=colour, label=name)
         of_visits = rows is visits
-        label = (
-            "time between visits of a place (s)" if of_visits else "mission sent to accepted (s)"
-        )
+        label = "time between visits of a place" if of_visits else "mission sent to accepted"
         axes.set(xlabel=f"{label} (s)", ylabel="share (%)", ylim=(0, 101), xlim=(0, None))
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8, loc="lower right")

@@ -12,7 +12,7 @@ from autopilot_bridge.client_events import (
     MissionProgress,
     ModeChanged,
 )
-from autopilot_bridge.logs.entries import Log, LogEvent, MissionLoaded
+from autopilot_bridge.logs.entries import Log, LogEvent, MissionLoaded, MissionReplaced
 from autopilot_bridge.logs.reading import merged
 from mission_service.errors import FlightError
 from mission_service.flights.flown import Flown, name_of
@@ -29,7 +29,13 @@ class Played(NamedTuple):
 
 
 # What holds until it is told anew: it counts for a part of a flight, though told before that.
-LASTING = (Connected, LinkLost, LinkRestored, ModeChanged, MissionLoaded, MissionProgress)
+LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
+    ((Connected,), "stack"),
+    ((LinkLost, LinkRestored), "link"),
+    ((ModeChanged,), "mode"),
+    ((MissionLoaded, MissionReplaced), "mission"),
+    ((MissionProgress,), "progress"),
+)
 
 
 class Flight(NamedTuple):
@@ -75,7 +81,7 @@ class Flight(NamedTuple):
         kind of event only the one counts that tells it first.
         """
         from_us, to_us = None, math.inf
-        holds: list[Played] = []
+        holds: dict[tuple[str, str], Played] = {}
         for told in self._whole():
             if from_us is None:
                 from_us = told.at_us + round(self.from_s * 1e6)
@@ -83,9 +89,9 @@ class Flight(NamedTuple):
             if told.at_us > to_us:
                 return
             if told.at_us < from_us:
-                holds += [told._replace(at_us=from_us)] if isinstance(told.event, LASTING) else []
+                _hold(holds, told, from_us)
                 continue
-            yield from holds
+            yield from holds.values()
             holds.clear()
             yield told
 
@@ -110,13 +116,29 @@ class Flight(NamedTuple):
         return given or name_of(log, key[1])
 
 
+def _hold(holds: dict[tuple[str, str], Played], told: Played, at_us: int) -> None:
+    """Have what this says in the place of what it ends, in the order in which it was said."""
+    kind = next((word for kinds, word in LASTING if isinstance(told.event, kinds)), None)
+    if kind is None:
+        return
+    if kind == "mission":  # which item was flown to, was of the one before
+        holds.pop((told.vehicle, "progress"), None)
+    holds.pop((told.vehicle, kind), None)
+    holds[told.vehicle, kind] = told._replace(at_us=at_us)
+
+
 def flight_of(words: Sequence[str]) -> Flight:
     """Logs by their paths, or as NAME=PATH: those of one name are of one vehicle.
 
     Raises FlightError and BridgeError in one line.
     """
     given = [_split(word) for word in words]
-    return Flight(tuple(open_flight(path) for _, path in given), tuple(name for name, _ in given))
+    logs = tuple(open_flight(path) for _, path in given)
+    dated = [log.unix_offset_us() is not None for log in logs]
+    if any(dated) and not all(dated):
+        path = logs[dated.index(False)].path
+        raise FlightError(f"{path}: knows no UTC, so it cannot be joined with logs that do")
+    return Flight(logs, tuple(name for name, _ in given))
 
 
 def path_of(word: str) -> Path:

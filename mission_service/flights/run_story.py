@@ -162,7 +162,9 @@ def _joined(
 def _went_round(story: VehicleStory, run: RunStory) -> None:
     """Which way round the fire it flew in the air; without a fire round the middle of its track."""
     track = story.track
-    up = np.flatnonzero(track[:, 3] >= track[0, 3] + AIRBORNE_M)
+    home = story.flown.home
+    ground_m = track[0, 3] if home is None else home[2]
+    up = np.flatnonzero(track[:, 3] >= ground_m + AIRBORNE_M)
     if not up.size:
         return
     air = track[up[0] : up[-1] + 1]

@@ -9,6 +9,7 @@ import heapq
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+from autopilot_bridge.client_events import Position
 from mission_service.core import Core
 from mission_service.events import CrewEvent, Lit
 from mission_service.flights.beside import Replaying
@@ -29,20 +30,29 @@ Listener = Callable[[Told], None]
 
 
 def told_in(what: Replaying) -> Iterator[Told]:
-    """What a flight tells, with what people have said of the fire by then."""
+    """What a flight tells, with what people have said of the fire by then.
+
+    Logs may have hundreds of positions a second: they are thinned, and none is moved.
+    """
     log, mission = what.flight.logs[0], what.mission
     people: list[CrewEvent] = []
     if isinstance(log, JournalLog):
         people = [each for each in log.crew() if isinstance(each, (*OF_FIRE, Lit))]
     on_clock = ((mission.log_us(each.at_us), each) for each in people)
     vehicles = ((each.at_us, each) for each in what.flight.played())
+    passed_us: dict[str, int] = {}
     streams: list[Iterable[tuple[int, Told]]] = [on_clock, vehicles]
     for at_us, told in heapq.merge(*streams, key=lambda each: each[0]):
         if at_us > what.end_us:
             return
+        if isinstance(told, Played) and isinstance(told.event, Position):
+            if at_us - passed_us.get(told.vehicle, -EVERY_US) < EVERY_US:
+                continue
+            passed_us[told.vehicle] = at_us
         yield told
 
 
+EVERY_US = 50_000
 NEVER_LATE_US = 1 << 62  # nobody waits for a log
 
 
@@ -99,6 +109,8 @@ def _begun(what: Replaying, picture: Picture | None) -> dict[str, Any]:
     scenario, landscape, mission = what.scenario, what.landscape, what.mission
     clock = MissionClock(mission.start_us, wall=True)
     clock.go_on(mission.start_us, mission.begin_us)
+    if all(isinstance(log, JournalLog) for log in what.flight.logs):
+        clock.ahead_us = mission.start_us - mission.begin_us
     vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
     world = world_of(scenario, landscape)
     world.advance(mission.start_us)

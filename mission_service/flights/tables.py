@@ -36,11 +36,13 @@ from autopilot_bridge.items import (
     params_of,
 )
 from autopilot_bridge.logs.entries import (
+    LATEST_US,
     Acknowledged,
     GripperMoved,
     Log,
     LogEvent,
     MissionLoaded,
+    MissionReplaced,
     Outputs,
 )
 
@@ -48,7 +50,6 @@ Columns = dict[str, type]  # a datetime is told as microseconds since 1970
 Row = tuple[Any, ...]
 
 SERVOS = 16
-LATEST_US = 4_102_444_800_000_000  # 2100: a time beyond is noise of a damaged log
 WORDS = {0: "accepted", 5: "in progress", **RESULTS}  # of MAV_RESULT
 
 HEAD: Columns = {"log": str, "vehicle": int, "at_us": int, "utc": datetime}
@@ -168,6 +169,8 @@ def told_by(event: LogEvent) -> tuple[str, str]:
             return "link_restored", "heard again"
         case Rebooted():
             return "rebooted", "the autopilot began anew"
+        case MissionReplaced():
+            return "mission_replaced", "another mission, whose items the log does not have"
         case GripperMoved():
             return "gripper", "release" if event.releases else "grab"
         case Acknowledged():

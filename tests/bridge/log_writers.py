@@ -72,7 +72,8 @@ TOPICS = {
     "wind": "uint64_t timestamp;float windspeed_north;float windspeed_east",
     "vehicle_status": "uint64_t timestamp;uint8_t nav_state;uint8_t arming_state;"
     "uint8_t vehicle_type",
-    "mission_result": "uint64_t timestamp;int32_t seq_reached;uint16_t seq_current",
+    "mission_result": "uint64_t timestamp;uint32_t mission_id;int32_t seq_reached;"
+    "uint16_t seq_current",
     "gripper": "uint64_t timestamp;int8_t command",
     "sensor_gps": "uint64_t timestamp;uint64_t time_utc_usec;uint8_t fix_type;"
     "uint8_t satellites_used",
@@ -87,6 +88,7 @@ C_TYPES = {
     "uint8_t": "B",
     "int8_t": "b",
     "int32_t": "i",
+    "uint32_t": "I",
     "uint16_t": "H",
     "extra": "Bf",
 }
@@ -168,8 +170,8 @@ def ulg_flight() -> bytes:
             ("wind", at_us, 0.0, -4.0),
         ]
     told += [
-        ("mission_result", 3_000_000, -1, 0),
-        ("mission_result", 5_000_000, 0, 1),
+        ("mission_result", 3_000_000, 7, -1, 0),
+        ("mission_result", 5_000_000, 7, 0, 1),
         ("gripper", 5_500_000, 1),
         ("vehicle_global_position", 6_200_000, 0.0, 0.0, 0.0, False),
         ("vehicle_status", 6_300_000, 3, 1, 2),

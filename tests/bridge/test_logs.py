@@ -31,14 +31,22 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.logs import pieces
 from autopilot_bridge.logs.dataflash import DataFlashLog
-from autopilot_bridge.logs.entries import Entry, GripperMoved, Log, MissionLoaded, Outputs
+from autopilot_bridge.logs.entries import (
+    Entry,
+    GripperMoved,
+    Log,
+    MissionLoaded,
+    MissionReplaced,
+    Outputs,
+)
 from autopilot_bridge.logs.reading import merged, open_log
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import UlogLog
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.tlog import Tlog
+from tests.bridge import log_writers
 from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
-from tests.bridge.log_writers import BEGIN_US, bin_flight, ulg_flight
+from tests.bridge.log_writers import BEGIN_US, FORMATS, bin_flight, dataflash, ulg_flight, ulog
 
 FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "flights"
 
@@ -305,6 +313,51 @@ def test_a_log_that_begins_anew_is_read_on(written: tuple[Path, bytes, Any]) -> 
     found, _ = entries_of(path, good + bytes(later), reader)
     assert found[-1].event.at_us == whole[-1].event.at_us + 3_600_000_000
     assert len(found) > 1.5 * len(whole)
+
+
+def test_a_mission_that_is_replaced_unseen_is_no_way_back(tmp_path: Path) -> None:
+    """ArduPilot does not log missions that came as files, PX4 no items at all."""
+    bin_path, ulg_path = tmp_path / "file.bin", tmp_path / "file.ulg"
+    told: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
+    told += [("MISE", 1_000_000 * n, 9, n) for n in range(1, 6)]
+    told += [("MISE", 7_000_000, 6, 1), ("MISE", 8_000_000, 6, 2), ("MISE", 9_000_000, 6, 1)]
+    bin_path.write_bytes(dataflash(told))
+    results = [(1, 7, 3), (2, 7, 4), (3, 8, 1), (4, 8, 2), (5, 8, 1)]
+    ulg_path.write_bytes(
+        ulog(("mission_result", 1_000_000 * at, number, -1, seq) for at, number, seq in results)
+    )
+    for path, replaced_us in ((bin_path, 7_000_000), (ulg_path, 3_000_000)):
+        entries = list(open_log(path).entries())
+        assert [each.at_us for each in of(entries, MissionReplaced)] == [replaced_us]
+        # The last step back is one within the same mission.
+        seqs = [each.current_seq for each in of(entries, MissionProgress)]
+        assert seqs[-2:] in ([1, 0], [2, 1])
+
+
+def test_columns_that_are_missing_are_told_and_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = {**FORMATS, "POS": ("QLfff", "TimeUS,Lng,Alt,RelHomeAlt,RelOriginAlt")}
+    monkeypatch.setattr(log_writers, "FORMATS", other)
+    path = tmp_path / "other.bin"
+    told: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
+    told += [("POS", 1_000_000, -84.2, 300.0, 0.0, 0.0), ("MODE", 2_000_000, 10, 10)]
+    path.write_bytes(dataflash(told))
+    log = open_log(path)
+    assert len(of(list(log.entries()), ModeChanged)) == 1
+    assert [str(each) for each in log.damage] == ["0 bytes at 0: POS has no 'Lat': left out"]
+
+
+def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:
+    path = tmp_path / "late.bin"
+    told = [("MODE", 1_000_000, 10, 10), ("MSG", 2_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    path.write_bytes(dataflash([*told, ("ARM", 3_000_000, 1)]))
+    modes = of(list(open_log(path).entries()), ModeChanged)
+    assert [(each.name, each.armed) for each in modes] == [
+        ("", False),
+        ("mission", False),
+        ("mission", True),
+    ]
 
 
 def test_what_is_no_log_is_told_in_one_line(tmp_path: Path) -> None:
