@@ -58,6 +58,9 @@ async def open_links(
         threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
         asyncio.get_running_loop().set_default_executor(threads)
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
+    if tlog is not None and not _all_differ(scenario):
+        words = "vehicles with one system id cannot be told apart in it; give them different ones"
+        tell("service", f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
     signing_of = stack.enter_context(signings(sources, wall_us, lambda text: tell("service", text)))
     links: dict[str, Link] = {}
@@ -77,6 +80,11 @@ async def open_links(
         refusals = Refusals(section.link, section.system_id, signing)
         links[section.name] = Link(section, gateway, connection, refusals)
     return links
+
+
+def _all_differ(scenario: Scenario) -> bool:
+    ids = [section.system_id for section in scenario.flown]
+    return len(set(ids)) == len(ids)
 
 
 def _client_of(

@@ -120,3 +120,15 @@ def test_a_port_in_use_is_told_and_an_earlier_journal_survives(
     assert f"127.0.0.1:{port}" in found.stderr
     assert found.stderr.count("\n") == 1
     assert journal.read_text(encoding="utf-8") == "an earlier run\n"
+
+
+def test_a_recording_in_which_vehicles_look_alike_is_told_of(tmp_path: Path) -> None:
+    log, tlog = tmp_path / "daemon.log", tmp_path / "both.tlog"
+    links = [f'vehicles.{n}.link="udpin:127.0.0.1:{free_port()}"' for n in (0, 1)]
+    ids = [f"vehicles.{n}.system_id=1" for n in (0, 1)]
+    changes = [word for change in (*links, *ids) for word in ("--set", change)]
+    arguments = ["run", "demo", "--out", str(tmp_path), "--tlog", str(tlog), *changes]
+    with process(arguments, log) as daemon:
+        wait_for(lambda: "cannot be told apart in it" in log.read_text("utf-8"), 60)
+        daemon.send_signal(signal.SIGINT)
+        assert daemon.wait(timeout=20) == 0
