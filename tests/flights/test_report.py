@@ -175,6 +175,8 @@ def test_drops_belong_to_the_place_flown_to_before() -> None:
     assert first.done == done[0]
     assert first.off_m == pytest.approx(11.1, abs=0.1)
     assert second.done is None
+    twice = compared([planned[0], planned[0]], done)
+    assert [each.done is not None for each in twice] == [True, False]  # it let go once
     unplanned = compared([], [Done(7, 36.4, -84.2, 0, 0.0)])
     assert unplanned[0].planned is None
     assert Planned(36.3, -84.2, 9, 1900.0) == planned[0]

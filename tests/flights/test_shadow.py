@@ -14,7 +14,15 @@ from autopilot_bridge.client_events import Position
 from mission_service.commands import Decided
 from mission_service.config import Scenario, parse_scenario
 from mission_service.errors import FlightError
-from mission_service.events import MissionProgress, Observed, Telemetry, UploadFinished
+from mission_service.events import (
+    BatteryTold,
+    MissionProgress,
+    ModeChanged,
+    Observed,
+    Telemetry,
+    UploadFinished,
+    WindMeasured,
+)
 from mission_service.flights.batch import story_beside, story_of
 from mission_service.flights.beside import Replaying, mission_time, replaying, scenario_for
 from mission_service.flights.figures import figures_of
@@ -111,6 +119,18 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     assert {thing.outcome for thing in things if isinstance(thing, UploadFinished)} == {"accepted"}
     # Items are those of the missions that the core would have sent, not of the flown one.
     assert {t.current_seq for t in things if isinstance(t, MissionProgress)} <= {0, 1}
+
+
+def test_what_else_a_log_tells_reaches_the_core(tmp_path: Path) -> None:
+    path = tmp_path / "hawk.bin"
+    path.write_bytes(bin_flight())
+    what = beside_level(flight_of([str(path)]), lat_deg=36.3, lon_deg=-84.2)
+    story_beside("hawk", what, tmp_path, "today")
+    things = list(JournalLog(tmp_path / "journal.jsonl").things())
+    winds = [thing for thing in things if isinstance(thing, WindMeasured)]
+    assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(5.0, 126.9)}
+    assert [t.mode for t in things if isinstance(t, ModeChanged)][:1] == ["mission"]
+    assert any(isinstance(thing, BatteryTold) for thing in things)
 
 
 def test_two_replays_are_the_same_to_the_byte(log: Path, tmp_path: Path) -> None:
