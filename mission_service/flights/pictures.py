@@ -61,6 +61,7 @@ def draw_map(run: RunStory) -> Figure:
             handles += _draw_vehicle(axes, run, vehicle, colour, places)
     seen: dict[str, Any] = {handle.get_label(): handle for handle in handles}
     axes.set_title(run.name, parse_math=False)
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.98))  # the title whole
     axes.legend(
         handles=list(seen.values()), ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.07),
         fontsize=9,
@@ -134,7 +135,21 @@ def _draw_vehicle(
             _label(axes, f"turns back, {run.since_s(turn.at_us):.0f} s", place, number)
     if vehicle.turned_back:
         handles.append(_mark("v", "#e31a1c", "turned back"))
+    handles += _draw_decided(axes, run, vehicle, places)
     return handles + _draw_drops(axes, run, vehicle, places)
+
+
+def _draw_decided(axes: Any, run: RunStory, vehicle: VehicleStory, places: Places) -> list[Any]:
+    """Where its planner decided to turn back."""
+    if run.fire is None or not run.fire.record.vehicles[vehicle.name].reversals:
+        return []
+    at = np.array([each[1:] for each in run.fire.record.vehicles[vehicle.name].reversals])
+    style: dict[str, Any] = {
+        "linestyle": "", "marker": "^", "color": "black", "markerfacecolor": "white",
+        "markersize": 5, "label": "planner decides to turn back",
+    }  # fmt: skip
+    axes.plot(*places(at[:, 0], at[:, 1]), **style)
+    return [Line2D([], [], **style)]
 
 
 def _label(axes: Any, text: str, place: tuple[Any, Any], number: int) -> None:
