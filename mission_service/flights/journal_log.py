@@ -62,7 +62,10 @@ class JournalLog:
         return None if zero is None else unix_us(zero)
 
     def entries(self) -> Iterator[Entry]:
-        """What the vehicles told; a mission is loaded when the vehicle has said so."""
+        """What the vehicles told; a mission is loaded when the vehicle has said so.
+
+        In a replay no vehicle has: of missions nothing is told then.
+        """
         sent: dict[tuple[str, int], Items] = {}
         at_us = 0
         for thing in self.things():
@@ -79,8 +82,10 @@ class JournalLog:
             told = _told(thing)
             if isinstance(thing, UploadFinished):
                 items = sent.pop((thing.vehicle, thing.mission_id), None)
-                if items is not None and thing.outcome == "accepted":
+                if items is not None and thing.outcome == "accepted" and not self.shadow:
                     told = MissionLoaded(at_us, items)
+            if self.shadow and isinstance(told, bridge.MissionProgress):
+                continue
             if told is not None:
                 yield Entry(self._numbers[thing.vehicle], told)
 

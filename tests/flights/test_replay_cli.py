@@ -79,6 +79,8 @@ def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     assert (one["name"], other["name"]) == ("run", "out")
     assert one["vehicles"][0]["flown_m"] == other["vehicles"][0]["flown_m"]
     assert (one["fire"]["rule"], other["fire"]["rule"]) == ("circling", "literal")
+    assert len(one["vehicles"][0]["missions"]) > 1
+    assert other["vehicles"][0]["missions"] == []  # nothing was sent in a replay
     assert "map-run.png" in {path.name for path in sides.iterdir()}
 
 
