@@ -132,10 +132,12 @@ class UlogLog:
                 case "A" if len(body) > 3:
                     instance, number = struct.unpack_from("<BH", body)
                     name = body[3:].decode("utf-8", "replace")
+                    if name not in formats:
+                        continue  # noise that looks so: else a topic would be lost by it
                     topics.pop(number, None)
                     if instance == 0 and name in wanted and (topic := _topic(name, formats)):
                         topics[number] = topic
-                case "R" if len(body) >= 2:
+                case "R" if len(body) == 2:
                     topics.pop(int.from_bytes(body[:2], "little"), None)
                 case "P" if len(body) > 1:
                     self._parameter(body)

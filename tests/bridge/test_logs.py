@@ -283,6 +283,16 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_told(
         assert log.damage
 
 
+def test_noise_that_looks_like_a_subscription_ends_no_topic(tmp_path: Path) -> None:
+    good = ulg_flight()
+    noise = b"\x00J\x05A\x00\x00\x00"  # found by the property above
+    whole, _ = entries_of(tmp_path / "good.ulg", good, UlogLog)
+    found, log = entries_of(tmp_path / "bad.ulg", good[:4096] + noise + good[4096:], UlogLog)
+    assert log.damage
+    assert len(found) >= len(whole) - 40
+    assert of(found, Position)[-1] == of(whole, Position)[-1]
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.97])
 def test_a_time_that_is_noise_moves_no_clock(
     written: tuple[Path, bytes, Any], share: float
