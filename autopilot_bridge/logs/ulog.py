@@ -41,7 +41,11 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "no ULog message"
-KINDS = b"BFIMPQARDLCSO"
+# Bodies of messages are not longer, and those of kinds that there are not are none at all.
+MOST_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
+MOST_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
+PADDING_BYTES = 8  # at the end of a topic, left out in files
+DATA = ord("D")
 SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
 BOOT_KEY = b"uint64_t boot_time_utc_us"  # the autopilot's own, where it knows it
 LETTERS = {
@@ -117,8 +121,13 @@ class UlogLog:
         """Topic and values of each message of the first instance of topics wanted; L for texts."""
         formats: dict[str, str] = {}
         topics: dict[int, _Topic] = {}
+        sizes: dict[int, int] = {}  # of all topics, by their numbers
+
+        def length_at(data: bytes, at: int, lost: bool) -> int:
+            return _length_at(data, at, lost, sizes)
+
         for data, at, length in records(
-            self, 2 * LONGEST_BYTES, _length_at, _next_start, NO_MESSAGE
+            self, 2 * LONGEST_BYTES, length_at, _next_start, NO_MESSAGE
         ):
             body = data[at + HEAD_BYTES : at + length]
             match chr(data[at + 2]):
@@ -135,7 +144,10 @@ class UlogLog:
                     if name not in formats:
                         continue  # noise that looks so: else a topic would be lost by it
                     topics.pop(number, None)
-                    if instance == 0 and name in wanted and (topic := _topic(name, formats)):
+                    topic = _topic(name, formats)
+                    if topic is not None:
+                        sizes[number] = topic.size
+                    if instance == 0 and name in wanted and topic is not None:
                         topics[number] = topic
                 case "R" if len(body) == 2:
                     topics.pop(int.from_bytes(body[:2], "little"), None)
@@ -161,10 +173,11 @@ def _time_of(message: tuple[str, Values]) -> int:
     return at_us
 
 
-def _length_at(data: bytes, at: int, lost: bool) -> int:
+def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
     """Of the message that begins here; 0 if none does, or not all of it is there.
 
-    Messages have no checksum: one is believed if another follows; after damage, if three do.
+    Messages have no checksum: one is believed if it is as long as its kind or topic may be (by the
+    ``sizes`` of topics) and another follows; after damage, if three do.
     """
     if data.startswith(MAGIC, at):
         return FILE_HEAD_BYTES if at + FILE_HEAD_BYTES <= len(data) else 0
@@ -172,7 +185,7 @@ def _length_at(data: bytes, at: int, lost: bool) -> int:
     for number in range(4 if lost else 2):
         if place == len(data) and number:
             break
-        if place + HEAD_BYTES > len(data) or data[place + 2] not in KINDS:
+        if place + HEAD_BYTES > len(data) or not _may_be(data, place, sizes):
             # What is cut off behind a whole message is no reason to doubt that.
             return first if first and len(data) - place < HEAD_BYTES else 0
         length = HEAD_BYTES + (data[place] | data[place + 1] << 8)
@@ -181,6 +194,15 @@ def _length_at(data: bytes, at: int, lost: bool) -> int:
             return first if number else 0
         place += length
     return first
+
+
+def _may_be(data: bytes, place: int, sizes: dict[int, int]) -> bool:
+    length, kind = data[place] | data[place + 1] << 8, data[place + 2]
+    if kind != DATA:
+        return length <= MOST_BYTES.get(kind, -1)
+    number = data[place + HEAD_BYTES : place + HEAD_BYTES + 2]
+    size = sizes.get(number[0] | number[1] << 8) if len(number) == 2 else None
+    return size is None or size - PADDING_BYTES < length - 2 <= size
 
 
 def _next_start(data: bytes, at: int) -> int:
@@ -194,6 +216,7 @@ class _Topic:
         self.name = name
         self._columns = columns
         self._struct = struct.Struct("<" + letters)
+        self.size = self._struct.size
 
     def read(self, body: bytes) -> Values:
         """Values by columns; padding at the end is left out in files."""
