@@ -266,8 +266,7 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_told(
     written: tuple[Path, bytes, Any], data: st.DataObject
 ) -> None:
     path, good, reader = written
-    whole, log = entries_of(path, good, reader)
-    records = log.messages
+    whole, _ = entries_of(path, good, reader)
     begin = len(good) // 3
     at = data.draw(st.integers(begin, len(good) - 200))
     noise = data.draw(st.binary(min_size=1, max_size=150))
@@ -280,9 +279,17 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_told(
     # Noise may look like a message where there are no checksums (in a .tlog: a time).
     assert sum(text not in known for text in texts) <= (4 if reader is TlogLog else 6)
     assert len(found) >= len(whole) - 40
-    if not replaces and reader is TlogLog:
-        # Else the frame it fell into looks like one of another dialect, which is passed over.
-        assert log.damage or log.messages == records
+
+
+def test_noise_is_told_as_damage(written: tuple[Path, bytes, Any]) -> None:
+    """Seldom it makes something look like a message that is passed over, of another dialect say."""
+    path, good, reader = written
+    chance, told = random.Random(5), 0
+    for _ in range(40):
+        at = chance.randrange(len(good) // 3, len(good) - 200)
+        _, log = entries_of(path, good[:at] + chance.randbytes(90) + good[at:], reader)
+        told += bool(log.damage)
+    assert told >= 36
 
 
 def test_noise_that_looks_like_a_subscription_ends_no_topic(tmp_path: Path) -> None:
