@@ -74,6 +74,19 @@ def has_position(command: int) -> bool:
     return known is None or bool(known.has_location)
 
 
+def has_degrees(item: "MissionItem") -> bool:
+    """Whether x and y are a latitude and a longitude."""
+    frames = (*LOCAL_FRAMES, mavlink.MAV_FRAME_MISSION)
+    return item.frame not in frames and has_position(item.command)
+
+
+def place_of(item: "MissionItem") -> tuple[float, float] | None:
+    """Latitude and longitude of an item that has them; 0, 0 is ArduPilot's "where it is"."""
+    if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
+        return None
+    return item.x / 1e7, item.y / 1e7
+
+
 def command_name(command: int) -> str:
     """MAVLink's name without its prefix; the number where there is none."""
     known = mavlink.enums["MAV_CMD"].get(command)

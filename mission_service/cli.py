@@ -2,7 +2,6 @@
 
 import json
 import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from mission_service.cli_parts import (
     TLOG,
     echo,
     folder,
+    reporter,
     tell_address,
 )
 from mission_service.clocks import now_text
@@ -98,7 +98,7 @@ def demo(
     loaded, settings = load_run(scenario, overrides)
     if settings.http is None:  # a demo has a map, whatever the scenario
         settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
-    report = _logger(log, log_level) or _reporter(as_json)
+    report = reporter(log, log_level, as_json)
     journal = folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=log is not None, goes_on=False)
     _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
@@ -173,7 +173,7 @@ def run(
     if signing_key is not None:
         scenario = with_signing_key(scenario, signing_key)
     made = folder(out)
-    report = _logger(log, log_level) or _reporter(as_json)
+    report = reporter(log, log_level, as_json)
     journal, logs = made / "journal.jsonl", log is not None
     going = Run(
         scenario, journal, now_text(), settings, tlog, logs, channel=channel, goes_on=not anew
@@ -342,22 +342,6 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     from mission_service.world import check
 
     echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
-
-
-def _reporter(as_json: bool) -> Callable[[Any, Any], None]:
-    from mission_service.report import LiveReport
-
-    return LiveReport(quiet=as_json)
-
-
-def _logger(form: Any, level: str) -> Callable[[Any, Any], None] | None:
-    """Set up the log, if there is to be one; it takes the place of the reporter."""
-    if form is None:
-        return None
-    from mission_service.logs import set_up
-
-    set_up(form, level)
-    return lambda record, world: record.news.clear()  # they are logged from the picture
 
 
 def _progress_bar(name: str, duration_s: float, quiet: bool) -> Any:

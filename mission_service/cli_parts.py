@@ -93,3 +93,15 @@ def tell_address(out: Path, address: str) -> None:
         click.echo(f"map: {address}", err=True)
     else:
         click.echo(f"map: {address.partition('#')[0]} (its token is in {out / 'token'})", err=True)
+
+
+def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any], None]:
+    """What shows a run: a log, set up here, if there is to be one; else lines and a status."""
+    if form is None:
+        from mission_service.report import LiveReport
+
+        return LiveReport(quiet=as_json)
+    from mission_service.logs import set_up
+
+    set_up(form, level)  # type: ignore[arg-type]  # click has checked it
+    return lambda record, world: record.news.clear()  # they are logged from the picture

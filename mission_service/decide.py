@@ -4,7 +4,7 @@ With the journal's own rule they must be the journal's decisions; with another o
 would have decided in the places where the vehicles were.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from mission_service.commands import Decided, Return
 from mission_service.config import Scenario
 from mission_service.differences import compare, fields_that_differ
-from mission_service.errors import JournalError, MissionServiceError
+from mission_service.errors import MissionServiceError
 from mission_service.events import (
     Aborted,
     Crew,
@@ -62,18 +62,11 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
             f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
             "or --planner with another rule"
         )
-    found, told = decisions_alone(journal, scenario, _intact(journal))
+    found, told = decisions_alone(journal, scenario, journal.intact())
     difference = None
     if rule == own:
         difference, _ = first_difference(found, told, may_lack_one=journal.cut_off)
     return Decisions(rule, own, found, told, difference)
-
-
-def _intact(journal: Recorded) -> Iterator[tuple[JournalReader, Entry]]:
-    for reader, entry in journal.entries():
-        if not entry.intact:
-            raise JournalError(f"{reader.path}: line {entry.line} was altered; see replay --verify")
-        yield reader, entry
 
 
 def decisions_alone(

@@ -206,10 +206,9 @@ def mission_hash(items: Iterable[MissionItem]) -> str:
 
 def item_state(item: MissionItem) -> ItemState:
     """An item for people and programs that know no MAVLink frames."""
-    from autopilot_bridge.items import NO_POSITION, command_name, has_position
+    from autopilot_bridge.items import command_name, place_of
 
-    placed = has_position(item.command) and NO_POSITION not in (item.x, item.y)
-    placed = placed and (item.x, item.y) != (0, 0)
+    lat_deg, lon_deg = place_of(item) or (None, None)
     params = tuple(
         0.0 if math.isnan(value) else value
         for value in (item.param1, item.param2, item.param3, item.param4)
@@ -218,8 +217,8 @@ def item_state(item: MissionItem) -> ItemState:
         item.command,
         command_name(item.command),
         item.frame,
-        item.x / 1e7 if placed else None,
-        item.y / 1e7 if placed else None,
+        lat_deg,
+        lon_deg,
         item.z,
         (params[0], params[1], params[2], params[3]),
     )

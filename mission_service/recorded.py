@@ -71,6 +71,15 @@ class Recorded:
         else:
             yield from ((self.last, entry) for entry in self.last)
 
+    def intact(self) -> Iterator[tuple[JournalReader, Entry]]:
+        """As ``entries``; raises JournalError where a line was altered, too."""
+        for reader, entry in self.entries():
+            if not entry.intact:
+                raise JournalError(
+                    f"{reader.path}: line {entry.line} was altered; see replay --verify"
+                )
+            yield reader, entry
+
     def readable(self) -> Iterator[tuple[JournalReader, Entry]]:
         """As ``entries``, up to what cannot be read: it is ``damaged`` there."""
         try:

@@ -168,7 +168,7 @@ class Service:
         """What a journal tells of before: all that follows from it but the orders."""
         self._show(event, commands)
         self.world.advance(event.at_us)
-        self._owe(self.fire.past(event))
+        self._owe(self.fire.past(event, commands))
         if isinstance(event, OF_FIRE) and self.picture is not None:
             self.picture.fire_changed()
         elif isinstance(event, Observed) and event.corrects:
@@ -176,8 +176,6 @@ class Service:
         if self._interlock is not None:
             self._interlock.take(event)
             self._interlock.sent(commands)
-        for command in commands:
-            self.fire.ordered(command)
 
     def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
         """After the past: write down the last commands that the journal lacks, and handle this."""

@@ -4,6 +4,7 @@ The service lets it burn along; a replay burns it again from a journal.
 """
 
 import contextlib
+from collections.abc import Iterable
 
 from firemodel.errors import FireModelError
 from mission_service.commands import AnyCommand, Drop
@@ -69,13 +70,15 @@ class WatchedFire:
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
 
-    def past(self, event: AnyEvent) -> Window | None:
+    def past(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
         """What a journal tells of before; the window that burns otherwise."""
         found = None
         if isinstance(event, OF_FIRE):
             with contextlib.suppress(FireModelError):  # killed before it was taken back
                 found = self.told(event)
         self.happened(event)
+        for command in commands:
+            self.ordered(command)
         return found
 
     def ordered(self, command: AnyCommand) -> None:

@@ -52,9 +52,7 @@ class PastRun:
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """One turn of it."""
-        self.fire.past(event)
-        for command in commands:
-            self.fire.ordered(command)
+        self.fire.past(event, commands)
         self.record.add(event, commands)
         if isinstance(event, Crew):
             self.people.append(event)
@@ -71,9 +69,7 @@ def past_run(journal: Recorded) -> PastRun:
     run = PastRun(scenario, Record(names, round(scenario.start_s * 1e6)), journal.fire())
     event: AnyEvent | None = None
     commands: list[AnyCommand] = []
-    for reader, entry in journal.entries():
-        if not entry.intact:
-            raise JournalError(f"{reader.path}: line {entry.line} was altered; see replay --verify")
+    for _, entry in journal.intact():
         if not entry.is_event:
             commands.append(entry.content)  # type: ignore[arg-type]
             continue

@@ -154,7 +154,8 @@ class UlogLog:
                 case "P" if len(body) > 1:
                     self._parameter(body)
                 case "I" if body[1:].startswith(BOOT_KEY) and body[0] == len(BOOT_KEY):
-                    self._boot_unix_us = int.from_bytes(body[1 + len(BOOT_KEY) :], "little") or None
+                    boot_us = int.from_bytes(body[1 + len(BOOT_KEY) :], "little")
+                    self._boot_unix_us = boot_us if 0 < boot_us < LATEST_US else None
                 case "L" if "L" in wanted and len(body) > 9:
                     level, at_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode("utf-8", "replace")

@@ -7,7 +7,7 @@ from pathlib import Path
 from mission_service.flights.beside import Replaying
 from mission_service.flights.journal_log import JOURNAL, JournalLog
 from mission_service.flights.journal_once import JournalOnce, refuse_loss
-from mission_service.flights.played import Flight
+from mission_service.flights.played import Flight, survey
 from mission_service.flights.run_story import RunStory, run_story
 from mission_service.flights.shadow import Shadow, told_in
 from mission_service.journal import header_of
@@ -15,11 +15,9 @@ from mission_service.journal import header_of
 
 def story_of(name: str, flight: Flight) -> RunStory:
     """Tell of a flight as it was; a journal has its own fire."""
-    own = flight.logs[0]
+    own, found = flight.logs[0], survey(flight)
     whole = len(flight.logs) == 1 and not flight.is_part
-    if whole and isinstance(own, JournalLog):
-        return run_story(name, flight, JournalLog(own.path))
-    return run_story(name, flight)
+    return run_story(name, flight, found, own if whole and isinstance(own, JournalLog) else None)
 
 
 def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> RunStory:
@@ -47,7 +45,7 @@ def _beside(name: str, what: Replaying, path: Path, created: str) -> RunStory:
         complete = True
     finally:
         journal.finish(complete)
-    return run_story(name, what.flight, JournalLog(path), what.mission)
+    return run_story(name, what.flight, what.survey, JournalLog(path), what.mission)
 
 
 def distinct(names: Sequence[str]) -> list[str]:

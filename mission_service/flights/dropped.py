@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import Items, has_position
+from autopilot_bridge.items import Items, place_of
 from mission_service.distance import distance_m
 
 SERVO_MATCHES_US = 50.0
@@ -45,8 +45,7 @@ def planned_in(items: Items) -> list[Planned]:
     found: list[Planned] = []
     place: tuple[float, float] | None = None
     for item in items:
-        if has_position(item.command) and (item.x, item.y) != (0, 0):
-            place = (item.x / 1e7, item.y / 1e7)
+        place = place_of(item) or place
         if place is None:
             continue
         if item.command == mavlink.MAV_CMD_DO_SET_SERVO:

@@ -16,7 +16,7 @@ from mission_service.flights.flown import Flown, file_of, flown_in
 from mission_service.flights.instants import utc
 from mission_service.flights.mcap_file import write_mcap
 from mission_service.flights.table_files import WRITERS, TableFiles
-from mission_service.flights.tables import Rows, offset_us_of
+from mission_service.flights.tables import Rows
 from mission_service.track import track_geojson
 
 LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
@@ -41,7 +41,7 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
     flown: list[Flown] = []
     with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
         for number, log in enumerate(logs):
-            rows = Rows(file_of(log), offset_us_of(log))
+            rows = Rows(file_of(log), log.unix_offset_us())
             for each in flown_in(log, [_adding(tables, rows)]).values():
                 each.name = _untaken(each.name, log.path.suffix, names.values())
                 names[number, each.system_id] = each.name

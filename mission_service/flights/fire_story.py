@@ -121,7 +121,7 @@ class _Telling:
         for event in self._events():
             at_us = max(at_us, event.at_us)
             commands = self._core.handle(event)
-            self._follow(event, commands)
+            self._fire.past(event, commands)
             self._story.record.add(event, commands)
             self._story.record.news.clear()
             self._note(event, commands)
@@ -135,11 +135,6 @@ class _Telling:
 
     def _events(self) -> Iterator[AnyEvent]:
         return (each for each in self._log.things() if isinstance(each, AnyEvent))
-
-    def _follow(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        self._fire.past(event)
-        for command in commands:
-            self._fire.ordered(command)
 
     def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         match event:

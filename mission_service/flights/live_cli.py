@@ -2,13 +2,12 @@
 
 import contextlib
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli_parts import folder, tell_address
+from mission_service.cli_parts import folder, reporter, tell_address
 
 if TYPE_CHECKING:
     from mission_service.flights.beside import Asked, Replaying
@@ -83,7 +82,7 @@ def play(
         kept = out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-")))
         made = folder(kept)
         show = Show(what, made, now_text(), settings, times, until_end, logs=log is not None)
-        report = _reporter(log, log_level, as_json)
+        report = reporter(log, log_level, as_json)
         record, world = asyncio.run(serve_flight(show, report, partial(tell_address, made)))
         if out is not None:
             summary = write_outputs(made, what.scenario, record, world.fire)
@@ -111,13 +110,3 @@ def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection
         words = error.errors()[0]["msg"].removeprefix("Value error, ")
         raise MissionServiceError(f"--listen {listen}: {words}") from None
     return settings.model_copy(update={"http": http})
-
-
-def _reporter(form: Any, level: str, as_json: bool) -> Callable[[Any, Any], None]:
-    from mission_service.logs import set_up
-    from mission_service.report import LiveReport
-
-    if form is None:
-        return LiveReport(quiet=as_json)
-    set_up(form, level)
-    return lambda record, world: record.news.clear()

@@ -9,7 +9,7 @@ from autopilot_bridge.logs.entries import LATEST_US, Log
 from autopilot_bridge.logs.reading import merged
 from mission_service.flights.flown import file_of
 from mission_service.flights.foxglove import SCHEMAS, Message, messages_of
-from mission_service.flights.tables import Rows, offset_us_of
+from mission_service.flights.tables import Rows
 
 LIBRARY = "mission-service"  # the package's own would change the bytes with its version
 
@@ -19,7 +19,7 @@ def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], 
 
     ``names`` are those of vehicles, by the place of their log and their system id.
     """
-    known = [offset for offset in map(offset_us_of, logs) if offset is not None]
+    known = [offset for log in logs if (offset := log.unix_offset_us()) is not None]
     offsets = known if len(known) == len(logs) else [0] * len(logs)
     rows = [Rows(file_of(log), None) for log in logs]
     with path.open("wb") as file:

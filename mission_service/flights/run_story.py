@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot_bridge.items import Items, has_position
+from autopilot_bridge.items import Items, place_of
 from mission_service.distance import M_PER_DEG
 from mission_service.flights.beside import Mission
 from mission_service.flights.dropped import GRIPPER, Compared, Done, compared, planned_in
 from mission_service.flights.fire_story import FireStory, fire_story
 from mission_service.flights.flown import Flown
 from mission_service.flights.journal_log import JournalLog
-from mission_service.flights.played import Flight, survey
+from mission_service.flights.played import Flight, Survey
 from mission_service.flights.sense import FIRE_DEG, TRACK_DEG, Span, differing, turns
 from mission_service.steering import AIRBORNE_M
 
@@ -83,14 +83,17 @@ class RunStory:
 
     def log_us(self, mission_us: int) -> int:
         """The log's clock at a mission time."""
-        return mission_us - self.mission.start_us + self.mission.begin_us
+        return self.mission.log_us(mission_us)
 
 
 def run_story(
-    name: str, flight: Flight, journal: JournalLog | None = None, mission: Mission | None = None
+    name: str,
+    flight: Flight,
+    found: Survey,
+    journal: JournalLog | None = None,
+    mission: Mission | None = None,
 ) -> RunStory:
-    """Read a flight, and the journal of its fire: its own, or its shadow's."""
-    found = survey(flight)
+    """What a flight tells, and the journal of its fire: its own, or its shadow's."""
     fire = None if journal is None else fire_story(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
     run = RunStory(
@@ -190,8 +193,4 @@ def _went_round(story: VehicleStory, run: RunStory) -> None:
 
 def places_of(items: Items) -> Sequence[tuple[float, float]]:
     """Where a mission leads (lat_deg, lon_deg)."""
-    return [
-        (item.x / 1e7, item.y / 1e7)
-        for item in items
-        if has_position(item.command) and (item.x, item.y) != (0, 0)
-    ]
+    return [place for place in map(place_of, items) if place is not None]

@@ -6,7 +6,7 @@ that can be verified, and interfaces show it as they show a run.
 """
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from autopilot_bridge.client_events import Position
@@ -26,7 +26,8 @@ from mission_service.watchman import Watchman
 from mission_service.world import world_of
 
 Told = Played | CrewEvent
-Listener = Callable[[Told], None]
+EVERY_US = 50_000  # positions of a vehicle, at least
+NEVER_LATE_US = 1 << 62  # nobody waits for a log
 
 
 def told_in(what: Replaying) -> Iterator[Told]:
@@ -50,10 +51,6 @@ def told_in(what: Replaying) -> Iterator[Told]:
                 continue
             passed_us[told.vehicle] = at_us
         yield told
-
-
-EVERY_US = 50_000
-NEVER_LATE_US = 1 << 62  # nobody waits for a log
 
 
 class Shadow:

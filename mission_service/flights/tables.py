@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from autopilot_bridge.client_events import (
     Attitude,
     Battery,
@@ -27,19 +25,16 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.command import RESULTS
 from autopilot_bridge.items import (
-    LOCAL_FRAMES,
-    NO_POSITION,
     Items,
-    MissionItem,
     command_name,
-    has_position,
+    has_degrees,
     params_of,
+    place_of,
 )
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
     GripperMoved,
-    Log,
     LogEvent,
     MissionLoaded,
     MissionReplaced,
@@ -100,12 +95,6 @@ SAME_FIELDS: dict[type, str] = {  # events whose fields are columns
     Battery: "batteries",
     GpsFix: "fixes",
 }
-
-
-def offset_us_of(log: Log) -> int | None:
-    """What makes its clock that of 1970; None where it is not known, or cannot be."""
-    offset_us = log.unix_offset_us()
-    return offset_us if offset_us is not None and 0 <= offset_us < LATEST_US else None
 
 
 class Rows:
@@ -186,22 +175,10 @@ def told_by(event: LogEvent) -> tuple[str, str]:
 def _items(items: Items) -> Iterator[Row]:
     for seq, item in enumerate(items):
         lat_deg, lon_deg = place_of(item) or (None, None)
-        altitude_m = item.z if _has_degrees(item) else None
+        altitude_m = item.z if has_degrees(item) else None
         command = (item.command, command_name(item.command), item.frame)
         place = (lat_deg, lon_deg, altitude_m)
         yield seq, *command, *params_of(item), *place, item.autocontinue
-
-
-def place_of(item: MissionItem) -> tuple[float, float] | None:
-    """Latitude and longitude of an item that has them; 0, 0 is ArduPilot's "where it is"."""
-    if not _has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
-        return None
-    return item.x / 1e7, item.y / 1e7
-
-
-def _has_degrees(item: MissionItem) -> bool:
-    frames = (*LOCAL_FRAMES, mavlink.MAV_FRAME_MISSION)
-    return item.frame not in frames and has_position(item.command)
 
 
 def _known(kind: type, value: Any) -> Any:
