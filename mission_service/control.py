@@ -59,8 +59,11 @@ class Desk:
         self._vehicles = vehicles
         self._words = words
 
-    def ask(self, request: Any) -> Answer:
-        """The answer to one request; never raises for anything that it may say."""
+    def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
+        """The answer to one request; never raises for anything that it may say.
+
+        ``may_approve``: whether its user has the role approve (``requests.event_of``).
+        """
         if isinstance(request, dict) and request.get("do") == "status":
             return {"ok": True, "status": self._status()}
         try:
@@ -72,6 +75,7 @@ class Desk:
                 self._on_map,
                 self._vehicles,
                 self._words,
+                may_approve,
             )
             said = self._tell(event)
         except KNOWN_ERRORS as error:
