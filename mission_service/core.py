@@ -6,7 +6,6 @@ Simulation, live flight, replay and tests all run this and feed it from differen
 import math
 
 from firemodel.landscape import Landscape
-from mission_service.approach import landing_of_vehicle
 from mission_service.approvals import MissionApprovals
 from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
@@ -30,6 +29,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.front_flight import FrontFlight
+from mission_service.landing import Landing
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.protocol import Decision
 from mission_service.planning import BURN, FORMATION, planners_of
@@ -79,7 +79,7 @@ class Core:
                 section,
                 self.steering.presence[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
-                landing_of_vehicle(scenario, section, landscape),
+                Landing(scenario, section, landscape),
             )
             for section in scenario.vehicles
         }

@@ -11,6 +11,7 @@ from autopilot_bridge.items import MissionItem
 from mission_service.commands import Announce, AnyCommand
 from mission_service.config_sections import VehicleSection
 from mission_service.events import CrewEvent, VehicleEvent
+from mission_service.landing import Landing
 from mission_service.planners.protocol import Decision
 from mission_service.steering import Here, Presence
 
@@ -43,7 +44,7 @@ class Vehicle:
     section: VehicleSection
     presence: Presence
     home_m: tuple[float, float]
-    landing: tuple[MissionItem, ...] = ()
+    landing: Landing  # of its missions
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
