@@ -357,8 +357,9 @@ class Core:
         if event.command == "hold" and vehicle.ordered == "hold" and event.accepted:
             vehicle.hold_again_at_s = None
         if event.accepted:
-            untold = event.command in UNTOLD
+            untold = event.command in UNTOLD or self._start_is_known(vehicle, event)
             return [] if untold else [say(vehicle, f"{event.command}: accepted")]
+        vehicle.start_told = False
         refused = f"{event.command} refused: {event.reason}"
         if event.command not in ("start mission", "return"):
             return [say(vehicle, refused, warning=True)]
@@ -368,6 +369,13 @@ class Core:
         else:  # autopilots refuse to arm until they know where they are: ask again
             vehicle.start_again_at_s = again_at_s
         return [say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
+
+    def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
+        """Whether a mission was started in the air as those before: no refusal, hold or return."""
+        known = vehicle.start_told and vehicle.presence.airborne
+        if event.command in ("start mission", "hold", "return"):
+            vehicle.start_told = event.command == "start mission"
+        return known and event.command == "start mission"
 
     def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""

@@ -166,6 +166,7 @@ async def serve(
             journal.end()
     world.advance(clock.now_us)
     progress(record, world)
+    record.alarms = picture.alarm_counts
     return record, world
 
 

@@ -64,6 +64,7 @@ class Vehicle:
     mode: str = ""  # as told last
     accepted: Pending | None = None  # the mission that its autopilot has said yes to last
     start_under_way: bool = False
+    start_told: bool = False  # that its mission was started, and nothing has ended that since
     doubt: Doubt | None = None  # since the service was down, until its mission was read back
     read_back: Literal["", "same", "new", "unknown"] = ""
 

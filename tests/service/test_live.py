@@ -89,7 +89,31 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     text = log.read_text(encoding="utf-8")
     assert "Traceback" not in text
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    assert summary["vehicles"][0]["uploads"]["accepted"] > 5
+    (vehicle,) = summary["vehicles"]
+    assert vehicle["uploads"]["accepted"] > 5
+    missions = vehicle["missions"]
+    assert missions["sent"] >= missions["accepted"] == vehicle["uploads"]["accepted"]
+    assert 0 < missions["flown"] <= missions["accepted"]
+    assert vehicle["takeoffs"] >= 1
+    assert vehicle["in_air_s"] > 60.0
+    assert vehicle["flown_km"] > 1.0
+    assert vehicle["commands"]["StartMission"] >= 2
+    assert vehicle["modes"]["mission"] >= 2
+    assert vehicle["link_losses"] >= 1
+    assert vehicle["autopilot_restarts"] >= 1
+    assert vehicle["announcements"]["warning"] >= 2
+    assert summary["alarms"]["link"] >= 1
+    assert (summary["requests"], summary["service_restarts"]) == ({}, 0)
+    # Started again it goes on with what it has counted.
+    went_on = said("goes on with the run of")
+    with process(arguments, log) as daemon:
+        wait_for(went_on, 60)
+        daemon.send_signal(signal.SIGTERM)
+        assert daemon.wait(timeout=60) == 0
+    again = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert again["service_restarts"] == 1
+    for name in ("missions", "takeoffs", "in_air_s", "flown_km", "decisions", "commands", "modes"):
+        assert again["vehicles"][0][name] == vehicle[name]
     result = verify(tmp_path / "journal.jsonl")
     assert (result.difference, result.cut_at_line) == (None, None)
 
