@@ -217,26 +217,25 @@ def test_there_are_so_many_streams_and_no_more(flying: World) -> None:
     asyncio.run(go())
 
 
-def test_telemetry_is_there_within_milliseconds(flying: World) -> None:
-    took_ms = []
+def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(flying: World) -> None:
+    took_s = []
 
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address:
             reader, writer = await stream_of(service, address)
-            await asyncio.sleep(0.05)
             loop = asyncio.get_running_loop()
             for step in range(40):
                 await reader.read(2**20)
                 began_s = loop.time()
                 moves(flying, 36.0 + step / 1000.0)
                 await reader.readuntil(b"telemetry/1")
-                took_ms.append(1e3 * (loop.time() - began_s))
+                took_s.append(loop.time() - began_s)
                 await asyncio.sleep(0.002)
             writer.close()
 
     asyncio.run(go())
-    assert sorted(took_ms)[len(took_ms) // 2] < 20.0
+    assert sorted(took_s)[len(took_s) // 2] < live.TOLD_EVERY_S / 2  # benchmarks.load has the time
 
 
 def test_who_does_not_read_is_cut_off_and_holds_no_memory(

@@ -42,7 +42,7 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.requests import KNOWN, event_of
+from mission_service.requests import KNOWN, OF_APPROVERS, event_of
 from tests.patience import PATIENCE_S
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")
@@ -100,9 +100,14 @@ GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
 
 @pytest.mark.parametrize(("request_", "event"), GOOD)
 def test_a_request_becomes_its_event(request_: dict[str, Any], event: CrewEvent) -> None:
-    made = event_of({**request_, **WHO}, AT_US, STATIONS, ITEMS)
-    assert made == event
-    assert msgspec.json.decode(msgspec.json.encode(made), type=AnyEvent) == event
+    for may_approve in (None, False, True):
+        made = event_of({**request_, **WHO}, AT_US, STATIONS, ITEMS, may_approve=may_approve)
+        approver = request_["do"] in OF_APPROVERS if may_approve is None else may_approve
+        if request_["do"] != "abort":  # which is taken from any user
+            assert made == msgspec.structs.replace(event, may_approve=approver)
+        else:
+            assert made == event
+        assert msgspec.json.decode(msgspec.json.encode(made), type=AnyEvent) == made
 
 
 def test_there_is_a_good_example_of_each_request() -> None:
@@ -322,7 +327,7 @@ def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
         assert answers[1] == {"ok": True, "status": {"phase": "planning"}}
         assert len(answers) == 3
 
-    assert served(tmp_path, client).events == [Present(*EVENT)] * 2
+    assert served(tmp_path, client).events == [Present(*EVENT, may_approve=True)] * 2
 
 
 def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:

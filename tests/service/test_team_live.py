@@ -50,7 +50,7 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
             for name in ("hawk", "kite", "swift", "wren"):
                 wait_for(said(rf"{name}: start mission: accepted"), 60)
             wait_for(said("swift: phase: (initial circle|monitor)"), 60)
-        wait_for(said("swift: no heartbeat"), 10)
+        wait_for(said("swift: no heartbeat"), PATIENCE_S)
         for name in ("hawk", "kite", "wren"):
             wait_for(said(f"{name}: phase: monitor"), 90)
         uploads = uploads_of("hawk")

@@ -130,8 +130,8 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def wait_for(what: Callable[[], Any], within_s: float, words: str) -> Any:
-    """What is so in the end; fails when it is not in time."""
-    began = time.monotonic()
+    """What is so in the end; fails when it is not in time, which is never less than PATIENCE_S."""
+    began, within_s = time.monotonic(), max(within_s, PATIENCE_S)
     while not (found := what()):
         if time.monotonic() - began > within_s:
             pytest.fail(f"not within {within_s} s: {words}")
