@@ -111,15 +111,15 @@ class Flight(Body):
         """Charge left; None: not told."""
         return self.battery.percent
 
+    @battery_percent.setter
+    def battery_percent(self, percent: float | None) -> None:
+        self.battery.percent = percent
+
     def blind_s(self, now_s: float) -> float:
         """How long it has flown without satellites; on the ground nothing bridges that."""
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
-
-    @battery_percent.setter
-    def battery_percent(self, percent: float | None) -> None:
-        self.battery.percent = percent
 
     # What is asked of it ----------------------------------------------------------------------
 

@@ -188,7 +188,8 @@ def test_lost_satellites_are_told_by_both_stacks() -> None:
 def test_a_copter_that_loses_its_position_tells_that_it_lands(stack: str) -> None:
     pair = flown_with(stack, "gps-loss@40", vehicle="copter", until_s=180.0)
     landed = [state.state for state in pair.of(LandedState)]
-    assert landed[0] == "on ground" and landed[-2:] == ["landing", "on ground"]
+    assert landed[0] == "on ground"
+    assert landed[-2:] == ["landing", "on ground"]
     assert "critical" in [state.state for state in pair.of(SystemState)]
 
 
