@@ -27,13 +27,13 @@ class Faults:
     late_ack_s: float = 0.0  # how much later than all else MISSION_ACKs arrive
     silence: list[Span] = field(default_factory=list)  # hears and says nothing
     gps_loss: list[Span] = field(default_factory=list)
-    fence_breach: list[Span] = field(default_factory=list)
     reboot: list[float] = field(default_factory=list)
     battery_low: list[float] = field(default_factory=list)
-    battery_emergency: list[float] = field(default_factory=list)
     stray_ack: list[float] = field(default_factory=list)
     second_upload: list[float] = field(default_factory=list)  # by another ground station
     second_download: list[float] = field(default_factory=list)
+    battery_emergency: list[float] = field(default_factory=list)
+    fence_breach: list[Span] = field(default_factory=list)
 
 
 FORMS = (
