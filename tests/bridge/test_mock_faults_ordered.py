@@ -31,6 +31,8 @@ def test_faults_are_read() -> None:
         [(5.0, 6.0), (9.0, float("inf"))],
         [(10.0, 20.0)],
         *([30.0, 40.0], [50.0], [1.0], [2.0], [3.5]),
+        fence_breach=[(60.0, 70.0)],
+        battery_emergency=[80.0],
     )
 
 
