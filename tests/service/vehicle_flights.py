@@ -1,0 +1,454 @@
+"""A core, its vehicles (``autopilot_model``) and the crew, moved on by single steps; each is judged.
+
+What happens is decided elsewhere: by hypothesis (``test_vehicle_states``), one step after another.
+"""
+
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from firemodel.landscape import Landscape
+from mission_service.commands import AnyCommand, ProposeMission, UploadMission
+from mission_service.config import Scenario, flying, load_scenario
+from mission_service.config_sections import VehicleSection
+from mission_service.core import Core
+from mission_service.events import (
+    Aborted,
+    AnyEvent,
+    CommandFinished,
+    LinkLost,
+    LinkRestored,
+    MissionAccepted,
+    MissionHeld,
+    MissionProgress,
+    MissionRefused,
+    MissionWanted,
+    ModeChanged,
+    Observed,
+    Order,
+    Ordered,
+    Resumed,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleRebooted,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.planning import fire_position
+from mission_service.state_file import Frozen, Known, thawed
+from tests.service.autopilot_model import FAILSAFES, NAMES, Autopilot, Bridge, Source
+from tests.service.vehicle_oracle import Oracle, Violation
+
+FLAT = (
+    "landscape.source=flat",
+    "landscape.lat_deg=36.364232",
+    "landscape.lon_deg=-84.140907",
+    "landscape.elevation_m=100",
+    "landscape.rows=80",
+    "landscape.cols=80",
+    "deploy_at_s=0",
+)
+FIRE_M, VIEW_CELLS = 200.0, 8
+REMEMBERED = 40  # turns, for the report of a violation
+LEAST_STEP_S = 0.01
+GROUND_AMSL_M = 100.0
+SERVICE_STARTS_S = 2.0
+
+
+@dataclass(frozen=True)
+class Site:
+    """A scenario ready to fly."""
+
+    scenario: Scenario
+    landscape: Landscape
+    known: Known
+    fire_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A shipped scenario made smaller."""
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    vehicles: int = 1
+
+
+SETTINGS = {
+    "plane": Setting("default"),
+    "ardupilot": Setting("default", ("vehicles.0.stack=ardupilot",)),
+    "started by hand": Setting("default", ("vehicles.0.autostart=false",)),
+    "approval": Setting("default", ("mission.approval=each",)),
+    "short flights": Setting(
+        "default", ("vehicles.0.endurance_s=600", "vehicles.0.stack=ardupilot")
+    ),
+    "team": Setting("team", ("start_s=0", "vehicles.1.stack=ardupilot"), 2),
+    "team with approval": Setting("team", ("start_s=0", "mission.approval=each"), 2),
+}
+
+
+@cache
+def site_of(name: str) -> Site:
+    """The site of a setting, made once."""
+    setting = SETTINGS[name]
+    scenario = flying(load_scenario(setting.name, (*FLAT, *setting.overrides)))
+    scenario = scenario.model_copy(update={"vehicles": scenario.vehicles[: setting.vehicles]})
+    landscape = landscape_of(scenario)
+    fire_m = fire_position(scenario, landscape)
+    return Site(scenario, landscape, Known(scenario, landscape), (fire_m[0], fire_m[1]))
+
+
+class Flights:
+    """Vehicles in the air and on the ground, and the service that flies them."""
+
+    def __init__(
+        self,
+        name: str,
+        met: Counter[str],
+        found: Callable[[Violation, str], None],
+        make: Callable[[Scenario, Landscape], Core] = Core,
+    ) -> None:
+        """``met`` counts situations; ``found`` is handed each violation with what led to it."""
+        self.site = site_of(name)
+        scenario, landscape = self.site.scenario, self.site.landscape
+        self.core = make(scenario, landscape)
+        self.twin = make(scenario, landscape)  # must answer the same
+        self.bridges = {
+            section.name: Bridge(_autopilot(self.site, section)) for section in scenario.vehicles
+        }
+        self.names = list(self.bridges)
+        self.oracle = Oracle(
+            {each.name: (each.stack, each.autostart) for each in scenario.vehicles}
+        )
+        self.now_us = 0
+        self.met = met
+        self.proposed: dict[str, str] = {}
+        self._found = found
+        self._log: deque[str] = deque(maxlen=REMEMBERED)
+        self._replaced: deque[tuple[str, str, str]] = deque()
+        self.met[f"flights: {name}"] += 1
+        self.step()
+
+    # Events and commands ----------------------------------------------------------------------
+
+    def tell(self, event: AnyEvent, carried_out: bool = True) -> list[AnyCommand]:
+        """One turn of the service: the core handles an event, its commands are judged and sent."""
+        commands = self._handle(event)
+        self._log.append(f"{_in_words(event)} -> {', '.join(map(_in_words, commands)) or '-'}")
+        source: Source = "start-up"
+        if isinstance(event, ModeChanged):
+            source = self.bridges[event.vehicle].autopilot.chosen_by
+        for violation in self.oracle.judge(event, commands, source):
+            self._found(violation, "\n".join(self._log))
+        self.met.update(self.oracle.met)
+        self.met["events"] += 1
+        for command in commands:
+            self._send(command, carried_out)
+        return commands
+
+    def _handle(self, event: AnyEvent) -> list[AnyCommand]:
+        try:
+            commands = self.core.handle(event)
+            again = self.twin.handle(event)
+        except Exception as error:  # any at all: that there is none is what is judged
+            self._log.append(f"{_in_words(event)} raises {error!r}")
+            self._found(Violation("raises", repr(error)), "\n".join(self._log))
+            raise
+        if again != commands:
+            self._log.append(f"{_in_words(event)} -> {commands}, and again {again}")
+            self._found(Violation("not the same commands", ""), "\n".join(self._log))
+        return commands
+
+    def _send(self, command: AnyCommand, carried_out: bool) -> None:
+        if isinstance(command, ProposeMission):
+            self.proposed[command.vehicle] = command.mission_hash
+        if isinstance(command, UploadMission) or type(command) in NAMES:
+            self.met[f"commanded: {type(command).__name__}"] += 1
+        if carried_out:
+            for sent in self.bridges[command.vehicle].send(command):
+                name, by = NAMES[type(sent.command)], NAMES[type(command)]
+                self._replaced.append((command.vehicle, name, f"{by} took its place"))
+
+    def step(self, seconds: float = LEAST_STEP_S) -> None:
+        """Time passes on the ground station; bridges report what is new, heartbeats first."""
+        self.now_us += round(seconds * 1e6)
+        while self._replaced:
+            name, command, reason = self._replaced.popleft()
+            self.tell(CommandFinished(self.now_us, name, command, False, reason))
+        for name, bridge in self.bridges.items():
+            if bridge.linked:
+                self._heartbeat(name, bridge)
+
+    def _heartbeat(self, name: str, bridge: Bridge) -> None:
+        flown = bridge.autopilot
+        if not bridge.connected:
+            bridge.connected = True
+            self.tell(VehicleConnected(self.now_us, name, flown.stack, flown.stack == "px4"))
+        if bridge.lost:
+            bridge.lost = False
+            self.tell(LinkRestored(self.now_us, name))
+        if bridge.mode != (flown.armed, flown.mode):
+            bridge.mode = (flown.armed, flown.mode)
+            self.tell(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
+        if bridge.seq != flown.seq:
+            bridge.seq = flown.seq
+            self.tell(MissionProgress(self.now_us, name, flown.seq))
+
+    # The vehicles -----------------------------------------------------------------------------
+
+    def fly(self, seconds: float) -> None:
+        """All vehicles go on; positions come at most each second, at least three times."""
+        count = max(1, min(3, round(seconds)))
+        for _ in range(count):
+            self.now_us += round(seconds / count * 1e6)
+            for name, bridge in self.bridges.items():
+                bridge.autopilot.fly(seconds / count)
+                if bridge.linked:
+                    self._heartbeat(name, bridge)
+                    self._position(name, bridge.autopilot)
+        self.step()
+
+    def _position(self, name: str, flown: Autopilot) -> None:
+        landscape = self.site.landscape
+        lat_deg, lon_deg = landscape.lat_lon_of(flown.x_m, flown.y_m)
+        if flown.height_m > 30.0:
+            self.tell(self._seen(name, flown))
+        self.tell(
+            Telemetry(
+                self.now_us,
+                name,
+                float(lat_deg),
+                float(lon_deg),
+                GROUND_AMSL_M + flown.height_m,
+                flown.height_m,
+                0.0,
+                flown.speed_m_s if flown.in_air else 0.0,
+                90.0,
+            )
+        )
+
+    def _seen(self, name: str, flown: Autopilot) -> Observed:
+        """What a camera sees of a round fire that does not grow."""
+        landscape = self.site.landscape
+        rows, cols = landscape.shape
+        row, col = (round(float(each)) for each in landscape.row_col_of(flown.x_m, flown.y_m))
+        top, left = max(row - VIEW_CELLS, 0), max(col - VIEW_CELLS, 0)
+        seen = np.mgrid[top : min(row + VIEW_CELLS, rows), left : min(col + VIEW_CELLS, cols)]
+        if seen.size == 0:
+            return Observed(self.now_us, name, 0, 0, (".",))
+        x_m, y_m = landscape.xy_of(seen[0], seen[1])
+        burns = np.hypot(x_m - self.site.fire_m[0], y_m - self.site.fire_m[1]) < FIRE_M
+        codes = np.where(burns, "b", "u")
+        return Observed(self.now_us, name, top, left, tuple("".join(line) for line in codes))
+
+    def pilot(self, name: str, mode: str) -> None:
+        """Somebody switches a mode by radio; in the air or armed on the ground."""
+        self.bridges[name].autopilot.change(mode, "pilot")
+        self.step()
+
+    def arm(self, name: str, armed: bool) -> None:
+        """Somebody arms by radio, or disarms on the ground."""
+        flown = self.bridges[name].autopilot
+        if armed:
+            flown.armed = True
+            flown.chosen_by = "pilot"
+        else:
+            flown.land()
+        self.step()
+
+    def takes_off_by_hand(self, name: str, mode: str) -> None:
+        """Somebody flies it by radio."""
+        flown = self.bridges[name].autopilot
+        flown.armed, flown.height_m = True, max(flown.height_m, 60.0)
+        flown.change(mode, "pilot")
+        self.fly(1.0)
+
+    def failsafe(self, name: str, kind: str) -> None:
+        """The autopilot changes the mode by itself, in the air."""
+        flown = self.bridges[name].autopilot
+        if flown.armed and flown.in_air:
+            self.met[f"failsafe: {kind}"] += 1
+            flown.change(FAILSAFES[kind], "failsafe")
+        self.step()
+
+    def lands(self, name: str, reported: bool) -> None:
+        """It comes down and is disarmed, with some positions on its way or none."""
+        flown = self.bridges[name].autopilot
+        if flown.in_air and reported:
+            flown.height_m = 5.0
+            self.fly(0.5)
+        flown.land()
+        self.step()
+
+    def reboot(self, name: str, keeps_flying: bool, heartbeat_first: bool) -> None:
+        """The autopilot starts again; all that was under way for it ends without success."""
+        bridge = self.bridges[name]
+        bridge.autopilot.reboot(keeps_flying and bridge.autopilot.armed)
+        if not bridge.linked:
+            return
+        if heartbeat_first:
+            self._heartbeat(name, bridge)
+        self.tell(VehicleRebooted(self.now_us, name))
+        ended, bridge.commands = bridge.commands, []
+        for sent in ended:
+            command = NAMES[type(sent.command)]
+            reason = "the autopilot was restarted"
+            self.tell(CommandFinished(self.now_us, name, command, False, reason))
+        self.step()
+
+    # Links and answers ------------------------------------------------------------------------
+
+    def link(self, name: str, works: bool) -> None:
+        """Heartbeats end, or come again."""
+        bridge = self.bridges[name]
+        if bridge.linked and not works:
+            bridge.linked, bridge.lost = False, True
+            self.now_us += 3_000_000
+            self.tell(LinkLost(self.now_us, name, 3.0))
+        bridge.linked = works
+        self.step()
+
+    def deliver(self, name: str, refused: str, answers: bool) -> None:
+        """A command arrives; its answer is reported before the mode it leads to, or waits."""
+        bridge = self.bridges[name]
+        if bridge.linked:
+            bridge.deliver(refused)
+            if answers:
+                self._answer(name, bridge, 0)
+        self.step()
+
+    def answer(self, name: str, number: int) -> None:
+        """The answer to any command that arrived is reported, however long ago that was."""
+        self._answer(name, self.bridges[name], number)
+        self.step()
+
+    def _answer(self, name: str, bridge: Bridge, number: int) -> None:
+        arrived = [each for each in bridge.commands if each.answer is not None]
+        if arrived:
+            sent = arrived[number % len(arrived)]
+            bridge.commands.remove(sent)
+            command, reason = NAMES[type(sent.command)], sent.answer or "accepted"
+            self.tell(CommandFinished(self.now_us, name, command, not sent.answer, reason))
+
+    def unanswered(self, name: str, number: int) -> None:
+        """A command got lost, or its answer: the bridge gives up."""
+        bridge = self.bridges[name]
+        if bridge.commands:
+            sent = bridge.commands.pop(number % len(bridge.commands))
+            command = NAMES[type(sent.command)]
+            self.met["command without an answer"] += 1
+            self.tell(CommandFinished(self.now_us, name, command, False, "was not answered"))
+        self.step()
+
+    def upload_begins(self, name: str) -> None:
+        """ArduPilot holds while its mission is overwritten."""
+        if self.bridges[name].linked:
+            self.bridges[name].pause()
+        self.step()
+
+    def upload_ends(self, name: str, outcome: str, on_board: bool) -> None:
+        """The oldest upload ends, as reported; the vehicle may have it whatever is reported."""
+        bridge = self.bridges[name]
+        upload = bridge.finish(outcome, on_board)
+        if upload is not None:
+            self.met[f"upload {outcome}"] += 1
+            mission_id = upload.mission_id
+            self.tell(UploadFinished(self.now_us, name, mission_id, outcome, "because"))
+        self.step()
+
+    def all_goes_well(self, seconds: int) -> None:
+        """For a while all commands arrive, and all is answered and accepted."""
+        for _ in range(seconds):
+            for name, bridge in self.bridges.items():
+                if not bridge.linked:
+                    continue
+                while bridge.uploads:
+                    self.upload_ends(name, "accepted", True)
+                while bridge.deliver() is not None:
+                    self._answer(name, bridge, 0)
+            self.fly(1.0)
+
+    # People -----------------------------------------------------------------------------------
+
+    def order(self, name: str, order: Order, confirmed: bool) -> None:
+        """An order to one vehicle, or to all without a name."""
+        self.tell(ordered(self.now_us, name, order, confirmed))
+        self.step()
+
+    def abort(self) -> None:
+        """Somebody aborts."""
+        self.tell(Aborted(self.now_us, "ann", ""))
+        self.step()
+
+    def renew(self, name: str) -> None:
+        """Somebody wants another mission."""
+        self.tell(MissionWanted(self.now_us, "ann", "", name))
+        self.step()
+
+    def word_on_mission(self, name: str, accepts: bool, newest: bool) -> None:
+        """Somebody accepts or refuses what is proposed, or what was never proposed."""
+        named = self.proposed.get(name, "") if newest else "0" * 64
+        kind = MissionAccepted if accepts else MissionRefused
+        self.tell(kind(self.now_us, "ann", "", name, named))
+        self.step()
+
+    # The service ------------------------------------------------------------------------------
+
+    def restart(self, down_s: float, held: str) -> None:
+        """The service is killed and goes on; ``held``: what is read back of each vehicle."""
+        for bridge in self.bridges.values():
+            bridge.autopilot.fly(down_s)
+            bridge.forget()
+        self._replaced.clear()
+        self.now_us += round(down_s * 1e6)
+        self.met["restarts"] += 1
+        self.tell(Resumed(self.now_us, "service", "", down_s))
+        self.step(SERVICE_STARTS_S)
+        self.read_back(held)
+
+    def read_back(self, held: str) -> None:
+        """What vehicles have on board is reported, as far as they are heard."""
+        for name, bridge in self.bridges.items():
+            if not (bridge.reads_back and bridge.linked):
+                continue
+            bridge.reads_back = False
+            flown = bridge.autopilot
+            known = {"same": flown.mission, "other": 0, "unreadable": 0}[held]
+            self.tell(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
+            items = None if held == "unreadable" else 3
+            self.tell(MissionHeld(self.now_us, name, known, items))
+
+    def restore(self) -> None:
+        """The core goes on from a state on the disk, beside the one that was never stopped."""
+        self.met["restored from a state"] += 1
+        self.twin = thawed(Frozen({"core": self.core}, self.site.known))["core"]
+
+
+def ordered(at_us: int, name: str, order: Order, confirmed: bool) -> Ordered:
+    """An order by a person; before orders could be confirmed none was."""
+    if "confirmed" in Ordered.__struct_fields__:
+        return Ordered(at_us, "ann", "", name, order, confirmed=confirmed)
+    return Ordered(at_us, "ann", "", name, order)
+
+
+def _autopilot(site: Site, section: VehicleSection) -> Autopilot:
+    x_m, y_m = site.landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    home_m = (float(x_m), float(y_m))
+    return Autopilot(
+        section.stack, home_m, site.fire_m, section.airspeed_m_s, circle_m=FIRE_M + 50.0
+    )
+
+
+def _in_words(thing: AnyEvent | AnyCommand) -> str:
+    """An event or a command, short."""
+    words = repr(thing)
+    if isinstance(thing, Observed):
+        words = f"Observed({thing.vehicle})"
+    elif isinstance(thing, UploadMission | ProposeMission):
+        words = f"{type(thing).__name__}({thing.vehicle}, {thing.mission_id}, {thing.why!r})"
+    elif isinstance(thing, Telemetry):
+        words = f"Telemetry({thing.at_us}, {thing.vehicle}, {thing.altitude_relative_m:.0f} m)"
+    return words
