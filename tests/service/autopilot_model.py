@@ -64,6 +64,7 @@ class Autopilot:
     chosen_by: Source = "start-up"
     mission: int = 0  # the one on board, by its number; 0: none that can be flown
     seq: int = 0
+    trouble: str = ""  # the failsafe that stands
 
     def __post_init__(self) -> None:
         self.x_m, self.y_m = self.home_m
@@ -72,6 +73,24 @@ class Autopilot:
     def in_air(self) -> bool:
         """Above the ground."""
         return self.height_m > 0.0
+
+    @property
+    def states(self) -> dict[str, str]:
+        """What it reports of itself besides mode and place."""
+        landed = "landing" if self.mode == "land" else "in air"
+        return {
+            "system": "critical" if self.trouble else "active" if self.armed else "standby",
+            "landed": landed if self.in_air else "on ground",
+            "fence": "boundary" if "fence" in self.trouble else "",
+            "estimator": "position lost" if "position" in self.trouble else "",
+            "fix": "no fix" if "position" in self.trouble else "3d",
+            "battery": "12" if "battery" in self.trouble else "80",
+        }
+
+    def fail(self, kind: str) -> None:
+        """A failsafe of ``FAILSAFES``."""
+        self.trouble = kind
+        self.change(FAILSAFES[kind], "failsafe")
 
     def change(self, mode: str, chosen_by: Source) -> None:
         """Fly in another mode; ``chosen_by`` for the same one too."""
@@ -120,7 +139,7 @@ class Autopilot:
             case _:
                 pass
         if self.mode in ("return", "land") and not self.in_air:
-            self.armed = False
+            self.land()
 
     def _on_circle(self) -> tuple[float, float]:
         x_m, y_m = self.watches_m
@@ -143,7 +162,7 @@ class Autopilot:
 
     def land(self) -> None:
         """Be on the ground, disarmed, wherever it was and whatever it did."""
-        self.height_m, self.armed = 0.0, False
+        self.height_m, self.armed, self.trouble = 0.0, False, ""
 
     def reboot(self, keeps_flying: bool) -> None:
         """Start again: armed and in its mode after a watchdog's reset, else as from the factory."""
@@ -173,6 +192,7 @@ class Bridge:
     uploads: list[UploadMission] = field(default_factory=list)
     mode: tuple[bool, str] = (False, "")  # reported last
     seq: int = 0
+    states: dict[str, str] = field(default_factory=dict)  # reported last
     reads_back: bool = False
     pauses: bool = False  # holds for an upload, and flies on after it
 
@@ -220,8 +240,12 @@ class Bridge:
         self.pauses = False
         return upload
 
-    def forget(self) -> None:
-        """The service starts again: nothing is under way for it any more."""
-        self.commands, self.uploads, self.pauses = [], [], False
-        self.mode, self.seq, self.connected, self.lost = (False, ""), 0, False, False
+    def restart(self, killed: bool) -> None:
+        """The service starts again; what was under way for one that was killed is forgotten."""
         self.reads_back = True
+        if killed:
+            self.commands, self.uploads, self.pauses = [], [], False
+            self.mode, self.seq, self.states = (False, ""), 0, {}
+            self.connected = self.lost = False
+        else:  # what it reported meanwhile was not handled
+            self.mode, self.seq = (self.autopilot.armed, self.autopilot.mode), self.autopilot.seq

@@ -13,14 +13,15 @@ from hypothesis.stateful import (
 )
 
 from tests.service.autopilot_model import FAILSAFES, PILOT_MODES
-from tests.service.vehicle_flights import SETTINGS, Flights
+from tests.service.vehicle_flights import Flights
 from tests.service.vehicle_oracle import Violation
+from tests.service.vehicle_sites import SETTINGS
 
 REFUSALS = ("", "", "temporarily rejected", "denied: arming checks")
 OUTCOMES = ("accepted", "accepted", "rejected", "failed", "unknown", "cancelled", "superseded")
 STEPS_S = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0, 120.0)
 WHICH = st.integers(0, 1)  # of a scenario's vehicles
-HELD = ("same", "same", "other", "unreadable")
+READ = st.sampled_from(["same", "same", "other", "nothing", "later"])
 WORDS = ("resume", "start", "hold", "return", "resume", "start", "hold all", "start all", "abort")
 
 
@@ -38,6 +39,7 @@ class VehicleMachine(RuleBasedStateMachine):
     def begin(self, data: st.DataObject) -> None:
         name = data.draw(st.sampled_from(type(self).settings_names))
         self.flights = Flights(name, type(self).met, self._found)
+        self.flights.all_goes_well(data.draw(st.sampled_from([0, 3, 30, 60])))
 
     def _found(self, violation: Violation, story: str) -> None:
         cls = type(self)
@@ -54,11 +56,6 @@ class VehicleMachine(RuleBasedStateMachine):
     def flies(self, seconds: float) -> None:
         self._name(0)
         self.flights.fly(seconds)
-
-    @rule(seconds=st.sampled_from([3, 20]))
-    def goes_well_at_first(self, seconds: int) -> None:
-        self._name(0)
-        self.flights.all_goes_well(seconds)
 
     @rule(seconds=st.sampled_from([1, 3, 20]))
     def all_goes_well(self, seconds: int) -> None:
@@ -130,15 +127,23 @@ class VehicleMachine(RuleBasedStateMachine):
     def word_on_mission(self, which: int, accepts: bool, newest: bool) -> None:
         self.flights.word_on_mission(self._name(which), accepts, newest)
 
-    @rule(down_s=st.sampled_from([1.0, 30.0, 600.0]), held=st.sampled_from(HELD))
-    def restart(self, down_s: float, held: str) -> None:
+    @rule(down_s=st.sampled_from([1.0, 30.0, 600.0]), killed=st.booleans(), read=READ)
+    def restart(self, down_s: float, killed: bool, read: str) -> None:
         self._name(0)
-        self.flights.restart(down_s, held)
+        self.flights.restart(down_s, killed, read)
 
-    @rule(held=st.sampled_from(HELD))
-    def read_back(self, held: str) -> None:
+    @rule(which=WHICH, order=st.sampled_from(["hold", "resume", "return", "start"]))
+    def killed_before_sending(self, which: int, order: str) -> None:
+        self.flights.kill_before_sending(self._name(which), order)  # type: ignore[arg-type]
+
+    @rule(read=READ)
+    def read_back(self, read: str) -> None:
         self._name(0)
-        self.flights.read_back(held)
+        self.flights.read_back(read)
+
+    @rule(which=WHICH, speed_m_s=st.sampled_from([0.0, 5.0, 14.0]))
+    def wind(self, which: int, speed_m_s: float) -> None:
+        self.flights.wind(self._name(which), speed_m_s)
 
     @rule()
     def restore(self) -> None:

@@ -5,20 +5,24 @@ What happens is decided elsewhere: by hypothesis (``test_vehicle_states``), one 
 
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, ProposeMission, UploadMission
-from mission_service.config import Scenario, flying, load_scenario
+from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.core import Core
 from mission_service.events import (
     Aborted,
     AnyEvent,
+    AutopilotText,
+    BatteryTold,
     CommandFinished,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    FixTold,
+    LandedStateChanged,
     LinkLost,
     LinkRestored,
     MissionAccepted,
@@ -31,74 +35,22 @@ from mission_service.events import (
     Order,
     Ordered,
     Resumed,
+    SystemStateChanged,
     Telemetry,
     UploadFinished,
     VehicleConnected,
     VehicleRebooted,
+    WindMeasured,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.planning import fire_position
-from mission_service.state_file import Frozen, Known, thawed
-from tests.service.autopilot_model import FAILSAFES, NAMES, Autopilot, Bridge, Source
+from mission_service.state_file import Frozen, thawed
+from tests.service.autopilot_model import FAILSAFES, NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
+from tests.service.vehicle_sites import GROUND_AMSL_M, Site, site_of
 
-FLAT = (
-    "landscape.source=flat",
-    "landscape.lat_deg=36.364232",
-    "landscape.lon_deg=-84.140907",
-    "landscape.elevation_m=100",
-    "landscape.rows=80",
-    "landscape.cols=80",
-    "deploy_at_s=0",
-)
 FIRE_M, VIEW_CELLS = 200.0, 8
 REMEMBERED = 40  # turns, for the report of a violation
 LEAST_STEP_S = 0.01
-GROUND_AMSL_M = 100.0
 SERVICE_STARTS_S = 2.0
-
-
-@dataclass(frozen=True)
-class Site:
-    """A scenario ready to fly."""
-
-    scenario: Scenario
-    landscape: Landscape
-    known: Known
-    fire_m: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Setting:
-    """A shipped scenario made smaller."""
-
-    name: str
-    overrides: tuple[str, ...] = ()
-    vehicles: int = 1
-
-
-SETTINGS = {
-    "plane": Setting("default"),
-    "ardupilot": Setting("default", ("vehicles.0.stack=ardupilot",)),
-    "started by hand": Setting("default", ("vehicles.0.autostart=false",)),
-    "approval": Setting("default", ("mission.approval=each",)),
-    "short flights": Setting(
-        "default", ("vehicles.0.endurance_s=600", "vehicles.0.stack=ardupilot")
-    ),
-    "team": Setting("team", ("start_s=0", "vehicles.1.stack=ardupilot"), 2),
-    "team with approval": Setting("team", ("start_s=0", "mission.approval=each"), 2),
-}
-
-
-@cache
-def site_of(name: str) -> Site:
-    """The site of a setting, made once."""
-    setting = SETTINGS[name]
-    scenario = flying(load_scenario(setting.name, (*FLAT, *setting.overrides)))
-    scenario = scenario.model_copy(update={"vehicles": scenario.vehicles[: setting.vehicles]})
-    landscape = landscape_of(scenario)
-    fire_m = fire_position(scenario, landscape)
-    return Site(scenario, landscape, Known(scenario, landscape), (fire_m[0], fire_m[1]))
 
 
 class Flights:
@@ -111,11 +63,14 @@ class Flights:
         found: Callable[[Violation, str], None],
         make: Callable[[Scenario, Landscape], Core] = Core,
     ) -> None:
-        """``met`` counts situations; ``found`` is handed each violation with what led to it."""
+        """``met`` counts situations; ``found`` is handed each violation with what led to it.
+
+        ``make`` makes the core, and a second one that must answer the same.
+        """
         self.site = site_of(name)
         scenario, landscape = self.site.scenario, self.site.landscape
         self.core = make(scenario, landscape)
-        self.twin = make(scenario, landscape)  # must answer the same
+        self.twin = make(scenario, landscape)
         self.bridges = {
             section.name: Bridge(_autopilot(self.site, section)) for section in scenario.vehicles
         }
@@ -128,7 +83,7 @@ class Flights:
         self.proposed: dict[str, str] = {}
         self._found = found
         self._log: deque[str] = deque(maxlen=REMEMBERED)
-        self._replaced: deque[tuple[str, str, str]] = deque()
+        self._replaced: deque[tuple[str, Sent, str]] = deque()
         self.met[f"flights: {name}"] += 1
         self.step()
 
@@ -168,19 +123,22 @@ class Flights:
         if isinstance(command, UploadMission) or type(command) in NAMES:
             self.met[f"commanded: {type(command).__name__}"] += 1
         if carried_out:
-            for sent in self.bridges[command.vehicle].send(command):
-                name, by = NAMES[type(sent.command)], NAMES[type(command)]
-                self._replaced.append((command.vehicle, name, f"{by} took its place"))
+            replaced = self.bridges[command.vehicle].send(command)
+            reason = f"{NAMES.get(type(command))} took its place"
+            self._replaced.extend((command.vehicle, sent, reason) for sent in replaced)
 
     def step(self, seconds: float = LEAST_STEP_S) -> None:
         """Time passes on the ground station; bridges report what is new, heartbeats first."""
         self.now_us += round(seconds * 1e6)
         while self._replaced:
-            name, command, reason = self._replaced.popleft()
-            self.tell(CommandFinished(self.now_us, name, command, False, reason))
+            self._ended(*self._replaced.popleft())
         for name, bridge in self.bridges.items():
             if bridge.linked:
                 self._heartbeat(name, bridge)
+
+    def _ended(self, name: str, sent: Sent, reason: str) -> None:
+        """A command is reported as not carried out, whether it was or not."""
+        self.tell(CommandFinished(self.now_us, name, NAMES[type(sent.command)], False, reason))
 
     def _heartbeat(self, name: str, bridge: Bridge) -> None:
         flown = bridge.autopilot
@@ -196,6 +154,26 @@ class Flights:
         if bridge.seq != flown.seq:
             bridge.seq = flown.seq
             self.tell(MissionProgress(self.now_us, name, flown.seq))
+        for kind, state in flown.states.items():
+            if bridge.states.get(kind) != state:
+                bridge.states[kind] = state
+                self.tell(self._state(name, kind, state))
+
+    def _state(self, name: str, kind: str, state: str) -> AnyEvent:
+        match kind:
+            case "system":
+                return SystemStateChanged(self.now_us, name, state)
+            case "landed":
+                return LandedStateChanged(self.now_us, name, state)
+            case "fence":
+                return FenceStatusChanged(self.now_us, name, bool(state), state)
+            case "estimator":
+                problems = (state,) if state else ()
+                return EstimatorStatusChanged(self.now_us, name, not state, problems)
+            case "fix":
+                return FixTold(self.now_us, name, state == "3d", state)
+            case _:
+                return BatteryTold(self.now_us, name, float(state))
 
     # The vehicles -----------------------------------------------------------------------------
 
@@ -271,7 +249,15 @@ class Flights:
         flown = self.bridges[name].autopilot
         if flown.armed and flown.in_air:
             self.met[f"failsafe: {kind}"] += 1
-            flown.change(FAILSAFES[kind], "failsafe")
+            flown.fail(kind)
+            if self.bridges[name].linked:
+                self.tell(AutopilotText(self.now_us, name, 2, f"{kind}: {flown.mode}"))
+        self.step()
+
+    def wind(self, name: str, speed_m_s: float) -> None:
+        """The autopilot measures the wind."""
+        if self.bridges[name].linked:
+            self.tell(WindMeasured(self.now_us, name, speed_m_s, 270.0))
         self.step()
 
     def lands(self, name: str, reported: bool) -> None:
@@ -294,9 +280,7 @@ class Flights:
         self.tell(VehicleRebooted(self.now_us, name))
         ended, bridge.commands = bridge.commands, []
         for sent in ended:
-            command = NAMES[type(sent.command)]
-            reason = "the autopilot was restarted"
-            self.tell(CommandFinished(self.now_us, name, command, False, reason))
+            self._ended(name, sent, "the autopilot was restarted")
         self.step()
 
     # Links and answers ------------------------------------------------------------------------
@@ -337,10 +321,9 @@ class Flights:
         """A command got lost, or its answer: the bridge gives up."""
         bridge = self.bridges[name]
         if bridge.commands:
-            sent = bridge.commands.pop(number % len(bridge.commands))
-            command = NAMES[type(sent.command)]
             self.met["command without an answer"] += 1
-            self.tell(CommandFinished(self.now_us, name, command, False, "was not answered"))
+            sent = bridge.commands.pop(number % len(bridge.commands))
+            self._ended(name, sent, "was not answered")
         self.step()
 
     def upload_begins(self, name: str) -> None:
@@ -361,6 +344,7 @@ class Flights:
 
     def all_goes_well(self, seconds: int) -> None:
         """For a while all commands arrive, and all is answered and accepted."""
+        self.read_back("same")
         for _ in range(seconds):
             for name, bridge in self.bridges.items():
                 if not bridge.linked:
@@ -397,29 +381,44 @@ class Flights:
 
     # The service ------------------------------------------------------------------------------
 
-    def restart(self, down_s: float, held: str) -> None:
-        """The service is killed and goes on; ``held``: what is read back of each vehicle."""
+    def restart(self, down_s: float, killed: bool, read: str) -> None:
+        """The service is killed and goes on, or its disk was full: commands are answered then.
+
+        ``read`` is what is read back of the vehicles: the same, another, nothing; or later.
+        """
+        self.met["killed" if killed else "disk full"] += 1
         for bridge in self.bridges.values():
             bridge.autopilot.fly(down_s)
-            bridge.forget()
-        self._replaced.clear()
+            bridge.restart(killed)
+        if killed:
+            self._replaced.clear()
         self.now_us += round(down_s * 1e6)
-        self.met["restarts"] += 1
         self.tell(Resumed(self.now_us, "service", "", down_s))
+        if not killed:
+            for name, bridge in self.bridges.items():
+                if bridge.connected and not bridge.lost:
+                    stack = bridge.autopilot.stack
+                    self.tell(VehicleConnected(self.now_us, name, stack, stack == "px4"))
         self.step(SERVICE_STARTS_S)
-        self.read_back(held)
+        if read != "later":
+            self.read_back(read)
 
-    def read_back(self, held: str) -> None:
+    def kill_before_sending(self, name: str, order: Order) -> None:
+        """The service is killed when an order is written down, and what follows is not."""
+        self.tell(ordered(self.now_us, name, order, True), carried_out=False)
+        self.restart(1.0, True, "same")
+
+    def read_back(self, read: str) -> None:
         """What vehicles have on board is reported, as far as they are heard."""
         for name, bridge in self.bridges.items():
             if not (bridge.reads_back and bridge.linked):
                 continue
             bridge.reads_back = False
             flown = bridge.autopilot
-            known = {"same": flown.mission, "other": 0, "unreadable": 0}[held]
+            known, items = (flown.mission, 3) if read == "same" else (0, 3)
             self.tell(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
-            items = None if held == "unreadable" else 3
-            self.tell(MissionHeld(self.now_us, name, known, items))
+            bridge.mode = (flown.armed, flown.mode)
+            self.tell(MissionHeld(self.now_us, name, known, None if read == "nothing" else items))
 
     def restore(self) -> None:
         """The core goes on from a state on the disk, beside the one that was never stopped."""

@@ -141,6 +141,7 @@ class Oracle:
             case VehicleRebooted():
                 self.met.append("reboot in the air" if told.airborne else "reboot on the ground")
                 told.needs_order |= told.armed or told.airborne
+                told.airborne = False  # until a position is known again
             case ModeChanged():
                 self._mode_changed(told, event, at_s, chosen_by)
             case _:
