@@ -119,6 +119,11 @@ class VehicleMachine(RuleBasedStateMachine):
         else:
             self.flights.order("" if to_all else name, order, confirmed)  # type: ignore[arg-type]
 
+    @rule()
+    def crew_flies_on(self) -> None:
+        self._name(0)
+        self.flights.crew_flies_on()
+
     @rule(which=WHICH)
     def renew(self, which: int) -> None:
         self.flights.renew(self._name(which))

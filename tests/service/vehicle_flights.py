@@ -42,13 +42,21 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.planning import FORMATION
 from mission_service.state_file import Frozen, thawed
 from tests.service.autopilot_model import FAILSAFES, NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
 from tests.service.vehicle_sites import GROUND_AMSL_M, Site, site_of
 
 FIRE_M, VIEW_CELLS = 200.0, 8
+RECOVERS_WITHIN_S = 300
+# Events without commands that need no line in a story.
+UNTOLD = (
+    *(Observed, SystemStateChanged, LandedStateChanged, FenceStatusChanged),
+    *(EstimatorStatusChanged, FixTold, BatteryTold, MissionProgress),
+)
 REMEMBERED = 40  # turns, for the report of a violation
+UNSAID = ("at_us", "by", "station", "custom_mode", "atomic_upload", "stack")
 LEAST_STEP_S = 0.01
 SERVICE_STARTS_S = 2.0
 
@@ -92,12 +100,12 @@ class Flights:
     def tell(self, event: AnyEvent, carried_out: bool = True) -> list[AnyCommand]:
         """One turn of the service: the core handles an event, its commands are judged and sent."""
         commands = self._handle(event)
-        self._log.append(f"{_in_words(event)} -> {', '.join(map(_in_words, commands)) or '-'}")
+        self._note(event, commands)
         source: Source = "start-up"
         if isinstance(event, ModeChanged):
             source = self.bridges[event.vehicle].autopilot.chosen_by
         for violation in self.oracle.judge(event, commands, source):
-            self._found(violation, "\n".join(self._log))
+            self._report(violation)
         self.met.update(self.oracle.met)
         self.met["events"] += 1
         for command in commands:
@@ -110,12 +118,25 @@ class Flights:
             again = self.twin.handle(event)
         except Exception as error:  # any at all: that there is none is what is judged
             self._log.append(f"{_in_words(event)} raises {error!r}")
-            self._found(Violation("raises", repr(error)), "\n".join(self._log))
+            self._report(Violation("raises", repr(error)))
             raise
         if again != commands:
             self._log.append(f"{_in_words(event)} -> {commands}, and again {again}")
-            self._found(Violation("not the same commands", ""), "\n".join(self._log))
+            self._report(Violation("not the same commands", ""))
         return commands
+
+    def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        """A line for the story; of positions without a command only the last."""
+        if not commands and isinstance(event, UNTOLD):
+            return
+        line = f"{_in_words(event)} -> {', '.join(map(_in_words, commands))}"
+        repeats = line.startswith("Telemetry") and line.endswith("-> ") and self._log
+        if repeats and self._log[-1].startswith("Telemetry") and self._log[-1].endswith("-> "):
+            self._log.pop()
+        self._log.append(line)
+
+    def _report(self, violation: Violation) -> None:
+        self._found(violation, "\n".join(self._log))
 
     def _send(self, command: AnyCommand, carried_out: bool) -> None:
         if isinstance(command, ProposeMission):
@@ -355,6 +376,30 @@ class Flights:
                     self._answer(name, bridge, 0)
             self.fly(1.0)
 
+    def crew_flies_on(self) -> None:
+        """People order all to fly, all goes well: then all must be led again before long."""
+        for name, bridge in self.bridges.items():
+            bridge.autopilot.trouble = ""
+            self.link(name, True)
+        for order in ("resume", "start"):
+            self.order("", order, True)
+        for _ in range(RECOVERS_WITHIN_S):
+            for name in self.names:
+                self.word_on_mission(name, True, True)
+            self.all_goes_well(1)
+            late = [name for name, bridge in self.bridges.items() if not self._led(bridge)]
+            if not late:
+                return
+        words = ", ".join(f"{name} in {self.bridges[name].autopilot.mode}" for name in late)
+        if all(section.endurance_s is None for section in self.site.scenario.vehicles):
+            self._report(Violation("not flown on", f"after {RECOVERS_WITHIN_S} s: {words}"))
+
+    def _led(self, bridge: Bridge) -> bool:
+        flown = bridge.autopilot
+        orbits = self.site.scenario.planner.rule == FORMATION and flown.chosen_by == "service"
+        modes = ("mission", "hold", "guided") if orbits else ("mission",)
+        return flown.armed and flown.in_air and flown.mode in modes
+
     # People -----------------------------------------------------------------------------------
 
     def order(self, name: str, order: Order, confirmed: bool) -> None:
@@ -443,11 +488,14 @@ def _autopilot(site: Site, section: VehicleSection) -> Autopilot:
 
 def _in_words(thing: AnyEvent | AnyCommand) -> str:
     """An event or a command, short."""
-    words = repr(thing)
+    at_s = f" at {thing.at_us / 1e6:.2f} s" if hasattr(thing, "at_us") else ""
+    fields = thing.__struct_fields__
+    told = [repr(getattr(thing, field)) for field in fields if field not in UNSAID]
+    words = f"{type(thing).__name__}({', '.join(told)}){at_s}"
     if isinstance(thing, Observed):
         words = f"Observed({thing.vehicle})"
     elif isinstance(thing, UploadMission | ProposeMission):
         words = f"{type(thing).__name__}({thing.vehicle}, {thing.mission_id}, {thing.why!r})"
     elif isinstance(thing, Telemetry):
-        words = f"Telemetry({thing.at_us}, {thing.vehicle}, {thing.altitude_relative_m:.0f} m)"
+        words = f"Telemetry({thing.vehicle}, {thing.altitude_relative_m:.0f} m){at_s}"
     return words

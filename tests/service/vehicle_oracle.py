@@ -42,7 +42,7 @@ Judged = Literal["ordered", "not ordered", "either"]
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")
 # An answer may come before the mode that it announces; afterwards a change is not the command's.
-TAKES_EFFECT_S = 30.0
+TAKES_EFFECT_S = 15.0
 UNANSWERED_S = 60.0
 QUESTION = "confirm:"
 
