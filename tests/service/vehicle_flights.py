@@ -384,8 +384,9 @@ class Flights:
         for order in ("resume", "start"):
             self.order("", order, True)
         for _ in range(RECOVERS_WITHIN_S):
-            for name in self.names:
+            for name in list(self.proposed):
                 self.word_on_mission(name, True, True)
+                del self.proposed[name]
             self.all_goes_well(1)
             late = [name for name, bridge in self.bridges.items() if not self._led(bridge)]
             if not late:
