@@ -65,6 +65,7 @@ class Autopilot:
     mission: int = 0  # the one on board, by its number; 0: none that can be flown
     seq: int = 0
     trouble: str = ""  # the failsafe that stands
+    climbs_to_m: float = 0.0  # ordered, with a hold
 
     def __post_init__(self) -> None:
         self.x_m, self.y_m = self.home_m
@@ -119,6 +120,7 @@ class Autopilot:
         elif not self.armed and isinstance(command, Orbit | ClimbAndHold):
             return "not armed"
         self.change(self.mode_of(command), "service")
+        self.climbs_to_m = CRUISE_M if isinstance(command, ClimbAndHold) else 0.0
         return ""
 
     def fly(self, seconds: float) -> None:
@@ -136,6 +138,8 @@ class Autopilot:
                     self._climb(0.0, seconds)
             case "land":
                 self._climb(0.0, seconds)
+            case _ if self.chosen_by == "service" and self.in_air:
+                self._climb(max(self.height_m, self.climbs_to_m), seconds)
             case _:
                 pass
         if self.mode in ("return", "land") and not self.in_air:

@@ -34,6 +34,7 @@ from mission_service.events import (
     Observed,
     Order,
     Ordered,
+    PlanWanted,
     Resumed,
     SystemStateChanged,
     Telemetry,
@@ -43,10 +44,11 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.planning import FORMATION
+from mission_service.simulated_crew import SimulatedCrew
 from mission_service.state_file import Frozen, thawed
 from tests.service.autopilot_model import FAILSAFES, NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
-from tests.service.vehicle_sites import GROUND_AMSL_M, Site, site_of
+from tests.service.vehicle_sites import Site, site_of
 
 FIRE_M, VIEW_CELLS = 200.0, 8
 RECOVERS_WITHIN_S = 300
@@ -84,11 +86,15 @@ class Flights:
         }
         self.names = list(self.bridges)
         self.oracle = Oracle(
-            {each.name: (each.stack, each.autostart) for each in scenario.vehicles}
+            {each.name: (each.stack, each.autostart) for each in scenario.vehicles},
+            burn=scenario.burn is not None,
         )
         self.now_us = 0
         self.met = met
         self.proposed: dict[str, str] = {}
+        # A burn's crew says GO, watches and approves, while it is there.
+        self.crew = None if scenario.burn is None else SimulatedCrew(scenario.burn, thinks_s=1.0)
+        self.crew_is_there = True
         self._found = found
         self._log: deque[str] = deque(maxlen=REMEMBERED)
         self._replaced: deque[tuple[str, Sent, str]] = deque()
@@ -208,12 +214,15 @@ class Flights:
                 if bridge.linked:
                     self._heartbeat(name, bridge)
                     self._position(name, bridge.autopilot)
+            if self.crew is not None and self.crew_is_there:
+                for event in self.crew.due(self.now_us, self.core):
+                    self.tell(event)
         self.step()
 
     def _position(self, name: str, flown: Autopilot) -> None:
         landscape = self.site.landscape
         lat_deg, lon_deg = landscape.lat_lon_of(flown.x_m, flown.y_m)
-        if flown.height_m > 30.0:
+        if flown.height_m > 30.0 and self.crew is None:
             self.tell(self._seen(name, flown))
         self.tell(
             Telemetry(
@@ -221,7 +230,7 @@ class Flights:
                 name,
                 float(lat_deg),
                 float(lon_deg),
-                GROUND_AMSL_M + flown.height_m,
+                self.site.ground_amsl_m(flown.x_m, flown.y_m) + flown.height_m,
                 flown.height_m,
                 0.0,
                 flown.speed_m_s if flown.in_air else 0.0,
@@ -378,6 +387,11 @@ class Flights:
 
     def crew_flies_on(self) -> None:
         """People order all to fly, all goes well: then all must be led again before long."""
+        if self.crew is not None:
+            self.crew_is_there = True
+            self.renew("")
+            self.all_goes_well(10)
+            return
         for name, bridge in self.bridges.items():
             bridge.autopilot.trouble = ""
             self.link(name, True)
@@ -404,8 +418,9 @@ class Flights:
     # People -----------------------------------------------------------------------------------
 
     def order(self, name: str, order: Order, confirmed: bool) -> None:
-        """An order to one vehicle, or to all without a name."""
-        self.tell(ordered(self.now_us, name, order, confirmed))
+        """An order to one vehicle, or to all without a name; a burn has none."""
+        if self.crew is None:
+            self.tell(ordered(self.now_us, name, order, confirmed))
         self.step()
 
     def abort(self) -> None:
@@ -414,12 +429,17 @@ class Flights:
         self.step()
 
     def renew(self, name: str) -> None:
-        """Somebody wants another mission."""
-        self.tell(MissionWanted(self.now_us, "ann", "", name))
+        """Somebody wants another mission, or another plan of a burn."""
+        if self.crew is None:
+            self.tell(MissionWanted(self.now_us, "ann", "", name))
+        else:
+            self.tell(PlanWanted(self.now_us, "ann", ""))
         self.step()
 
     def word_on_mission(self, name: str, accepts: bool, newest: bool) -> None:
         """Somebody accepts or refuses what is proposed, or what was never proposed."""
+        if self.crew is not None:
+            return
         named = self.proposed.get(name, "") if newest else "0" * 64
         kind = MissionAccepted if accepts else MissionRefused
         self.tell(kind(self.now_us, "ann", "", name, named))
@@ -451,7 +471,9 @@ class Flights:
 
     def kill_before_sending(self, name: str, order: Order) -> None:
         """The service is killed when an order is written down, and what follows is not."""
-        self.tell(ordered(self.now_us, name, order, True), carried_out=False)
+        event = ordered(self.now_us, name, order, True)
+        aborted = Aborted(self.now_us, "ann", "")
+        self.tell(event if self.crew is None else aborted, carried_out=False)
         self.restart(1.0, True, "same")
 
     def read_back(self, read: str) -> None:

@@ -23,7 +23,7 @@ from mission_service.core import Core
 from tests.service.autopilot_model import FAILSAFES, PILOT_MODES
 from tests.service.vehicle_flights import Flights
 from tests.service.vehicle_oracle import Violation
-from tests.service.vehicle_sites import SETTINGS
+from tests.service.vehicle_sites import BURNS, SETTINGS
 
 REFUSALS = ("", "", "temporarily rejected", "denied: arming checks")
 OUTCOMES = ("accepted", "accepted", "rejected", "failed", "unknown", "cancelled", "superseded")
@@ -36,7 +36,7 @@ WORDS = ("resume", "start", "hold", "return", "resume", "start", "hold all", "st
 class VehicleMachine(RuleBasedStateMachine):
     """One or two vehicles; what each rule does is in ``Flights``."""
 
-    sites: ClassVar[tuple[str, ...]] = tuple(SETTINGS)
+    sites: ClassVar[tuple[str, ...]] = (*SETTINGS, *BURNS)
     core: ClassVar[Callable[[Scenario, Landscape], Core]] = Core
     met: ClassVar[Counter[str]] = Counter()
     stories: ClassVar[dict[str, str] | None] = None  # of violations, if they are not to raise
@@ -161,6 +161,11 @@ class VehicleMachine(RuleBasedStateMachine):
     @rule(which=WHICH, speed_m_s=st.sampled_from([0.0, 5.0, 14.0]))
     def wind(self, which: int, speed_m_s: float) -> None:
         self.flights.wind(self._name(which), speed_m_s)
+
+    @rule(there=st.booleans())
+    def crew_of_a_burn(self, there: bool) -> None:
+        self._name(0)
+        self.flights.crew_is_there = there
 
     @rule()
     def restore(self) -> None:

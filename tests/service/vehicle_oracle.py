@@ -22,6 +22,7 @@ from mission_service.commands import (
 from mission_service.events import (
     Aborted,
     AnyEvent,
+    Approved,
     CommandFinished,
     LinkLost,
     LinkRestored,
@@ -92,8 +93,13 @@ class Violation:
 class Oracle:
     """Folds events and commands, and finds what breaks a rule."""
 
-    def __init__(self, vehicles: Mapping[str, tuple[str, bool]]) -> None:
-        """``vehicles``: stack and autostart of each, by name."""
+    def __init__(self, vehicles: Mapping[str, tuple[str, bool]], burn: bool = False) -> None:
+        """``vehicles``: stack and autostart of each, by name.
+
+        A burn's crew cannot order anybody home: it is the service that ends the hold of an abort
+        when the battery is low.
+        """
+        self._burn = burn
         self.told = {name: Told(*section) for name, section in vehicles.items()}
         self.met: list[str] = []  # situations since the last call, for the statistics
 
@@ -111,6 +117,11 @@ class Oracle:
             case Aborted():
                 for name in self.told:
                     found += self._aborted(name, commands)
+            case Approved():  # a burn's plan may be flown; it ends what was ordered before
+                for told in self.told.values():
+                    if not told.taken:
+                        told.held = told.home = told.needs_order = False
+                        told.licence = "lead"
             case Resumed():
                 for told in self.told.values():
                     told.online = False
@@ -239,6 +250,8 @@ class Oracle:
         told.held, told.licence = True, "" if left_alone else "hold"
         told.home &= left_alone
         flies = told.online and told.airborne and told.armed and told.mode not in GOING_HOME
+        if self._burn:  # at the safe height it holds already, and without a position it cannot
+            return []
         if flies and told.judged == "ordered" and not _has(commands, Hold, name):
             return [Violation("order not carried out", f"abort of {name} in {told.mode!r}")]
         return []
@@ -271,7 +284,7 @@ class Oracle:
                 if told.needs_order:
                     return "started after a landing"
                 return "" if told.autostart else "started without an order"
-            case StartMission() | UploadMission() | Orbit() | ClimbAndHold() | ChangeSpeed():
+            case StartMission() | UploadMission() | Orbit() | ChangeSpeed():
                 if not told.armed or led:
                     return ""
                 if told.taken:
@@ -279,15 +292,16 @@ class Oracle:
                 if told.held:
                     return f"{name} undoes a hold"
                 return f"{name} undoes an order home" if told.home else ""
-            case Hold() if told.armed:
+            case Hold() | ClimbAndHold() if told.armed:
                 if told.taken:
-                    return "" if told.licence in ("hold", "lead") else f"{name} to one that was taken"
-                return "Hold undoes an order home" if told.home and not told.held else ""
+                    allowed = told.licence in ("hold", "lead")
+                    return "" if allowed else f"{name} to one that was taken"
+                return f"{name} undoes an order home" if told.home and not told.held else ""
             case Return() if told.armed and told.mode != "return":
                 if told.taken:
                     allowed = told.licence in ("return", "lead")
                     return "" if allowed else f"{name} to one that was taken"
-                return "Return undoes a hold" if told.held else ""
+                return "Return undoes a hold" if told.held and not self._burn else ""
             case _:
                 return ""
 
