@@ -79,6 +79,7 @@ def when_its_battery_is_low_while_an_upload_is_under_way(story: Story) -> None:
     flights.fly(5.0)
     assert story.bridge.uploads
     flights.upload_ends(name, "failed", False)
+    flights.deliver(name, "", True)  # a hold: its mission may be a mixture
     flights.fly(10.0)
     assert story.bridge.uploads
     flights.failsafe(name, "battery low")

@@ -170,6 +170,7 @@ class Oracle:
         self, told: Told, event: ModeChanged, at_s: float, chosen_by: Source
     ) -> None:
         same = told.armed and event.armed and told.mode == event.mode
+        arms = event.armed and not told.armed
         was_armed, told.armed, told.mode = told.armed, event.armed, event.mode
         if not event.armed:
             if was_armed or told.airborne:
@@ -180,7 +181,11 @@ class Oracle:
         if same:
             return
         told.effects = [each for each in told.effects if each.until_s > at_s]
-        may_be = [each for each in told.effects if event.mode in each.modes]
+        may_be = [
+            each
+            for each in told.effects
+            if event.mode in each.modes or (arms and each.name == "start mission")
+        ]
         if event.mode == "mission":  # flown by what is on board: whoever did so hands it over
             told.judged = "ordered"
             if chosen_by == "pilot" and not may_be:
@@ -310,9 +315,9 @@ class Oracle:
         hold_like = ("guided", "hold", "orbit")
         match command:
             case StartMission():
-                modes: tuple[str, ...] = ("mission", "guided")
+                modes: tuple[str, ...] = ("mission", "guided", "takeoff")
             case Hold():
-                modes = ("hold",)
+                modes = ("hold", "guided")
             case Return():
                 modes = ("return",)
                 told.home, told.needs_order = True, True
