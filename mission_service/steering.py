@@ -53,7 +53,7 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     StartMission: (MISSION, "guided", "takeoff", "ready"),
     UploadMission: (MISSION, "hold"),
     Hold: ("hold", "guided"),
-    Return: GOING_HOME,
+    Return: ("return",),
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
 }
