@@ -16,7 +16,7 @@ from mission_service.control import Desk, claimed, serve_control
 from mission_service.control_client import NAME
 from mission_service.core import Core
 from mission_service.ears import Ears
-from mission_service.events import CrewEvent, Ordered
+from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire_setup import landscape_of
 from mission_service.formation_mqtt import Channel, Exchange
 from mission_service.gateway import MissionClock
@@ -304,7 +304,7 @@ def desk_of(
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
     words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
-    names = tuple(section.name for section in scenario.vehicles)
+    names = tuple(section.name for section in scenario.flown)
     return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words)
 
 
@@ -333,14 +333,17 @@ def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
 
 
 async def _told_to_stop(hub: Hub) -> None:
-    """Tell the vehicles what the settings have them do at the end; wait for their answers."""
+    """Order what the settings have vehicles do at the end; wait for their answers.
+
+    One in a mode that its autopilot or pilot chose is left in it (``Steering.admits``).
+    """
     settings = hub.settings
     if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
         return
     presence = hub.core.steering.presence
-    waiting = {name for name in hub.links if presence[name].online and presence[name].airborne}
+    waiting = {name for name in hub.links if presence[name].flies}
     at_us = hub.clock.now_us
-    hub.service.tell(Ordered(at_us, "service", "", "", settings.on_shutdown), clock_us())
+    hub.service.tell(Ordered(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
     for link in hub.links.values():
         link.connection.flush()
     with contextlib.suppress(TimeoutError):

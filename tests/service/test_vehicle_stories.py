@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import pytest
 
-from mission_service.commands import Hold, Return, StartMission, UploadMission
 from tests.service.vehicle_flights import Flights
 from tests.service.vehicle_oracle import Violation
 

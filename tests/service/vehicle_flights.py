@@ -46,7 +46,7 @@ from mission_service.events import (
 from mission_service.planning import FORMATION
 from mission_service.simulated_crew import SimulatedCrew
 from mission_service.state_file import Frozen, thawed
-from tests.service.autopilot_model import FAILSAFES, NAMES, Autopilot, Bridge, Sent, Source
+from tests.service.autopilot_model import NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
 from tests.service.vehicle_sites import Site, site_of
 

@@ -166,9 +166,7 @@ class Oracle:
                 effect.until_s = min(effect.until_s, at_s + TAKES_EFFECT_S)
                 return
 
-    def _mode_changed(
-        self, told: Told, event: ModeChanged, at_s: float, chosen_by: Source
-    ) -> None:
+    def _mode_changed(self, told: Told, event: ModeChanged, at_s: float, chosen_by: Source) -> None:
         same = told.armed and event.armed and told.mode == event.mode
         arms = event.armed and not told.armed
         was_armed, told.armed, told.mode = told.armed, event.armed, event.mode
@@ -200,9 +198,7 @@ class Oracle:
 
     # What people order ------------------------------------------------------------------------
 
-    def _ordered(
-        self, name: str, event: Ordered, commands: list[AnyCommand]
-    ) -> list[Violation]:
+    def _ordered(self, name: str, event: Ordered, commands: list[AnyCommand]) -> list[Violation]:
         told, order = self.told[name], event.order
         words = f"order {order} to {name} in {told.mode!r} ({told.judged})"
         asked = any(_asks(command, name) for command in commands)
