@@ -297,10 +297,17 @@ Order = Literal["hold", "resume", "return", "start"]
 
 
 class Ordered(Crew, frozen=True, tag=True):
-    """What a vehicle is to do by a person's word; all of them without a name."""
+    """What a vehicle is to do by a person's word; all of them without a name.
+
+    ``confirmed``: even if that ends what its autopilot or its pilot has chosen, a failsafe say.
+    """
 
     vehicle: str
     order: Order
+    confirmed: bool = False
+
+
+SERVICE = "service"  # ``by`` of what the service orders by itself; no interface takes it
 
 
 class MissionWanted(Crew, frozen=True, tag=True):

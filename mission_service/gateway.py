@@ -75,7 +75,7 @@ BURN_RATES_HZ = {
 }
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
-# Texts below this severity, and those alike within this time, are not passed on: both stacks repeat.
+# Texts below this severity are not passed on, nor one again within this time: stacks repeat.
 LEAST_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
 MOST_TEXTS_KEPT = 32

@@ -9,11 +9,16 @@ from autopilot_bridge.client_events import (
     EstimatorStatus,
     FenceStatus,
     LandedState,
+    ModeChanged,
     SystemState,
+    Text,
 )
+from autopilot_bridge.mock.faults import parse_faults
+from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.telemetry import Telemetry
 from autopilot_bridge.watch import Watch
+from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
 
 ALL_WELL = 0x033F  # attitude, velocities, positions and their predictions
 LOST = ALL_WELL & ~mavlink.ESTIMATOR_POS_HORIZ_ABS
@@ -118,3 +123,78 @@ def test_px4_without_satellites_tells_so_before_it_gives_up_its_position() -> No
 
 def test_before_it_has_begun_an_estimate_has_one_problem() -> None:
     assert told(ekf(mavlink.EKF_UNINITIALIZED)) == [EstimatorStatus(7, False, ("not initialised",))]
+
+
+def flown_with(stack: str, *faults: str, vehicle: str = "plane", until_s: float = 60.0) -> Pair:
+    """A flight of a mission to whose mock this happens; times are seconds."""
+    mock = mock_of(stack_named(stack, vehicle))
+    pair = Pair(Troubled(mock, parse_faults(faults)))  # type: ignore[arg-type]
+    pair.run_for(2.0)
+    assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
+    pair.client.start_mission(pair.now_us)
+    pair.run(round(until_s * SECOND))
+    return pair
+
+
+def states(pair: Pair, kind: type) -> list[Any]:
+    return [event.without_time() for event in pair.of(kind)]
+
+
+@pytest.mark.parametrize(
+    ("stack", "texts"),
+    [
+        ("px4", [(2, "Low battery"), (2, "Failsafe activated"), (0, "Emergency battery level")]),
+        ("ardupilot", [(4, "Battery 1 is low 10.79V used 4300 mAh")]),
+    ],
+)
+def test_a_battery_failsafe_is_told_within_two_seconds(
+    stack: str, texts: list[tuple[int, str]]
+) -> None:
+    pair = flown_with(stack, "battery-low@40", "battery-emergency@50")
+    assert [(text.severity, text.text) for text in pair.of(Text) if text.severity < 5] == texts
+    assert [state.state for state in pair.of(SystemState)] == ["standby", "active", "critical"]
+    assert 40.0 <= pair.of(SystemState)[-1].at_us / SECOND <= 42.0
+    assert pair.of(ModeChanged)[-1].name == "return"
+
+
+@pytest.mark.parametrize(("stack", "mode"), [("px4", "hold"), ("ardupilot", "return")])
+def test_a_fence_breach_is_told_within_two_seconds(stack: str, mode: str) -> None:
+    pair = flown_with(stack, "fence-breach@40..50")
+    (text,) = [text for text in pair.of(Text) if "ence" in text.text]
+    assert 40.0 <= text.at_us / SECOND <= 42.0
+    assert pair.of(ModeChanged)[-1].name == mode
+    fence = [] if stack == "px4" else [(True, "boundary"), (False, "")]
+    assert states(pair, FenceStatus) == fence
+    if stack == "ardupilot":
+        assert pair.of(FenceStatus)[0].at_us / SECOND <= 42.0
+    critical = ["critical"] if stack == "px4" else []  # ArduPlane's heartbeat does not tell
+    assert [state.state for state in pair.of(SystemState)][2:] == critical
+
+
+def test_lost_satellites_are_told_by_both_stacks() -> None:
+    px4 = flown_with("px4", "gps-loss@40..60", until_s=80.0)
+    assert [event.problems for event in px4.of(EstimatorStatus)] == [
+        (),
+        ("satellites not used",),
+        ("position lost", "satellites not used"),
+        (),
+    ]
+    assert px4.of(EstimatorStatus)[1].at_us / SECOND <= 42.0
+    plane = flown_with("ardupilot", "gps-loss@40..60", until_s=80.0)
+    assert [event.problems for event in plane.of(EstimatorStatus)] == [(), ("position lost",), ()]
+
+
+@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+def test_a_copter_that_loses_its_position_tells_that_it_lands(stack: str) -> None:
+    pair = flown_with(stack, "gps-loss@40", vehicle="copter", until_s=180.0)
+    landed = [state.state for state in pair.of(LandedState)]
+    assert landed[0] == "on ground"
+    assert landed[-2:] == ["landing", "on ground"]
+    assert "critical" in [state.state for state in pair.of(SystemState)]
+
+
+def test_px4_is_out_of_its_failsafe_when_a_person_orders_another_mode() -> None:
+    pair = flown_with("px4", "battery-low@40")
+    pair.client.hold(pair.now_us)
+    pair.run_for(3.0)
+    assert pair.of(SystemState)[-1].state == "active"

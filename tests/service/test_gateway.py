@@ -7,10 +7,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.rates import rates_for
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.stacks import Stack, stack_named
 from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
 from mission_service.config import load_scenario
 from mission_service.events import (
+    AutopilotText,
     EstimatorStatusChanged,
     FenceStatusChanged,
     LandedStateChanged,
@@ -25,7 +26,7 @@ from mission_service.sim import simulate
 class Client:
     """Notes what is ordered; tells what it is given."""
 
-    stack = None
+    stack: Stack | None = None
 
     def __init__(self, *events: bridge.ClientEvent) -> None:
         self.orders: list[str] = []
@@ -166,9 +167,10 @@ def test_who_joined_while_another_was_not_heard_is_seen_by_it() -> None:
 
 def texts(*told: tuple[float, int, str]) -> list[tuple[int, str]]:
     """What is passed on of texts written at these seconds of the link's clock."""
-    client = Client(*(bridge.Text(round(at_s * 1e6), *said) for at_s, *said in told))
+    client = Client(*(bridge.Text(round(at_s * 1e6), level, text) for at_s, level, text in told))
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
-    return [(event.severity, event.text) for event in gateway.events(9)]
+    passed_on = list(gateway.events(9))
+    return [(e.severity, e.text) for e in passed_on if isinstance(e, AutopilotText)]
 
 
 def test_texts_are_passed_on_with_their_severity_but_for_debugging() -> None:
