@@ -168,6 +168,44 @@ def when_its_time_is_over_in_a_hold_of_its_pilot(story: Story) -> None:
     assert story.flown.chosen_by == "pilot"
 
 
+def when_it_restarts_in_the_air_on_its_way_home(story: Story) -> None:
+    """Armed and in its mode after a watchdog's reset, which the bridge has no word for."""
+    flights, name = story.flights, story.name
+    flights.order(name, "return", True)
+    flights.all_goes_well(2)
+    flights.reboot(name, True, True)
+    flights.all_goes_well(5)
+    assert story.flown.mode == "return"
+
+
+def when_a_return_is_ended_by_its_restart_in_the_air(story: Story) -> None:
+    flights, name = story.flights, story.name
+    flights.order(name, "hold", True)
+    flights.all_goes_well(3)
+    flights.order(name, "return", True)
+    flights.reboot(name, True, True)
+    flights.all_goes_well(20)
+    assert story.flown.mode == "return"
+
+
+def when_it_restarts_in_the_air_in_a_failsafe(story: Story) -> None:
+    flights, name = story.flights, story.name
+    flights.failsafe(name, "battery low")
+    flights.fly(1.0)
+    flights.reboot(name, True, True)
+    flights.all_goes_well(5)
+    assert story.flown.mode == "return"
+
+
+def when_it_restarts_in_the_air_while_held(story: Story) -> None:
+    flights, name = story.flights, story.name
+    flights.order(name, "hold", True)
+    flights.all_goes_well(3)
+    flights.reboot(name, True, True)
+    flights.all_goes_well(20)
+    assert story.flown.mode == "hold"
+
+
 STORIES: dict[Callable[[Story], None], tuple[str, int]] = {
     after_a_refused_start_and_an_order_home: ("plane", 30),
     after_a_start_that_a_hold_took_the_place_of: ("plane", 30),
@@ -182,6 +220,10 @@ STORIES: dict[Callable[[Story], None], tuple[str, int]] = {
     when_a_pilot_flies_it_before_its_first_mission: ("plane", 0),
     when_it_is_aborted_on_its_own_way_home: ("plane", 30),
     when_an_operator_resumes_it_unasked: ("plane", 30),
+    when_it_restarts_in_the_air_on_its_way_home: ("plane", 30),
+    when_a_return_is_ended_by_its_restart_in_the_air: ("plane", 30),
+    when_it_restarts_in_the_air_in_a_failsafe: ("plane", 30),
+    when_it_restarts_in_the_air_while_held: ("plane", 30),
     when_its_time_is_over_in_a_hold_of_its_pilot: ("short flights", 30),
 }
 
