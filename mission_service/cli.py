@@ -363,12 +363,14 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         return
     for vehicle in summary["vehicles"]:
-        done = f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
+        done = f"{vehicle['in_air_s'] / 60:.0f} min in the air, {vehicle['flown_km']:.1f} km; "
+        done += f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
         if vehicle["orders"]:
             orders = vehicle["orders"]
             done = f"{orders.get('Orbit', 0)} orbits, {orders.get('ChangeSpeed', 0)} speeds ordered"
         uploads = ", ".join(f"{count} {outcome}" for outcome, count in vehicle["uploads"].items())
-        click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}")
+        flown = vehicle["missions"]["flown"]
+        click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}, {flown} flown")
     if closest_m is not None:
         click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(

@@ -60,11 +60,12 @@ class Desk:
         self._vehicles = vehicles
         self._words = words
 
-    def ask(self, request: Any) -> Answer:
+    def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
         """The answer to one request; never raises for anything that it may say.
 
-        ``confirm`` in it: a vehicle was not ordered, since that would end what its autopilot or
-        pilot has chosen; the same request with ``confirmed`` does.
+        ``may_approve``: whether its user has the role approve (``requests.event_of``).
+        ``confirm`` in the answer: a vehicle was not ordered, since that would end what its
+        autopilot or pilot has chosen; the same request with ``confirmed`` does.
         """
         if isinstance(request, dict) and request.get("do") == "status":
             return {"ok": True, "status": self._status()}
@@ -77,6 +78,7 @@ class Desk:
                 self._on_map,
                 self._vehicles,
                 self._words,
+                may_approve,
             )
             said = self._tell(event)
         except KNOWN_ERRORS as error:

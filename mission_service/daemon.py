@@ -166,6 +166,7 @@ async def serve(
             journal.end()
     world.advance(clock.now_us)
     progress(record, world)
+    record.alarms = picture.alarm_counts
     return record, world
 
 
@@ -320,6 +321,7 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
 def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
     """What shows only with time: who is silent or not believed, and how the fire burns on."""
     now_us = clock_us()
+    hub.service.clock_read(now_us)
     watchman.look(now_us)
     for name, line in silence.news(now_us):
         hub.service.announce(name, line)

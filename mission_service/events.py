@@ -185,12 +185,29 @@ class DropFinished(Event, frozen=True, tag=True):
         return "done" if self.done else "refused" if self.refused else "unknown"
 
 
-class Crew(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """What a person did or said; not of one vehicle. ``station`` is where they are."""
+class HostTime(Event, frozen=True, tag=True):
+    """The host's monotonic clock at this mission time; in burns, about once a second.
 
+    Mission time is the autopilot's, which may be slow or stand still: limits on what people have
+    approved hold by this clock as well.
+    """
+
+    monotonic_us: int
+
+
+class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     at_us: int
     by: str
     station: str
+
+
+class Crew(_ByUser, frozen=True, tag=True, kw_only=True):
+    """What a user did or reported; not of one vehicle. ``station`` is where they are.
+
+    ``may_approve``: by a user with the role approve, as the interface that took it has checked.
+    """
+
+    may_approve: bool = False
 
 
 Place = tuple[float, float]  # lat_deg, lon_deg
@@ -393,5 +410,6 @@ VehicleEvent = (
     | FenceStatusChanged
     | EstimatorStatusChanged
     | DropFinished
+    | HostTime
 )
 AnyEvent = VehicleEvent | CrewEvent

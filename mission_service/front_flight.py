@@ -212,7 +212,7 @@ class FrontFlight:
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.presence.airborne,
-            landing=vehicle.landing,
+            landing=vehicle.landing.at(here.at_s),
             least_at=self.spacing.least_altitudes(vehicle.name),
             start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
         )

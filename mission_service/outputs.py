@@ -43,10 +43,14 @@ def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]
         "observations": record.observations,
         "closest_pair_m": None if closest is None else round(closest.distance_m, 1),
         "separation_m": scenario.mission.separation_m,
+        "requests": dict(sorted(record.requests.items())),
+        "service_restarts": record.restarts,
+        "alarms": dict(sorted(record.alarms.items())),
         "planner": {"rule": scenario.planner.rule, "alpha": scenario.planner.alpha},
         "vehicles": [
             {
                 "name": name,
+                **vehicle.sortie.figures(),
                 "decisions": vehicle.decisions,
                 "reversals": len(vehicle.reversals),
                 "uploads": dict(sorted(vehicle.uploads.items())),

@@ -21,10 +21,12 @@ from mission_service.events import (
     Crew,
     DropFinished,
     Observed,
+    Resumed,
     Telemetry,
     UploadFinished,
     VehicleEvent,
 )
+from mission_service.sortie import Sortie
 from mission_service.steering import AIRBORNE_M
 from mission_service.track import Track
 
@@ -62,6 +64,7 @@ class VehicleRecord:
     here: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed, by their hashes
     drops: list[DropRecord] = field(default_factory=list)
+    sortie: Sortie = field(default_factory=Sortie)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,16 +87,24 @@ class Record:
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
         self.news: list[tuple[int, Announce]] = []
+        self.requests: Counter[str] = Counter()  # of people, by the event's name
+        self.restarts = 0  # of the service
+        self.alarms: Counter[str] = Counter()  # raised, by kind; where there is a picture
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Take in one event and what it led to."""
         self.at_us = max(self.at_us, event.at_us)
-        if not isinstance(event, Crew):
+        if isinstance(event, Resumed):
+            self.restarts += 1
+        elif isinstance(event, Crew):
+            self.requests[type(event).__name__] += 1
+        else:
             self._happened(self.vehicles[event.vehicle], event)
         for command in commands:
             self._commanded(self.vehicles[command.vehicle], command)
 
     def _happened(self, vehicle: VehicleRecord, event: VehicleEvent) -> None:
+        vehicle.sortie.happened(event)
         match event:
             case Telemetry():
                 self.telemetry += 1
@@ -129,6 +140,7 @@ class Record:
         self._in_air[here.vehicle] = here
 
     def _commanded(self, vehicle: VehicleRecord, command: AnyCommand) -> None:
+        vehicle.sortie.commanded(command)
         match command:
             case Decided():
                 vehicle.decisions += 1

@@ -231,6 +231,7 @@ ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", 
 OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
 NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
 KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
+OF_APPROVERS = ("approve", "reject", "go", "no-go", "present", "unit")  # take the role approve
 REPLAY = "replay"
 ORDERS: dict[type[Request], events.Order] = {
     Hold: "hold",
@@ -249,8 +250,12 @@ def event_of(
     on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
     vehicles: Collection[str] | None = None,
     words: Collection[str] = KNOWN,
+    may_approve: bool | None = None,
 ) -> CrewEvent:
     """The event that a request stands for, at mission time ``at_us``.
+
+    ``may_approve``: whether its user has the role approve; None where an interface checks no names:
+    then whatever takes that role is by such a user, and nothing else.
 
     ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
     those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and
@@ -288,7 +293,8 @@ def event_of(
     for place in _places(asked):
         if not on_map(*place):
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
-    return _event(asked, at_us)
+    approver = do in OF_APPROVERS if may_approve is None else may_approve
+    return msgspec.structs.replace(_event(asked, at_us), may_approve=approver)
 
 
 def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:

@@ -29,6 +29,7 @@ from mission_service.events import (
     CrewEvent,
     DropFinished,
     Heard,
+    HostTime,
     Observed,
     Resumed,
     Telemetry,
@@ -46,6 +47,7 @@ from mission_service.watched_fire import OF_FIRE, WatchedFire
 from mission_service.world import FireWorld, Window
 
 NO_BURN = "the scenario has no burn"
+HOST_TIME_EVERY_US = 1_000_000
 # What a state holds of a service; all else follows from the scenario.
 KEPT = (
     "core",
@@ -109,6 +111,7 @@ class Service:
         self._missions = MissionsHeld()
         self._owed: dict[str, Window] = {}  # corrections of the fire that a vehicle is to be told
         self._down_since_us = 0
+        self._host_time_due_us = -(2**63)
         self._gateways = gateways
         self._say = say
         self._said_yes: dict[tuple[str, str], int] = {}
@@ -122,6 +125,7 @@ class Service:
 
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle what a gateway reports; ``now_us`` is the link's clock."""
+        self.clock_read(now_us)
         for event in events:
             if isinstance(event, Telemetry):
                 observed = self.fire.look(event)
@@ -129,6 +133,14 @@ class Service:
                     self._handle(observed, now_us)
             if not self._handle(event, now_us) and isinstance(event, Telemetry) and self.picture:
                 self.picture.take(event, [])
+
+    def clock_read(self, now_us: int) -> None:
+        """Handle the host's monotonic clock where people approve things: now and then."""
+        if self._interlock is None or now_us < self._host_time_due_us:
+            return
+        self._host_time_due_us = now_us + HOST_TIME_EVERY_US
+        for name in self._gateways:
+            self._handle(HostTime(self.record.at_us, name, now_us), now_us)
 
     def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
         """Handle what a vehicle of another process has said; all here hear it."""
@@ -141,6 +153,7 @@ class Service:
         Raises NotRecordedError if it cannot be, and FireModelError for what cannot be true of the
         fire; nothing was done then. An abort is carried out whatever happens.
         """
+        self.clock_read(now_us)
         if not self._written(event):
             raise NotRecordedError(f"not recorded: {self.recording.trouble}; nothing was done")
         try:

@@ -82,7 +82,8 @@ class Api:
     def desk(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:
         """The desk's answer. Raises ApiError for what it refuses."""
         given = {**wanted, **self._who_asks(who, wanted)}
-        found = self.hub.desk.ask(given)
+        may_approve = who.may("approve") if self.tokens.named else None
+        found = self.hub.desk.ask(given, may_approve)
         self.hub.ring()
         if not found["ok"]:
             if self.hub.service.recording.trouble:

@@ -8,6 +8,7 @@ import contextlib
 import logging
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import aiomqtt
@@ -72,7 +73,7 @@ class Publisher:
         self._takes_commands = settings.commands
         self._outgoing = Outgoing(settings.telemetry_hz)
         self._forecasts = forecasts_of(hub)
-        self._doorkeeper = Doorkeeper(hub.desk.ask)
+        self._doorkeeper = Doorkeeper(partial(hub.desk.ask, may_approve=False))
         self._inbox = Inbox()
         self._replies: deque[Reply] = deque(maxlen=MOST_REPLIES)
         self._reply_waits = asyncio.Event()

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import ssl
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -144,15 +144,6 @@ def calls(app: Application) -> list[Call]:
             body = told.get("application/json", {}).get("example")
             found.append(Call(method, path, role_of(route), body))
     return found
-
-
-async def eventually(condition: Callable[[], bool], within_s: float = 3.0) -> None:
-    """Wait until something is so."""
-    for _ in range(round(within_s * 1e3)):
-        if condition():
-            return
-        await asyncio.sleep(0.001)
-    raise AssertionError(f"not within {within_s:g} s")
 
 
 @contextlib.asynccontextmanager

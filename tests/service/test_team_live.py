@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mission_service.config import SHIPPED
 from mission_service.replay import verify
+from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, process, wait_for
 
 SPEEDUP = "20"
@@ -55,7 +56,7 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
         uploads = uploads_of("hawk")
         wait_for(lambda: uploads_of("hawk") > uploads, 60)
         daemon.send_signal(signal.SIGTERM)
-        assert daemon.wait(timeout=20) == 0
+        assert daemon.wait(timeout=PATIENCE_S) == 0
     assert "Traceback" not in log.read_text(encoding="utf-8")
     assert len((tmp_path / "mocks.log").read_text(encoding="utf-8").splitlines()) == 3
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))

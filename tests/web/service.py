@@ -17,6 +17,7 @@ import pytest
 
 from mission_service.api.token_file import added
 from mission_service.config import scenario_path
+from tests.patience import PATIENCE_S
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
 ALL = ("look", "correct", "fly", "approve")
@@ -109,7 +110,7 @@ class Service(NamedTuple):
     def _ask(self, path: str, body: bytes | None) -> Any:
         headers = {"Authorization": f"Bearer {self.boss}", "Content-Type": "application/json"}
         asked = urllib.request.Request(f"{self.address}/api/v1/{path}", body, headers)
-        with urllib.request.urlopen(asked, timeout=20) as answer:
+        with urllib.request.urlopen(asked, timeout=PATIENCE_S) as answer:
             return json.load(answer)
 
     def ready(self) -> bool:
@@ -159,7 +160,7 @@ def running(folder: Path, scenario: str, speedup: int) -> Iterator[Service]:
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
             try:
-                process.wait(timeout=10)
+                process.wait(timeout=PATIENCE_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-                process.wait(timeout=10)
+                process.wait(timeout=PATIENCE_S)
