@@ -76,14 +76,21 @@ class Client:
         self.port = port
         self.headers = {"Authorization": f"Bearer {token}"} if token else {}
 
-    def get(self, path: str) -> tuple[int, bytes]:
-        """Status and body; (0, b"") while nobody listens."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+    def get(self, path: str, timeout_s: float = 30.0) -> tuple[int, bytes]:
+        """Status and body; (0, b"") while nothing listens."""
+        return self._ask("GET", path, None, timeout_s)
+
+    def post(self, path: str, content: dict[str, Any], timeout_s: float) -> tuple[int, bytes]:
+        """The same of a request with a JSON body."""
+        return self._ask("POST", path, json.dumps(content).encode(), timeout_s)
+
+    def _ask(self, method: str, path: str, body: bytes | None, timeout_s: float) -> tuple[int, bytes]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         try:
-            connection.request("GET", path, headers=self.headers)
+            connection.request(method, path, body, self.headers)
             answer = connection.getresponse()
             return answer.status, answer.read()
-        except OSError:
+        except (OSError, http.client.HTTPException):
             return 0, b""
         finally:
             connection.close()
