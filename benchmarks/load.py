@@ -84,7 +84,9 @@ class Client:
         """The same of a request with a JSON body."""
         return self._ask("POST", path, json.dumps(content).encode(), timeout_s)
 
-    def _ask(self, method: str, path: str, body: bytes | None, timeout_s: float) -> tuple[int, bytes]:
+    def _ask(
+        self, method: str, path: str, body: bytes | None, timeout_s: float
+    ) -> tuple[int, bytes]:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         try:
             connection.request(method, path, body, self.headers)
@@ -104,6 +106,8 @@ class Client:
         event, rest = "", b""
         while time.monotonic() < until_s:
             part = answer.read1(65536)
+            if not part:
+                break
             now_s = time.monotonic()
             *lines, rest = (rest + part).split(b"\n")
             for line in lines:

@@ -59,7 +59,9 @@ class CorrectedFire:
         """
         match event:
             case WindTold():
+                # A fire begun again needs no weather of before: winds told for weeks do not add up.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
+                stream = stream.since(fire.time_s)
                 if self._base is None:
                     return self._begin(burning_now(fire), stream)
                 self._base.advance(fire.time_s)
