@@ -42,11 +42,12 @@ from benchmarks.soak import CLI, ENDS_WITHIN_S
 MAX_SLOPE_MIB_H = 1.0  # of mission time, after WARM_UP_H
 WARM_UP_H = 1.0
 START_S = 12 * 3600.0  # the fire is large enough to be watched by four
-SAMPLE_EVERY_S = 1.0
+SAMPLE_EVERY_S = 3.0
 READERS = 3
-READ_S = (2.0, 20.0)  # a reader of the live stream stays so long
-CALL_EVERY_S = 0.25
-CORRECT_EVERY_H = 0.1  # of mission time
+READ_S = (1.0, 5.0)  # a reader of the live stream stays so long ...
+READ_EVERY_H = 0.05  # ... and comes again; of mission time, as what follows
+CALL_EVERY_H = 1.0 / 60.0
+CORRECT_EVERY_H = 0.1
 BROKER_UP_S, BROKER_DOWN_S, BROKER_FROZEN_S = 20.0, 4.0, 15.0
 ANSWER_WITHIN_S = 120.0
 PAUSE_WITHIN_S = 180.0  # for connections to be closed
@@ -139,9 +140,13 @@ class People:
 
     def _turns(self, turn: Any, number: int) -> None:
         rng = random.Random(1000 * self.seed + number)
+        every_h = {0: CALL_EVERY_H, 1: CORRECT_EVERY_H}.get(number, READ_EVERY_H)
+        due_h = 0.0
         while not self.over.is_set():
-            if not self.may_call.wait(timeout=1.0):
+            if self.mission_h < due_h or not self.may_call.is_set():
+                time.sleep(0.2)
                 continue
+            due_h = max(due_h, self.mission_h - every_h) + every_h  # late by one turn at most
             with self.lock:
                 self.calling += 1
             try:
@@ -152,7 +157,6 @@ class People:
 
     def _look_around(self, rng: random.Random) -> None:
         self.ask(f"/api/v1/{rng.choice(OFTEN if rng.random() < 0.9 else RARELY)}")
-        time.sleep(CALL_EVERY_S)
 
     def _read(self, rng: random.Random) -> None:
         until_s = time.monotonic() + rng.uniform(*READ_S)
@@ -170,7 +174,7 @@ class People:
             self.answered += 1
 
     def _correct(self, rng: random.Random) -> None:
-        """One thing that people do to the fire or to vehicles; then nothing for some minutes."""
+        """One thing that people do to the fire or to vehicles."""
         place = self._at_edge(rng)
         match rng.randrange(10):
             case 0:
@@ -191,9 +195,6 @@ class People:
                 state = rng.choice(("burned", "burning", "unburned"))
                 drawn = {"state": state, "shape": "point", "points": [place]}
                 self.ask("/api/v1/fire/corrections", drawn)
-        due_h = self.mission_h + CORRECT_EVERY_H
-        while self.mission_h < due_h and self.may_call.is_set() and not self.over.is_set():
-            time.sleep(0.2)
 
     def _at_edge(self, rng: random.Random) -> list[float]:
         radius_m = math.sqrt(self.area_ha * 1e4 / math.pi) * rng.uniform(0.85, 1.15)
