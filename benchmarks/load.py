@@ -118,9 +118,14 @@ class Client:
         connection.close()
 
 
-def ready_after_s(client: Client, began_s: float, daemon: "subprocess.Popen[bytes]") -> float:
+def ready_after_s(
+    client: Client,
+    began_s: float,
+    daemon: "subprocess.Popen[bytes]",
+    within_s: float = READY_WITHIN_S,
+) -> float:
     """When /readyz says so; the mocks are heard by then."""
-    while time.monotonic() < began_s + READY_WITHIN_S:
+    while time.monotonic() < began_s + within_s:
         if client.get("/readyz")[0] == 200:
             return time.monotonic() - began_s
         if daemon.poll() is not None:

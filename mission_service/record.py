@@ -29,6 +29,8 @@ from mission_service.steering import AIRBORNE_M
 from mission_service.track import Track
 
 MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
+MAX_REASONS = 100  # told apart, of missions: they may name people; all others are OTHER
+OTHER = "other"
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
 
 
@@ -141,7 +143,9 @@ class Record:
                     vehicle.reversals.append(vehicle.here[:3])
                     vehicle.reversal_count += 1
             case UploadMission():
-                vehicle.upload_reasons[command.why] += 1
+                reasons = vehicle.upload_reasons
+                known = command.why in reasons or len(reasons) < MAX_REASONS
+                reasons[command.why if known else OTHER] += 1
             case Orbit() | ChangeSpeed():
                 vehicle.orders[type(command).__name__] += 1
             case Propose():
