@@ -97,9 +97,11 @@ class Client:
         finally:
             connection.close()
 
-    def stream(self, since: int, until_s: float) -> Iterator[tuple[str, bytes, float]]:
-        """Event, data and when it came, until then."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=15)
+    def stream(
+        self, since: int, until_s: float, timeout_s: float = 15.0
+    ) -> Iterator[tuple[str, bytes, float]]:
+        """Event, data and when it came, until then. Raises OSError where nothing comes."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         connection.request("GET", f"/api/v1/live?since={since}", headers=self.headers)
         answer = connection.getresponse()
         assert answer.status == 200, answer.status

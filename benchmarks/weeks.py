@@ -164,7 +164,7 @@ class People:
         with self.lock:
             self.asked += 1
         try:
-            for _ in self.client.stream(0, until_s):
+            for _ in self.client.stream(0, until_s, ANSWER_WITHIN_S):
                 if not self.may_call.is_set():
                     break
         except (OSError, http.client.HTTPException) as error:
