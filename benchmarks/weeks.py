@@ -111,6 +111,7 @@ class People:
     may_call: threading.Event = field(default_factory=threading.Event)
     over: threading.Event = field(default_factory=threading.Event)
     calling: int = 0
+    _not_yet: list[str] = field(default_factory=lambda: [*OFTEN, *RARELY])
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def ask(self, path: str, body: dict[str, Any] | None = None) -> bytes:
@@ -157,7 +158,11 @@ class People:
                     self.calling -= 1
 
     def _look_around(self, rng: random.Random) -> None:
-        self.ask(f"/api/v1/{rng.choice(OFTEN if rng.random() < 0.9 else RARELY)}")
+        """Everything once, since much is loaded at the first time; then at random."""
+        if self._not_yet:
+            self.ask(f"/api/v1/{self._not_yet.pop()}")
+        else:
+            self.ask(f"/api/v1/{rng.choice(OFTEN if rng.random() < 0.9 else RARELY)}")
 
     def _read(self, rng: random.Random) -> None:
         until_s = time.monotonic() + rng.uniform(*READ_S)
