@@ -19,6 +19,7 @@ from mission_service.ears import Ears
 from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire_setup import landscape_of
 from mission_service.formation_mqtt import Channel, Exchange
+from mission_service.freed_memory import give_back_freed
 from mission_service.gateway import MissionClock
 from mission_service.hub import Hub
 from mission_service.journal import Journal, header_of
@@ -81,6 +82,7 @@ async def serve(
     the run (a child process that died, say); ``address`` is told where the map is: it holds a
     token, and is for a person's eyes.
     """
+    give_back_freed()
     scenario = run.scenario
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
