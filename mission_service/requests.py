@@ -31,6 +31,7 @@ Name = Annotated[
     ),
 ]
 VehicleName = Annotated[str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)")]
+OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -172,14 +173,14 @@ class Renew(Request, frozen=True):
 class Accept(Request, frozen=True):
     """Let the mission of this hash go to the vehicle."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
 class Refuse(Request, frozen=True):
     """Want the mission of this hash not flown."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
