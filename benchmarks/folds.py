@@ -8,10 +8,18 @@ import msgspec
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
+from firemodel import devs8, labels
+from firemodel.anyangle import AnyAngleFire
+from mission_service.planners.lookahead import Moves
+from mission_service.track import Track
+
+HEAPS = (devs8.Heap, labels.Heap)
 SIMPLE = (str, bytes, int, float, complex, type(None), type)
 
 
-def difference(a: Any, b: Any, path: str = "", seen: dict[tuple[int, int], Any] | None = None) -> str:
+def difference(
+    a: Any, b: Any, path: str = "", seen: dict[tuple[int, int], Any] | None = None
+) -> str:
     """Where two objects first differ, and how, in words; empty if they do not.
 
     Object identity does not count, NaN is like NaN, and the order of a dictionary counts.
@@ -34,6 +42,13 @@ def difference(a: Any, b: Any, path: str = "", seen: dict[tuple[int, int], Any] 
         return "" if same else f"{path}: {_cut(a)} is not {_cut(b)}"
     if isinstance(a, BaseGeometry):
         return "" if a.equals_exact(b, 0.0) else f"{path}: geometries differ"
+    if isinstance(a, HEAPS):  # in arrays with room for more
+        a, b = ([part[: each.size] for part in each[:-1]] for each in (a, b))
+        return difference(a, b, path, seen)
+    if isinstance(a, Moves):  # the rest is room to reckon in
+        return difference(list(a[:2]), list(b[:2]), path, seen)
+    if isinstance(a, Track):
+        return difference(list(a), list(b), path, seen)
     ours, theirs = list(_parts(a)), list(_parts(b))
     if [name for name, _ in ours] != [name for name, _ in theirs]:
         names = {name for name, _ in ours} ^ {name for name, _ in theirs}
@@ -62,6 +77,9 @@ def _parts(thing: Any) -> Iterator[tuple[str, Any]]:
     names = [name for kind in type(thing).__mro__ for name in _slots(kind)]
     if hasattr(thing, "__dict__"):
         names += sorted(vars(thing))
+    if isinstance(thing, AnyAngleFire):
+        names.remove("_points")
+        yield "._points", thing._points[: thing._used]
     for name in names:
         if hasattr(thing, name):
             yield f".{name}", getattr(thing, name)

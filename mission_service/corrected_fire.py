@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.burning import burning_from_arrival
-from firemodel.errors import FireModelError
 from firemodel.fire import Burning, Fire
 from firemodel.landscape import Landscape
 from firemodel.rasterise import cells_of
@@ -63,8 +62,9 @@ class CorrectedFire:
                 if self._base is None:
                     return self._begin(burning_now(fire), stream)
                 self._base.advance(fire.time_s)
-                self._base = self._begin(burning_now(self._base), stream)
-                return self._set_right(self._base)
+                base = self._begin(burning_now(self._base), stream)
+                found, self._base = self._set_right(base), base
+                return found
             case Corrected() | Erased() | Undone() | Redone():
                 log = copy.deepcopy(self.log)
                 if not log.take(event):
@@ -73,7 +73,7 @@ class CorrectedFire:
                 try:
                     base = self.all_of(fire)[-1]
                     found = self._set_right(base)
-                except FireModelError:
+                except Exception:  # whatever it is, nothing is changed
                     self.log = kept
                     raise
                 self._base = None if found is base else base

@@ -273,7 +273,7 @@ def event_of(
         raise RequestError("status is answered, it is no event")
     try:
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
-    except (msgspec.ValidationError, OverflowError) as error:
+    except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
@@ -372,7 +372,7 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
 def _told(request: dict[str, Any], key: str) -> str:
     try:
         return msgspec.convert(request.get(key), Name)
-    except msgspec.ValidationError:
+    except (msgspec.ValidationError, UnicodeError):
         return "unknown"
 
 

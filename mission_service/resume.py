@@ -163,7 +163,7 @@ class Unfinished:
     def unhandled(self, error: Exception) -> UnhandledLineError:
         """Says that the line that was told last cannot be handled."""
         assert self._at is not None
-        words = f"{type(error).__name__}: {error}"
+        words = " ".join(f"{type(error).__name__}: {error}".split())
         return UnhandledLineError(
             f"{self._at.reader.path}: line {self._at.line} cannot be handled ({words}){SKIP}{ANEW}"
         )

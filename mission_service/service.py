@@ -211,12 +211,13 @@ class Service:
 
     def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """What a journal tells of before: all that follows from it but the orders."""
-        self._show(event, commands)
         self.world.advance(event.at_us)
-        self._owe(self.fire.past(event, commands))
+        window = self.fire.past(event, commands)
         if isinstance(event, OF_FIRE) and self.picture is not None:
             self.picture.fire_changed()
-        elif isinstance(event, Observed) and event.corrects:
+        self._show(event, commands)
+        self._owe(window)
+        if isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
         if self._interlock is not None:
             self._interlock.take(event)
@@ -389,7 +390,8 @@ def _cannot(event: AnyEvent, error: Exception) -> RefusedEventError:
     if isinstance(error, RefusedEventError):
         return error
     at_s, what = event.at_us / 1e6, type(event).__name__
+    why = " ".join(f"{type(error).__name__}: {error}".split())
     return RefusedEventError(
-        f"{what} at {at_s:.3f} s cannot be handled, and was not: {type(error).__name__}: {error}; "
+        f"{what} at {at_s:.3f} s cannot be handled, and was not: {why}; "
         "this is a defect, please report it"
     )

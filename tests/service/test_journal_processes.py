@@ -2,13 +2,18 @@
 
 import json
 import os
+import resource
 import signal
 import stat
 import subprocess
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from mission_service.control_client import Control
 from mission_service.errors import ControlError, RequestError
@@ -148,3 +153,29 @@ def test_a_symlink_in_the_place_of_the_journal_is_refused(tmp_path: Path) -> Non
         assert target.read_text(encoding="utf-8") == "precious\n"
         (out / name).unlink()
     assert json.dumps([each.name for each in out.iterdir()]) == "[]"
+
+
+def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with running(arguments(out, 'service.http.listen="127.0.0.1:0"'), out) as (there, child):
+        log = (tmp_path / "run.log").read_text(encoding="utf-8")
+        address = log.partition("map: ")[2].split("/?")[0].split()[0].rstrip("/")
+
+        def lacks() -> str:
+            with pytest.raises(urllib.error.HTTPError) as caught:
+                urllib.request.urlopen(f"{address}/readyz", timeout=60)
+            assert caught.value.code == 503
+            return caught.value.read().decode()
+
+        assert "hawk: not heard yet" in lacks()
+        assert "journal" not in lacks()
+        size = (out / "journal.jsonl").stat().st_size
+        resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (size + 20, resource.RLIM_INFINITY))
+        assert "not recorded: disk full" in refused(there, do="present")
+        assert "journal: disk full" in lacks()
+        resource.prlimit(
+            child.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+        )
+        wait_for(lambda: "journal" not in lacks(), 60)
+        assert refused(there, do="present") == ""
+        stopped(child, signal.SIGTERM)
