@@ -312,7 +312,7 @@ class Engine:
             world,
             self.service.recording.journal,
             Record(names, start_us),
-            dict.fromkeys(names),  # type: ignore[misc]  # nothing is carried out
+            dict.fromkeys(names),  # type: ignore[arg-type]  # nothing is carried out
             picture=Picture(self.scenario, self.landscape, start_us),
         )
         if cut_off.objects is not None:

@@ -152,8 +152,8 @@ class Chain:
 
     def after(self, place: Rest) -> Iterator[tuple[JournalReader, Entry]]:
         """Each line after a place, with the segment it is in."""
-        for reader, *line in self.lines(place):
-            yield reader, reader.entry(*line)
+        for reader, number, body, intact in self.lines(place):
+            yield reader, reader.entry(number, body, intact)
 
     def lines(self, place: Rest) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
         """As ``after``, not decoded: number, body, and whether the checksum holds."""
