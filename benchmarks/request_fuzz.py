@@ -340,7 +340,7 @@ def ask(engine: Engine, rng: Rng, count: int, found: Found) -> None:
     asker = Asker(rng, engine.service, engine.scenario)
     for number in range(count):
         asked = asker.request()
-        word = str(asked.get("do"))[:20]
+        word = ascii(asked.get("do")).strip("'")[:20]
         way = rng.random()
         try:
             answer = _answer(desk, doorkeeper, asked, number, way, simulation)

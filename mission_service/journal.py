@@ -79,6 +79,8 @@ class Journal:
         self._header = {**header, "live": durable}
         self._waiting = bytearray()
         self._torn = False
+        if rest is None:
+            _refuse_live(path)
         try:
             self._file = _opened(path, new=rest is None)
             if rest is not None:
@@ -193,6 +195,19 @@ class Journal:
 
 def _opened(path: Path, new: bool) -> int:
     return opened(path, os.O_WRONLY | os.O_APPEND | (os.O_CREAT | os.O_TRUNC if new else 0))
+
+
+def _refuse_live(path: Path) -> None:
+    """Raise JournalError for what a live run has left: nothing is written over it."""
+    if not begins_journal(path):
+        return
+    with path.open("rb") as file:
+        body, intact, _ = _checked(file.readline().rstrip(b"\n"), 0)
+    if not intact or msgspec.json.decode(body[len(_HEADER) :]).get("live"):
+        raise JournalError(
+            f"{path}: is the journal of a live run, and is not written over; move it away, or "
+            "choose another folder"
+        )
 
 
 def _write(file: int, data: bytes | bytearray) -> None:
