@@ -17,6 +17,7 @@ import msgspec
 
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
+from mission_service.commands import CONFIRM
 from mission_service.errors import ControlError, MissionServiceError
 from mission_service.events import CrewEvent
 from mission_service.requests import KNOWN, event_of
@@ -60,7 +61,11 @@ class Desk:
         self._words = words
 
     def ask(self, request: Any) -> Answer:
-        """The answer to one request; never raises for anything that it may say."""
+        """The answer to one request; never raises for anything that it may say.
+
+        ``confirm`` in it: a vehicle was not ordered, since that would end what its autopilot or
+        pilot has chosen; the same request with ``confirmed`` does.
+        """
         if isinstance(request, dict) and request.get("do") == "status":
             return {"ok": True, "status": self._status()}
         try:
@@ -76,7 +81,15 @@ class Desk:
             said = self._tell(event)
         except KNOWN_ERRORS as error:
             return wrong(str(error))
-        return {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__, "said": said}
+        answer = {
+            "ok": True,
+            "at_s": event.at_us / 1e6,
+            "event": type(event).__name__,
+            "said": said,
+        }
+        if any(line.startswith(CONFIRM) for line in said):
+            answer["confirm"] = True
+        return answer
 
     def answer(self, line: bytes) -> Answer:
         """The answer to one line; never raises for anything that a line may say."""

@@ -155,6 +155,39 @@ class FixTold(Event, frozen=True, tag=True):
     fix: str
 
 
+class AutopilotText(Event, frozen=True, tag=True):
+    """A text that the autopilot wrote, with its MAV_SEVERITY: 0 emergency to 6 information."""
+
+    severity: int
+    text: str
+
+
+class SystemStateChanged(Event, frozen=True, tag=True):
+    """The autopilot's own state: ``standby``, ``active``, ``critical`` (in failsafe) ..."""
+
+    state: str
+
+
+class LandedStateChanged(Event, frozen=True, tag=True):
+    """Where the autopilot takes itself to be: ``on ground``, ``in air``, ``landing`` ..."""
+
+    state: str
+
+
+class FenceStatusChanged(Event, frozen=True, tag=True):
+    """Whether a fence is breached, and which: ``boundary``, ``highest altitude`` ..."""
+
+    breached: bool
+    kind: str
+
+
+class EstimatorStatusChanged(Event, frozen=True, tag=True):
+    """Whether the autopilot trusts its position, and what is wrong with it, in words."""
+
+    healthy: bool
+    problems: tuple[str, ...]
+
+
 class DropFinished(Event, frozen=True, tag=True):
     """What became of one ``Drop``. Not ``done`` and not ``refused``: nobody knows."""
 
@@ -292,10 +325,17 @@ Order = Literal["hold", "resume", "return", "start"]
 
 
 class Ordered(Crew, frozen=True, tag=True):
-    """What a vehicle is to do by a person's word; all of them without a name."""
+    """What a vehicle is to do by a person's word; all of them without a name.
+
+    ``confirmed``: even if that ends what its autopilot or its pilot has chosen, a failsafe say.
+    """
 
     vehicle: str
     order: Order
+    confirmed: bool = False
+
+
+SERVICE = "service"  # ``by`` of what the service orders by itself; no interface takes it
 
 
 class MissionWanted(Crew, frozen=True, tag=True):
@@ -376,6 +416,11 @@ VehicleEvent = (
     | Contact
     | BatteryTold
     | FixTold
+    | AutopilotText
+    | SystemStateChanged
+    | LandedStateChanged
+    | FenceStatusChanged
+    | EstimatorStatusChanged
     | DropFinished
 )
 AnyEvent = VehicleEvent | CrewEvent

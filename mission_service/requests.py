@@ -140,28 +140,31 @@ class Present(Request, frozen=True):
     """Somebody watches."""
 
 
-class Hold(Request, frozen=True):
+class OrderRequest(Request, frozen=True):
+    """An order to a vehicle; to all vehicles without a name.
+
+    ``confirmed``: even if that ends what its autopilot or pilot has chosen, a failsafe say.
+    Without it such an order is answered with a line that begins with ``confirm:``.
+    """
+
+    vehicle: VehicleName = ""
+    confirmed: bool = False
+
+
+class Hold(OrderRequest, frozen=True):
     """Loiter where it is until somebody says otherwise; all vehicles without a name."""
 
-    vehicle: VehicleName = ""
 
-
-class Resume(Request, frozen=True):
+class Resume(OrderRequest, frozen=True):
     """Fly on by the planner, after hold, return or abort."""
 
-    vehicle: VehicleName = ""
 
-
-class Return(Request, frozen=True):
+class Return(OrderRequest, frozen=True):
     """Fly home."""
 
-    vehicle: VehicleName = ""
 
-
-class Start(Request, frozen=True):
+class Start(OrderRequest, frozen=True):
     """Arm and fly the mission on board."""
-
-    vehicle: VehicleName = ""
 
 
 class Renew(Request, frozen=True):
@@ -337,7 +340,7 @@ def _event(asked: AnyRequest, at_us: int) -> CrewEvent:
         case Present():
             return events.Present(*who)
         case Hold() | Resume() | Return() | Start():
-            return events.Ordered(*who, asked.vehicle, ORDERS[type(asked)])
+            return events.Ordered(*who, asked.vehicle, ORDERS[type(asked)], asked.confirmed)
         case Renew():
             return events.MissionWanted(*who, asked.vehicle)
         case Accept():
