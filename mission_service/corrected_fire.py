@@ -67,8 +67,9 @@ class CorrectedFire:
                 if self._base is None:
                     return self._begin(burning_now(fire), stream)
                 self._base.advance(fire.time_s)
-                self._base = self._begin(burning_now(self._base), stream)
-                return self._set_right(self._base, self.log.held())
+                base = self._begin(burning_now(self._base), stream)
+                found, self._base = self._set_right(base, self.log.held()), base
+                return found
             case Corrected() | Erased() | Undone() | Redone():
                 log = copy.deepcopy(self.log)
                 if not log.take(event):

@@ -31,6 +31,7 @@ Name = Annotated[
     ),
 ]
 VehicleName = Annotated[str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)")]
+OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -175,14 +176,14 @@ class Renew(Request, frozen=True):
 class Accept(Request, frozen=True):
     """Let the mission of this hash go to the vehicle."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
 class Refuse(Request, frozen=True):
     """Want the mission of this hash not flown."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
@@ -280,7 +281,7 @@ def event_of(
         raise RequestError("status is answered, it is no event")
     try:
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
-    except (msgspec.ValidationError, OverflowError) as error:
+    except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
@@ -380,7 +381,7 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
 def _told(request: dict[str, Any], key: str) -> str:
     try:
         return msgspec.convert(request.get(key), Name)
-    except msgspec.ValidationError:
+    except (msgspec.ValidationError, UnicodeError):
         return "unknown"
 
 

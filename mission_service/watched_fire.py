@@ -49,12 +49,14 @@ class WatchedFire:
 
         Nothing while the vehicle's position is not measured: what it saw would be put elsewhere.
         """
-        if self._lacking[here.vehicle]:
-            return None
-        if here.at_us < self._due_us[here.vehicle]:
-            return None
+        return self.seen_from(here) if self._is_due(here) else None
+
+    def _is_due(self, here: Telemetry) -> bool:
+        """Whether a picture is taken from here; the next one is due a while later."""
+        if self._lacking[here.vehicle] or here.at_us < self._due_us[here.vehicle]:
+            return False
         self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
-        return self.seen_from(here)
+        return True
 
     def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
         """What a vehicle's camera would see from here, its footprint so much wider."""
@@ -98,6 +100,8 @@ class WatchedFire:
         if isinstance(event, OF_FIRE):
             with contextlib.suppress(FireModelError):  # killed before it was taken back
                 found = self.told(event)
+        elif isinstance(event, Telemetry):
+            self._is_due(event)
         self.happened(event)
         for command in commands:
             self.ordered(command)
