@@ -1,7 +1,9 @@
 """What stands before all routes: who calls from where, how often, how much, how slowly.
 
 Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
-tokens, rates, numbers at once. An abort of a valid token passes all limits.
+tokens, rates, numbers at once. An abort of a valid token passes all limits and is done here, on its
+headers. Bodies are read here too, before anything else is waited for: a request that came whole is
+done though its client has closed the connection meanwhile.
 """
 
 import asyncio
@@ -12,12 +14,18 @@ from typing import Any
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from mission_service.api.answers import MOST_PERIMETER_BYTES, ApiError, error_body
+from mission_service.api.answers import (
+    MOST_BODY_BYTES,
+    MOST_PERIMETER_BYTES,
+    ApiError,
+    error_body,
+)
 from mission_service.api.auth import LONGEST_TOKEN, Tokens, Who
 from mission_service.api.limits import Buckets
 from mission_service.api.live import MOST_STREAMS, TooSlowError
 
-ABORT = "/api/v1/abort"
+ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
+BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 MOST_AT_ONCE = 64 + MOST_STREAMS  # requests under way, live streams among them
 SEND_WITHIN_S = 30.0  # who does not read for so long is cut off
@@ -45,8 +53,11 @@ class Guard:
         tokens: Tokens,
         hosts: Collection[str],
         now_s: Callable[[], float],
+        abort: Callable[[Who, bytes], Any],
     ) -> None:
-        """``hosts``: the names it may be called by, without ports; addresses are always right.
+        """``abort`` is done at once, for somebody and with a query string; it may raise ApiError.
+
+        ``hosts``: the names it may be called by, without ports; addresses are always right.
 
         A page of another site can have its own name lead here, but never an address. By these
         names a proxy that speaks TLS may stand before the service.
@@ -56,6 +67,7 @@ class Guard:
         self._hosts = {host.lower() for host in (*hosts, "localhost")}
         self._by_proxy = {f"https://{host.lower()}" for host in hosts}
         self._now_s = now_s
+        self._abort = abort
         self._at_once = 0
         self._reading = Buckets(rate_s=100.0, burst=400.0)
         self._changing = Buckets(rate_s=10.0, burst=40.0)
@@ -67,17 +79,26 @@ class Guard:
         bounded = _Bounded(scope, send)
         try:
             self._let_in(scope)
+            aborts = scope["path"] == ABORT
+            if aborts and scope["method"] == "POST":
+                scope["state"]["aborted"] = self._abort(
+                    scope["state"]["who"], scope["query_string"]
+                )
+            if self._at_once >= MOST_AT_ONCE and not aborts:
+                text = f"{MOST_AT_ONCE} requests are under way already"
+                raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
             await _refuse(bounded, error)
             return
-        aborts = scope["path"] == ABORT
-        if self._at_once >= MOST_AT_ONCE and not aborts:
-            text = f"{MOST_AT_ONCE} requests are under way already"
-            await _refuse(bounded, ApiError(503, text, {"retry-after": "1"}))
-            return
         self._at_once += 1
         try:
+            if scope["state"]["who"] is not None and not aborts and not _reads(scope):
+                receive = await _whole(scope, receive)
             await self._app(scope, receive, bounded)
+        except _GoneError:
+            return
+        except ApiError as error:  # of its body
+            await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
         finally:
@@ -95,10 +116,9 @@ class Guard:
             scope["state"]["who"] = who
             client = f"token {who.name}"
             scope["state"].get("proven", _nothing)()
-        reads = scope["method"] in ("GET", "HEAD")
         if path != ABORT:
-            self._refuse_often(self._reading if reads else self._changing, client)
-        _refuse_long(headers.get(b"content-length", []))
+            self._refuse_often(self._reading if _reads(scope) else self._changing, client)
+            _refuse_long(headers.get(b"content-length", []))
 
     def _right_host(self, given: list[bytes]) -> str:
         host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
@@ -127,6 +147,37 @@ class Guard:
             raise ApiError(429, f"too many requests; ask again in {math.ceil(wait_s)} s", again)
 
 
+class _GoneError(Exception):
+    """The connection ended before the whole request was there."""
+
+
+async def _whole(scope: Scope, receive: Receive) -> Receive:
+    """The body of a request, read to its end; what gives it to the routes as one message.
+
+    Raises ApiError 413 if it is too long, 408 if it does not come in time; _GoneError.
+    """
+    most_bytes = MOST_PERIMETER_BYTES if scope["path"] == PERIMETER else MOST_BODY_BYTES
+    body, more = bytearray(), True
+    try:
+        async with asyncio.timeout(BODY_WITHIN_S):
+            while more:
+                message = await receive()
+                if message["type"] != "http.request":
+                    raise _GoneError
+                body += message.get("body", b"")
+                more = message.get("more_body", False)
+                if len(body) > most_bytes:
+                    raise ApiError(413, f"the body has more than {most_bytes} bytes")
+    except TimeoutError:
+        raise ApiError(408, f"the body did not come within {BODY_WITHIN_S:g} s") from None
+    left = [{"type": "http.request", "body": bytes(body), "more_body": False}]
+
+    async def again() -> Message:
+        return left.pop() if left else await receive()
+
+    return again
+
+
 class _Bounded:
     """``send`` with the headers of all answers, and an end for who does not read."""
 
@@ -150,6 +201,10 @@ class _Bounded:
             kept = b"no-store" if self._path.startswith(PREFIXES_WITH_TOKEN) else b"no-cache"
             added.append((b"cache-control", kept))
         return added
+
+
+def _reads(scope: Scope) -> bool:
+    return scope["method"] in ("GET", "HEAD")
 
 
 def _nothing() -> None:

@@ -67,6 +67,9 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
+    # Tickets are written before the request is read. To a client that has sent it and is gone that
+    # write fails, and with it asyncio drops what it has not read.
+    context.num_tickets = 0
     try:
         # Else a key with a password would have OpenSSL ask on the terminal.
         context.load_cert_chain(certificate, key, password=_no_password)
