@@ -1,8 +1,9 @@
 """What stands before all routes: who calls from where, how often, how much, how slowly.
 
 Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
-tokens, rates, numbers at once. An abort of a valid token passes all limits and is done here, on its
-headers. Bodies are read here too, before anything else is waited for: a request that came whole is
+tokens, rates, numbers at once. Those without a token share a few places, so that they take none
+from others. An abort of a valid token passes all limits and is done here, on its headers; whether
+the service lives is told to anybody at any time. Bodies are read here too, before anything else is waited for: a request that came whole is
 done though its client has closed the connection meanwhile.
 """
 
@@ -21,14 +22,18 @@ from mission_service.api.answers import (
     error_body,
 )
 from mission_service.api.auth import LONGEST_TOKEN, Tokens, Who
-from mission_service.api.limits import Buckets
+from mission_service.api.callers import client_at
+from mission_service.api.limits import Buckets, Places
 from mission_service.api.live import MOST_STREAMS, TooSlowError
 
 ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
-MOST_AT_ONCE = 64 + MOST_STREAMS  # requests under way, live streams among them
-SEND_WITHIN_S = 30.0  # who does not read for so long is cut off
+HEALTH = ("/healthz", "/readyz")
+# Requests under way: of those with a token what reads (live streams among them) and what changes.
+MOST_READING, MOST_CHANGING = 64 + MOST_STREAMS, 64
+MOST_STRANGERS, MOST_OF_A_STRANGER = 32, 16  # without a token: the page
+SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # who does not read for so long is cut off
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "font-src 'self'; media-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
@@ -68,7 +73,9 @@ class Guard:
         self._by_proxy = {f"https://{host.lower()}" for host in hosts}
         self._now_s = now_s
         self._abort = abort
-        self._at_once = 0
+        self._readers = Places(MOST_READING, MOST_READING)
+        self._changers = Places(MOST_CHANGING, MOST_CHANGING)
+        self._strangers = Places(MOST_STRANGERS, MOST_OF_A_STRANGER)
         self._reading = Buckets(rate_s=100.0, burst=400.0)
         self._changing = Buckets(rate_s=10.0, burst=40.0)
         self._failing = Buckets(rate_s=1.0, burst=20.0)
@@ -78,21 +85,19 @@ class Guard:
             return
         bounded = _Bounded(scope, send)
         try:
-            self._let_in(scope)
-            aborts = scope["path"] == ABORT
-            if aborts and scope["method"] == "POST":
-                scope["state"]["aborted"] = self._abort(
-                    scope["state"]["who"], scope["query_string"]
-                )
-            if self._at_once >= MOST_AT_ONCE and not aborts:
-                text = f"{MOST_AT_ONCE} requests are under way already"
+            client = self._let_in(scope)
+            if scope["path"] == ABORT and scope["method"] == "POST":
+                who, words = scope["state"]["who"], scope["query_string"]
+                scope["state"]["aborted"] = self._abort(who, words)
+            places = self._places(scope)
+            if places is not None and not places.enter(client):
+                text = f"{places.most} requests are under way already"
                 raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
             await _refuse(bounded, error)
             return
-        self._at_once += 1
         try:
-            if scope["state"]["who"] is not None and not aborts and not _reads(scope):
+            if places is self._changers:
                 receive = await _whole(scope, receive)
             await self._app(scope, receive, bounded)
         except _GoneError:
@@ -102,23 +107,33 @@ class Guard:
         except TooSlowError:
             await _cut(scope)
         finally:
-            self._at_once -= 1
+            if places is not None:
+                places.leave(client)
 
-    def _let_in(self, scope: Scope) -> None:
-        """Raises ApiError unless the request may go on; says in its state whose it is."""
+    def _places(self, scope: Scope) -> Places | None:
+        """Among how many a request is counted; None for what always gets through."""
+        if scope["path"] == ABORT or scope["path"] in HEALTH:
+            return None
+        if scope["state"]["who"] is None:
+            return self._strangers
+        return self._readers if _reads(scope) else self._changers
+
+    def _let_in(self, scope: Scope) -> str:
+        """The client. Raises ApiError unless it may go on; says in its state whose it is."""
         headers = _headers(scope)
         host = self._right_host(headers.get(b"host", []))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
-        path, client = scope["path"], scope["client"][0] if scope.get("client") else ""
+        path, client = scope["path"], client_at(scope.get("client"))
         scope.setdefault("state", {})["who"] = None
         if path.startswith(PREFIXES_WITH_TOKEN):
             who = self._whose(headers.get(b"authorization", []), client)
             scope["state"]["who"] = who
             client = f"token {who.name}"
             scope["state"].get("proven", _nothing)()
-        if path != ABORT:
+        if path != ABORT and path not in HEALTH:
             self._refuse_often(self._reading if _reads(scope) else self._changing, client)
             _refuse_long(headers.get(b"content-length", []))
+        return client
 
     def _right_host(self, given: list[bytes]) -> str:
         host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
@@ -184,12 +199,14 @@ class _Bounded:
     def __init__(self, scope: Scope, send: Send) -> None:
         self._send = send
         self._path = scope["path"]
+        self._scope = scope
 
     async def __call__(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", []), *self._headers(message)]}
         try:
-            async with asyncio.timeout(SEND_WITHIN_S):
+            known = self._scope.get("state", {}).get("who") is not None
+            async with asyncio.timeout(SEND_WITHIN_S if known else STRANGER_WITHIN_S):
                 await self._send(message)
         except TimeoutError:
             raise TooSlowError from None

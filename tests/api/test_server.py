@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from mission_service.api import server
+from mission_service.api import callers, server
 from mission_service.api.door import http_door
 from mission_service.api.server import bound, tls_of, url_of
 from mission_service.errors import MissionServiceError
@@ -169,7 +169,7 @@ def test_who_dawdles_over_a_request_is_cut_off(
 def test_of_too_many_connections_those_without_a_token_go(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(callers, "MOST_OF_AN_ADDRESS", 8)
 
     async def go() -> None:
         service = served(flying)
