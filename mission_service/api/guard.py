@@ -3,8 +3,8 @@
 Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
 tokens, rates, numbers at once. Those without a token share a few places, so that they take none
 from others. An abort of a valid token passes all limits and is done here, on its headers; whether
-the service lives is told to anybody at any time. Bodies are read here too, before anything else is waited for: a request that came whole is
-done though its client has closed the connection meanwhile.
+the service lives is told to anybody at any time. Bodies are read here too, before anything else is
+waited for: a request that came whole is done though its client has closed the connection meanwhile.
 """
 
 import asyncio
