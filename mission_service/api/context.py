@@ -35,6 +35,7 @@ class Api:
         self.forecasts = forecasts_of(hub)
         self.tiles = TerrainTiles(hub.landscape)
         self._threads = asyncio.Semaphore(MOST_THREADS)
+        self.uploads = asyncio.Semaphore(1)  # read at once
 
     def close(self) -> None:
         """Give up what is being worked out."""
