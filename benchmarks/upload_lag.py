@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import click
 import httpx
 
 from mission_service.api.server import bound, serving
@@ -105,7 +106,7 @@ async def measured(world: World) -> bool:
             probing = asyncio.create_task(probe.run())
             good = True
             for name, path, body in cases(world):
-                headers = {key: value for key, value in service.headers().items()}
+                headers = service.headers()
                 sender = await asyncio.create_subprocess_exec(
                     *(sys.executable, "-m", "benchmarks.upload_lag", "--send"),
                     f"http://127.0.0.1:{address[1]}{V1}{path}",
@@ -127,7 +128,7 @@ async def measured(world: World) -> bool:
                 late_ms = 1e3 * probe.latest_s
                 good = good and late_ms <= LIMIT_MS
                 line = told.decode(errors="replace").strip()
-                print(f"{name:28} loop late {late_ms:7.1f} ms   {line[:110]}", flush=True)
+                click.echo(f"{name:28} loop late {late_ms:7.1f} ms   {line[:110]}")
             probing.cancel()
     service.app.api.close()
     return good
@@ -135,13 +136,13 @@ async def measured(world: World) -> bool:
 
 def send(url: str, authorization: str) -> None:
     """One request with the body from stdin, from a process of its own."""
-    print(flush=True)
+    click.echo("", nl=True)
     body = sys.stdin.buffer.read()
     time.sleep(0.2)
     began_s = time.perf_counter()
     answer = httpx.post(url, content=body, headers={"authorization": authorization}, timeout=120)
     took_s = time.perf_counter() - began_s
-    print(f"{took_s:5.1f} s  {answer.status_code} {answer.text[:80]!r}")
+    click.echo(f"{took_s:5.1f} s  {answer.status_code} {answer.text[:80]!r}")
 
 
 def main() -> int:
@@ -150,7 +151,7 @@ def main() -> int:
         world = world_in(Path(folder), scenario_of("demo", ()))
         world.fly(3700.0)
         rows, cols = world.hub.landscape.shape
-        print(f"landscape of {rows} x {cols} cells; limit {LIMIT_MS:g} ms")
+        click.echo(f"landscape of {rows} x {cols} cells; limit {LIMIT_MS:g} ms")
         return 0 if asyncio.run(measured(world)) else 1
 
 

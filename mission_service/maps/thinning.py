@@ -1,4 +1,4 @@
-"""Rings with fewer corners. Time grows as n log n, and nothing recurses: rings come from outside."""
+"""Rings with fewer corners. It takes n log n and never recurses: rings come from outside."""
 
 import heapq
 
