@@ -127,7 +127,61 @@ class GpsFix:
         return self.fix, self.satellites
 
 
-TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix
+@dataclass(frozen=True, slots=True)
+class SystemState:
+    """HEARTBEAT.system_status in a word (``active``, ``critical`` ...), reported on change."""
+
+    at_us: int
+    state: str
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return (self.state,)
+
+
+@dataclass(frozen=True, slots=True)
+class LandedState:
+    """EXTENDED_SYS_STATE in words: ``on ground``, ``in air`` ...; reported on change."""
+
+    at_us: int
+    state: str
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return (self.state,)
+
+
+@dataclass(frozen=True, slots=True)
+class FenceStatus:
+    """FENCE_STATUS: whether a fence is breached, and which (``boundary`` ...), on change.
+
+    ArduPilot alone sends it, and only while its fence is on; PX4 writes a text.
+    """
+
+    at_us: int
+    breached: bool
+    kind: str  # "" while nothing is breached
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return self.breached, self.kind
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorStatus:
+    """What keeps the position estimate from being trusted, in words, reported on change."""
+
+    at_us: int
+    healthy: bool
+    problems: tuple[str, ...]
+
+    def without_time(self) -> tuple[object, ...]:
+        """What makes it news when it changes."""
+        return (self.problems,)
+
+
+StatusEvent = SystemState | LandedState | FenceStatus | EstimatorStatus
+TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix | StatusEvent
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,10 +26,22 @@ RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
     mavlink.MAVLINK_MSG_ID_WIND: 1.0,
     mavlink.MAVLINK_MSG_ID_WIND_COV: 1.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
 }
+# Read: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
 _OF_THE_OTHER_STACK = {
-    "px4": mavlink.MAVLINK_MSG_ID_WIND,
-    "ardupilot": mavlink.MAVLINK_MSG_ID_WIND_COV,
+    "px4": (
+        mavlink.MAVLINK_MSG_ID_WIND,
+        mavlink.MAVLINK_MSG_ID_FENCE_STATUS,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    ),
+    "ardupilot": (
+        mavlink.MAVLINK_MSG_ID_WIND_COV,
+        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    ),
 }
 SET_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 ANSWER_WITHIN_US = 1_000_000
@@ -40,7 +52,8 @@ ROUNDS = 3  # in a row for the same messages
 
 def rates_for(stack: Stack, rates_hz: RatesHz = RATES_HZ) -> dict[int, float]:
     """The rates without what the stack does not have."""
-    return {key: hz for key, hz in rates_hz.items() if key != _OF_THE_OTHER_STACK[stack.name]}
+    absent = _OF_THE_OTHER_STACK[stack.name]
+    return {key: hz for key, hz in rates_hz.items() if key not in absent}
 
 
 def rate_requests(stack: Stack, target: tuple[int, int]) -> list[Message]:

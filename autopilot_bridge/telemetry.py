@@ -2,20 +2,26 @@
 
 import math
 from collections.abc import Callable
+from typing import get_args
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.client_events import (
     Attitude,
     Battery,
+    EstimatorStatus,
+    FenceStatus,
     GpsFix,
     Health,
+    LandedState,
     Position,
     Speed,
+    SystemState,
     TelemetryEvent,
     Wind,
 )
 from autopilot_bridge.codec import Message
+from autopilot_bridge.vehicle_status import Estimator, fence_status, landed_state
 
 REBOOT_BACK_US = 5_000_000
 NO_PLACE_DEG_E7 = 1_000_000  # sea, 500 km from any land
@@ -144,18 +150,22 @@ _DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent | None], ...]
     "SYS_STATUS": (health, battery_of_system),
     "BATTERY_STATUS": (battery,),
     "GPS_RAW_INT": (gps_fix,),
+    "EXTENDED_SYS_STATE": (landed_state,),
+    "FENCE_STATUS": (fence_status,),
 }
-TOLD_ON_CHANGE = (Battery, Health, GpsFix)
-MESSAGES = frozenset(_DECODERS)
+ESTIMATOR_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+MESSAGES = frozenset((*_DECODERS, *ESTIMATOR_MESSAGES))
+ToldOnChange = Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
+TOLD_ON_CHANGE = get_args(ToldOnChange)
 
 
 class Changes:
     """What was told last of states that are told on change."""
 
     def __init__(self) -> None:
-        self._told: dict[tuple[str, int], Battery | Health | GpsFix] = {}
+        self._told: dict[tuple[str, int], ToldOnChange] = {}
 
-    def has(self, event: Battery | Health | GpsFix) -> bool:
+    def has(self, event: ToldOnChange) -> bool:
         """Whether it is news."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
@@ -170,12 +180,14 @@ class Telemetry:
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
         self._changes = Changes()
+        self._estimator = Estimator()
         self._has_battery_status = False
 
     def forget(self) -> None:
         """Begin anew: the autopilot was restarted."""
         self._boot_us.clear()
         self._changes = Changes()
+        self._estimator = Estimator()
 
     def rebooted(self, message: Message) -> bool:
         """Whether the autopilot's time since boot went back."""
@@ -186,6 +198,8 @@ class Telemetry:
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
         """What a message tells, if it is news."""
         kind = message.get_type()
+        if kind in ESTIMATOR_MESSAGES:
+            return self.news(self._estimator.receive(message, at_us))
         decoders = _DECODERS.get(kind, ())
         if not decoders or self._late(kind, message):
             return []
@@ -200,6 +214,10 @@ class Telemetry:
             if not isinstance(event, TOLD_ON_CHANGE) or self._changes.has(event):
                 found.append(event)
         return found
+
+    def news(self, event: ToldOnChange) -> list[TelemetryEvent]:
+        """A state, if it has changed."""
+        return [event] if self._changes.has(event) else []
 
     def _late(self, kind: str, message: Message) -> bool:
         boot_us = _boot_us(message)

@@ -17,6 +17,7 @@ from autopilot_bridge.client_events import (
 from autopilot_bridge.codec import Message
 from autopilot_bridge.stacks import Stack, stack_of
 from autopilot_bridge.telemetry import Telemetry
+from autopilot_bridge.vehicle_status import system_state
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 
@@ -114,4 +115,4 @@ class Watch:
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)
             events.append(ModeChanged(now_us, message.custom_mode, armed, name))
-        return events
+        return [*events, *self._telemetry.news(system_state(message, now_us))]

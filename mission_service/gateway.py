@@ -26,15 +26,20 @@ from mission_service.commands import (
 )
 from mission_service.config import Scenario
 from mission_service.events import (
+    AutopilotText,
     BatteryTold,
     CommandFinished,
     DropFinished,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
     FixTold,
+    LandedStateChanged,
     LinkLost,
     LinkRestored,
     MissionHeld,
     MissionProgress,
     ModeChanged,
+    SystemStateChanged,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -52,6 +57,14 @@ RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
+    # What shows trouble is to be known within two seconds.
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot's
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,  # ArduPilot's
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,  # PX4's
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
 }
 BURN_RATES_HZ = {
     **RATES_HZ,
@@ -59,9 +72,17 @@ BURN_RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
 }
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
+
+# Texts below this severity are not passed on, nor one again within this time: stacks repeat.
+LEAST_SEVERITY = mavlink.MAV_SEVERITY_INFO
+TEXT_AGAIN_AFTER_US = 10_000_000
+MOST_TEXTS_KEPT = 32
+
+StatusChanged = (
+    SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
+)
 
 # A vehicle that stays so far behind mission time, for so long on our own clock, is set to it.
 BEHIND_US = 1_000_000
@@ -152,6 +173,8 @@ class Gateway:
         self._told: deque[VehicleEvent] = deque()  # without the client
         self._battery_pct: dict[int, float] = {}
         self._last: dict[type, VehicleEvent] = {}  # of what is told when it changes
+        self._status: dict[type, StatusChanged] = {}  # the newest of each
+        self._texts: dict[str, int] = {}  # when each was written last, on the link's clock
         self._offset_us: int | None = None
         self._least_behind_us = 0
         self._watched_from_us = 0
@@ -171,7 +194,10 @@ class Gateway:
         self._last.clear()
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
-            self._told.append(_connected(self._clock.now_us, self.name, stack))
+            at_us = self._clock.now_us
+            self._told.append(_connected(at_us, self.name, stack))
+            for status in self._status.values():
+                self._told.append(msgspec.structs.replace(status, at_us=at_us))
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
@@ -287,6 +313,7 @@ class Gateway:
             case bridge.Rebooted():
                 self._offset_us = None
                 self._last.clear()  # all is to be told anew
+                self._texts.clear()
                 return VehicleRebooted(now_us, name)
             case bridge.MissionProgress():
                 return MissionProgress(now_us, name, event.current_seq)
@@ -315,6 +342,18 @@ class Gateway:
                 return self._news(BatteryTold(now_us, name, min(self._battery_pct.values())))
             case bridge.GpsFix():
                 return self._news(FixTold(now_us, name, event.fix in GOOD_FIXES, event.fix))
+            case bridge.Text():
+                return self._text(event)
+            case bridge.SystemState():
+                return self._status_changed(SystemStateChanged(now_us, name, event.state))
+            case bridge.LandedState():
+                return self._status_changed(LandedStateChanged(now_us, name, event.state))
+            case bridge.FenceStatus():
+                told = FenceStatusChanged(now_us, name, event.breached, event.kind)
+                return self._status_changed(told)
+            case bridge.EstimatorStatus():
+                problems = EstimatorStatusChanged(now_us, name, event.healthy, event.problems)
+                return self._status_changed(problems)
             case bridge.CommandFinished():
                 return _command_finished(now_us, name, event)
             case _:
@@ -329,6 +368,23 @@ class Gateway:
         yield ModeChanged(now_us, self.name, *(self._mode or (0, False, stack.mode_name(0))))
         known = 0 if items is None else recognise(items, stack)
         yield MissionHeld(now_us, self.name, known, None if items is None else len(items))
+
+    def _text(self, event: bridge.Text) -> AutopilotText | None:
+        """A text that is worth a word, unless it stands there already."""
+        if event.severity > LEAST_SEVERITY or not event.text:
+            return None
+        before_us = self._texts.pop(event.text, None)
+        self._texts[event.text] = event.at_us
+        if len(self._texts) > MOST_TEXTS_KEPT:
+            self._texts.pop(next(iter(self._texts)))
+        if before_us is not None and event.at_us - before_us < TEXT_AGAIN_AFTER_US:
+            return None
+        return AutopilotText(self._clock.now_us, self.name, event.severity, event.text)
+
+    def _status_changed(self, status: StatusChanged) -> StatusChanged:
+        """The client reports it when it changes; kept, for it is asked for after a restart."""
+        self._status[type(status)] = status
+        return status
 
     def _news(self, told: BatteryTold | FixTold) -> VehicleEvent | None:
         """What is told, unless it was told before."""

@@ -1,7 +1,7 @@
 """What a run leaves to show: tracks, decisions, uploads. Kept in memory, thinned to 1 Hz."""
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from mission_service.burn.plan import IgnitionPlan
@@ -30,6 +30,9 @@ from mission_service.sortie import Sortie
 from mission_service.steering import AIRBORNE_M
 from mission_service.track import Track
 
+MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
+MAX_REASONS = 100  # told apart, of missions: they may name people; all others are OTHER
+OTHER = "other"
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
 
 
@@ -55,7 +58,10 @@ class VehicleRecord:
     """One vehicle's run. A track point is (at_us, lat_deg, lon_deg, altitude_amsl_m)."""
 
     track: Track = field(default_factory=Track)
-    reversals: list[tuple[int, float, float]] = field(default_factory=list)
+    reversals: deque[tuple[int, float, float]] = field(  # at_us, lat_deg, lon_deg
+        default_factory=lambda: deque(maxlen=MAX_REVERSALS)
+    )
+    reversal_count: int = 0
     decisions: int = 0
     direction: str = ""
     uploads: Counter[str] = field(default_factory=Counter)
@@ -147,8 +153,11 @@ class Record:
                 vehicle.direction = command.direction
                 if command.reversed and vehicle.here is not None:
                     vehicle.reversals.append(vehicle.here[:3])
+                    vehicle.reversal_count += 1
             case UploadMission():
-                vehicle.upload_reasons[command.why] += 1
+                reasons = vehicle.upload_reasons
+                known = command.why in reasons or len(reasons) < MAX_REASONS
+                reasons[command.why if known else OTHER] += 1
             case Orbit() | ChangeSpeed():
                 vehicle.orders[type(command).__name__] += 1
             case Propose():

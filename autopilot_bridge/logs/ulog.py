@@ -16,10 +16,12 @@ from autopilot_bridge.client_events import (
     Connected,
     GpsFix,
     ItemReached,
+    LandedState,
     MissionProgress,
     ModeChanged,
     Position,
     Speed,
+    SystemState,
     Text,
 )
 from autopilot_bridge.logs.entries import (
@@ -35,7 +37,7 @@ from autopilot_bridge.logs.entries import (
 from autopilot_bridge.logs.pieces import Values, events_of, records, steady
 from autopilot_bridge.modes import PX4
 from autopilot_bridge.stacks import Stack, stack_named
-from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
+from autopilot_bridge.telemetry import Changes, ToldOnChange, fix_name, wind_of_air
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
@@ -279,7 +281,7 @@ class _Flight:
         self.mission: int | None = None
         self._changes = Changes()
 
-    def news(self, event: Battery | GpsFix) -> list[LogEvent]:
+    def news(self, event: ToldOnChange) -> list[LogEvent]:
         """Where it has changed."""
         return [event] if self._changes.has(event) else []
 
@@ -335,7 +337,13 @@ def _status(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     if state != flight.state:
         flight.state = state
         found.append(ModeChanged(at_us, *state, word))
-    return found
+    # As PX4's heartbeat has it.
+    system = "critical" if told.get("failsafe") else "active" if state[1] else "standby"
+    return [*found, *flight.news(SystemState(at_us, system))]
+
+
+def _landed(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+    return flight.news(LandedState(at_us, "on ground" if told["landed"] else "in air"))
 
 
 def _mission(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
@@ -391,6 +399,7 @@ _TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
     "airspeed_validated": _airspeed,
     "wind": _wind,
     "vehicle_status": _status,
+    "vehicle_land_detected": _landed,
     "mission_result": _mission,
     "actuator_outputs": _outputs,
     "gripper": _gripper,

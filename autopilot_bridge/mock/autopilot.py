@@ -105,6 +105,10 @@ class MockAutopilot:
     def battery_percent(self, percent: float | None) -> None:
         self.flight.battery_percent = percent
 
+    def breach_fence(self, breached: bool) -> None:
+        """A fence of its own is crossed, or kept again."""
+        self.flight.breach(breached, self._now_s())
+
     # Bytes and time -----------------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:

@@ -89,7 +89,14 @@ class CommandServer:
         self._plane = stack.vehicle == "plane"
 
     def obey(self, asked: Asked, flight: Flight, now_s: float) -> int:
-        """Do it; the MAV_RESULT."""
+        """Do it; the MAV_RESULT. Another mode by order ends PX4's failsafe."""
+        before = flight.mode
+        result = self._obey(asked, flight, now_s)
+        if self._px4 and flight.mode != before:
+            flight.failsafe = False
+        return result
+
+    def _obey(self, asked: Asked, flight: Flight, now_s: float) -> int:
         first = asked.params[0]
         match asked.command:
             case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:

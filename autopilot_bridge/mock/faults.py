@@ -32,16 +32,21 @@ class Faults:
     stray_ack: list[float] = field(default_factory=list)
     second_upload: list[float] = field(default_factory=list)  # by another ground station
     second_download: list[float] = field(default_factory=list)
+    battery_emergency: list[float] = field(default_factory=list)
+    fence_breach: list[Span] = field(default_factory=list)
 
 
 FORMS = (
     "loss=SHARE, duplication=SHARE, delay=S, jitter=S, late-ack=S, refuse=ITEM:CODE, "
-    "silent-after=MESSAGES, silence@FROM..TO, gps-loss@FROM..TO, reboot@S, battery-low@S, "
-    "stray-ack@S, second-upload@S, second-download@S"
+    "silent-after=MESSAGES, silence@FROM..TO, gps-loss@FROM..TO, fence-breach@FROM..TO, reboot@S, "
+    "battery-low@S, battery-emergency@S, stray-ack@S, second-upload@S, second-download@S"
 )
 _SECONDS = {"delay": "delay_s", "jitter": "jitter_s", "late-ack": "late_ack_s"}
-_SPANS = ("silence", "gps-loss")
-_TIMES = ("reboot", "battery-low", "stray-ack", "second-upload", "second-download")
+_SPANS = ("silence", "gps-loss", "fence-breach")
+_TIMES = (
+    *("reboot", "battery-low", "battery-emergency"),
+    *("stray-ack", "second-upload", "second-download"),
+)
 
 
 def parse_faults(texts: Sequence[str]) -> Faults:

@@ -62,6 +62,8 @@ class Flight(Body):
     armed: bool = False
     crashed: bool = False
     blind: bool = False  # it has given up its position, and takes no mode that needs one
+    failsafe: bool = False  # it acts on one
+    fence: bool | None = None  # whether one is breached; None: none is switched on
     items: tuple[MissionItem, ...] = ()
     current: int = 0
     reached: list[int] = field(default_factory=list)
@@ -97,6 +99,7 @@ class Flight(Body):
         )
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
         fresh.airborne, fresh.crashed = self.airborne, self.crashed
+        fresh.fence = self.fence
         fresh._stood_amsl_m = self._stood_amsl_m
         fresh.payload.outputs = self.payload.outputs
         return fresh
@@ -111,6 +114,12 @@ class Flight(Body):
     @battery_percent.setter
     def battery_percent(self, percent: float | None) -> None:
         self.battery.percent = percent
+
+    def blind_s(self, now_s: float) -> float:
+        """How long it has flown without satellites; on the ground nothing bridges that."""
+        if self.gps:
+            return 0.0
+        return now_s - self._fix_s if self.airborne else math.inf
 
     # What is asked of it ----------------------------------------------------------------------
 
@@ -440,15 +449,42 @@ class Flight(Body):
 
     def _out_of_power(self, now_s: float) -> bool:
         """Drain the battery, go home when it is low, come down when it is empty (True)."""
+        ardupilot = self.stack.name == "ardupilot"
         if self.battery.drain():
-            self.texts.append(self.battery.low_text(self.stack.name == "ardupilot"))
-            if self.mode != "rtl":
-                self.set_mode("rtl", now_s)
+            self.texts.append(self.battery.low_text(ardupilot))
+            self.failsafe_to("rtl", now_s)
+        if self.battery.emergency() and not ardupilot:
+            self.texts.append((0, "Emergency battery level\t"))
         if not self.battery.empty:
             return False
         self.fall()
         self._look_down()
         return True
+
+    def failsafe_to(self, mode: Mode, now_s: float) -> None:
+        """Act on a failsafe: fly home, hold or land."""
+        self.failsafe = True
+        if self.mode != mode:
+            self.set_mode(mode, now_s)
+            if self.stack.name == "px4":
+                self.texts.append((2, "Failsafe activated\t"))
+
+    def breach(self, breached: bool, now_s: float) -> None:
+        """A fence was crossed, or is kept again; as delivered PX4 holds, ArduPilot goes home.
+
+        ArduPlane does not count it as a failsafe in its heartbeat (read: 4.6.2
+        ``any_failsafe_triggered``).
+        """
+        self.fence = breached
+        if not breached or not self.armed:
+            return
+        if self.stack.name == "px4":
+            self.texts.append((2, "Geofence: approaching or outside geofence"))
+            self.failsafe_to("hold", now_s)
+        else:
+            self.texts.append((5, "Polygon fence breached"))
+            if self.mode != "rtl":
+                self.set_mode("rtl", now_s)
 
     def _land_blind(self, now_s: float) -> None:
         """Land where it is when satellites were lost for long."""
@@ -459,9 +495,9 @@ class Flight(Body):
             return
         self.blind = True
         ardupilot = self.stack.name == "ardupilot"
-        words = "EKF Failsafe: changed to LAND Mode" if ardupilot else "Failsafe activated\t"
-        self.texts.append((2, words))
-        self.set_mode("land", now_s)
+        if ardupilot:
+            self.texts.append((2, "EKF Failsafe: changed to LAND Mode"))
+        self.failsafe_to("land", now_s)
 
     def _look_down(self) -> None:
         """Below the ground is a crash: the vehicle stays there for good."""

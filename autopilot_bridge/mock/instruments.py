@@ -5,7 +5,10 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message
+from autopilot_bridge.mock.course_of_items import LANDINGS
+from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.kinematics import GRAVITY_M_S2
+from autopilot_bridge.stacks import Stack
 
 # What is switched on: gyro, accelerometer, compass, barometer, GPS, attitude, motors, AHRS.
 SENSORS = (
@@ -71,6 +74,64 @@ def battery_status(percent: int, voltage_v: float) -> Message:
     """BATTERY_STATUS: without cell sensors the first cell stands for all."""
     voltages = [round(voltage_v * 1e3)] + [65535] * 9
     return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, -1, 0, 0, percent)
+
+
+def landed_state(stack: Stack, flight: Flight) -> Message:
+    """EXTENDED_SYS_STATE; ArduPlane knows on the ground and in the air only."""
+    state = mavlink.MAV_LANDED_STATE_IN_AIR
+    if not flight.airborne:
+        state = mavlink.MAV_LANDED_STATE_ON_GROUND
+    elif (stack.name, stack.vehicle) == ("ardupilot", "plane"):
+        pass
+    elif flight.mode == "land" or _lands(flight):
+        state = mavlink.MAV_LANDED_STATE_LANDING
+    elif flight.mode == "takeoff":
+        state = mavlink.MAV_LANDED_STATE_TAKEOFF
+    return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
+
+
+def _lands(flight: Flight) -> bool:
+    item = None if flight.target is None else flight.target.item
+    return flight.mode == "mission" and item is not None and item.command in LANDINGS
+
+
+def system_status(stack: Stack, flight: Flight) -> int:
+    """MAV_STATE of the heartbeat: PX4 is active when armed, ArduPilot in the air."""
+    if flight.failsafe:
+        return int(mavlink.MAV_STATE_CRITICAL)
+    active = flight.armed if stack.name == "px4" else flight.airborne
+    return int(mavlink.MAV_STATE_ACTIVE if active else mavlink.MAV_STATE_STANDBY)
+
+
+def fence_status(breached: bool, boot_ms: int) -> Message:
+    """FENCE_STATUS of a fence in the plane."""
+    kind = mavlink.FENCE_BREACH_BOUNDARY if breached else mavlink.FENCE_BREACH_NONE
+    return mavlink.MAVLink_fence_status_message(breached, int(breached), kind, boot_ms)
+
+
+ESTIMATE_VALID = 0x033F  # attitude, velocities, positions, and that they will stay so
+POSITION_HOLDS_S = 7.0  # without satellites
+
+
+def estimator_flags(stack: Stack, blind_s: float) -> int:
+    """Of EKF_STATUS_REPORT and ESTIMATOR_STATUS, after so long without satellites."""
+    flags = ESTIMATE_VALID
+    if blind_s > POSITION_HOLDS_S:
+        flags &= ~(mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS)
+    elif blind_s > 0.5 and stack.name == "px4":
+        flags &= ~mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
+    return flags
+
+
+def ekf_status(flags: int) -> Message:
+    """ArduPilot's EKF_STATUS_REPORT."""
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
+
+
+def estimator_status(flags: int, boot_us: int) -> Message:
+    """PX4's ESTIMATOR_STATUS."""
+    ratios = (0.1, 0.1, 0.1, 0.1, 0.0, 0.0)
+    return mavlink.MAVLink_estimator_status_message(boot_us, flags, *ratios, 0.5, 0.8)
 
 
 def gps_raw(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from autopilot_bridge.mock.kinematics import STEP_S
 
 LOW_PERCENT = 15.0  # PX4's BAT_LOW_THR
+EMERGENCY_PERCENT = 5.0  # BAT_EMERGEN_THR
 VOLTS_FULL, VOLTS_EMPTY = 12.6, 10.5  # three cells
 CAPACITY_MAH = 5000.0
 
@@ -16,6 +17,7 @@ class Battery:
     percent: float | None = None
     endurance_s: float | None = None
     acted: bool = False  # on being low
+    warned: bool = False  # of the emergency
 
     def drain(self) -> bool:
         """One step in the air; True once, when it has become low."""
@@ -26,6 +28,13 @@ class Battery:
         if self.percent > LOW_PERCENT or self.acted:
             return False
         self.acted = True
+        return True
+
+    def emergency(self) -> bool:
+        """True once, when it has come to the last of three thresholds."""
+        if self.warned or self.percent is None or self.percent > EMERGENCY_PERCENT:
+            return False
+        self.warned = True
         return True
 
     @property

@@ -11,7 +11,11 @@ from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.intervals import (
     ATTITUDE,
     BATTERY_STATUS,
+    EKF,
+    ESTIMATOR,
+    FENCE,
     GPS,
+    LANDED,
     POSITION,
     SERVOS,
     SYS_STATUS,
@@ -106,10 +110,10 @@ class Telemetry:
         base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if flight.armed:
             base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        active = mavlink.MAV_STATE_ACTIVE if flight.armed else mavlink.MAV_STATE_STANDBY
+        state = instruments.system_status(self._stack, flight)
         self._send(
             mavlink.MAVLink_heartbeat_message(
-                self._stack.mav_type, self._stack.autopilot, base_mode, custom_mode, active, 3
+                self._stack.mav_type, self._stack.autopilot, base_mode, custom_mode, state, 3
             )
         )
 
@@ -156,6 +160,21 @@ class Telemetry:
             self._send(instruments.gps_raw(boot_us, *place, motion.altitude_m, *fix))
         if due(SERVOS, steps):
             self._servos(flight, steps)
+        self._states(flight, steps)
+
+    def _states(self, flight: Flight, steps: int) -> None:
+        """What shows trouble."""
+        boot_us, due = steps * STEP_US, self._intervals.due
+        if due(LANDED, steps):
+            self._send(instruments.landed_state(self._stack, flight))
+        if flight.fence is not None and due(FENCE, steps):
+            self._send(instruments.fence_status(flight.fence, boot_us // 1000))
+        if due(EKF, steps) or due(ESTIMATOR, steps):
+            flags = instruments.estimator_flags(self._stack, flight.blind_s(boot_us / 1e6))
+            if self._stack.name == "px4":
+                self._send(instruments.estimator_status(flags, boot_us))
+            else:
+                self._send(instruments.ekf_status(flags))
 
     def _servos(self, flight: Flight, steps: int) -> None:
         servos = flight.payload.servos_us

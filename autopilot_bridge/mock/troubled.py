@@ -10,7 +10,7 @@ from autopilot_bridge.items import Items, waypoint
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.faults import Faults, Span
-from autopilot_bridge.mock.power import LOW_PERCENT
+from autopilot_bridge.mock.power import EMERGENCY_PERCENT, LOW_PERCENT
 
 GROUND = (255, 190)  # as whom the mock takes the station it is tried with
 SECOND_GROUND = (254, 190)
@@ -44,12 +44,18 @@ class Troubled:
         self._began_us: int | None = None
         self._due: list[tuple[float, Callable[[int], None]]] = []
         self._due += [(at_s, mock.reboot) for at_s in faults.reboot]
-        self._due += [(at_s, self._battery_low) for at_s in faults.battery_low]
+        for times, percent in (
+            (faults.battery_low, LOW_PERCENT),
+            (faults.battery_emergency, EMERGENCY_PERCENT),
+        ):
+            self._due += [(at_s, self._battery(percent - 1.0)) for at_s in times]
         self._due += [(at_s, self._stray) for at_s in faults.stray_ack]
         self._due += [(at_s, self._upload) for at_s in faults.second_upload]
         self._due += [(at_s, self._download) for at_s in faults.second_download]
         for start_s, end_s in faults.gps_loss:
             self._due += [(start_s, self._gps(False)), (end_s, self._gps(True))]
+        for start_s, end_s in faults.fence_breach:
+            self._due += [(start_s, self._fence(True)), (end_s, self._fence(False))]
         self._due.sort(key=lambda due: due[0])
 
     def receive_data(self, data: bytes, now_us: int) -> None:
@@ -128,9 +134,19 @@ class Troubled:
 
         return change
 
-    def _battery_low(self, now_us: int) -> None:
-        del now_us
-        self.mock.battery_percent = LOW_PERCENT - 1.0
+    def _fence(self, breached: bool) -> Callable[[int], None]:
+        def change(now_us: int) -> None:
+            del now_us
+            self.mock.breach_fence(breached)
+
+        return change
+
+    def _battery(self, percent: float) -> Callable[[int], None]:
+        def change(now_us: int) -> None:
+            del now_us
+            self.mock.battery_percent = percent
+
+        return change
 
     def _stray(self, now_us: int) -> None:
         """MISSION_ACKs of a failure that is none of the station's: each is wrong in one way."""

@@ -31,6 +31,7 @@ class Told(msgspec.Struct):
     at_s: float
     event: str
     said: list[str]
+    confirm: bool = False  # not ordered: ask the person, then send it again with ``confirmed``
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):

@@ -23,6 +23,7 @@ HANDED_ON = (
     | bridge.Battery
     | bridge.GpsFix
     | bridge.ModeChanged
+    | bridge.StatusEvent
 )
 
 

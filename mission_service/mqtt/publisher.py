@@ -102,6 +102,14 @@ class Publisher:
 
     async def _use(self, client: aiomqtt.Client) -> None:
         """Until the broker is gone; raises what ends it."""
+        try:
+            await self._talk(client)
+        except Exception:
+            while not self._inbox.empty():  # it has come; that the broker is gone changes nothing
+                self._take(self._inbox.get_nowait())
+            raise
+
+    async def _talk(self, client: aiomqtt.Client) -> None:
         if self._takes_commands:
             await self._subscribe(client)
         self._outgoing.begin()

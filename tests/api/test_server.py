@@ -5,7 +5,6 @@ import contextlib
 import signal
 import socket
 import ssl
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from mission_service.api import guard, server
+from mission_service.api import callers, guard, server
 from mission_service.api.door import http_door
 from mission_service.api.server import bound, tls_of, url_of
 from mission_service.errors import MissionServiceError
@@ -177,7 +176,7 @@ def is_gone(opened: tuple[asyncio.StreamReader, asyncio.StreamWriter]) -> bool:
 def test_of_too_many_connections_those_without_a_token_go(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(callers, "MOST_OF_AN_ADDRESS", 8)
 
     async def go() -> None:
         service = served(flying)
@@ -196,23 +195,6 @@ def test_of_too_many_connections_those_without_a_token_go(
                 writer.close()
 
     asyncio.run(go())
-
-
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A certificate of our own for 127.0.0.1, and its key."""
-    folder = tmp_path_factory.mktemp("tls")
-    certificate, key = folder / "cert.pem", folder / "key.pem"
-    line = [
-        *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"),
-        *("-nodes", "-days", "2", "-subj", "/CN=localhost", "-keyout", str(key)),
-        *("-addext", "subjectAltName=IP:127.0.0.1", "-out", str(certificate)),
-    ]
-    try:
-        subprocess.run(line, check=True, capture_output=True)
-    except FileNotFoundError:
-        pytest.skip("no openssl to make a certificate with")
-    return certificate, key
 
 
 def test_with_a_certificate_all_is_encrypted(flying: World, certificate: tuple[Path, Path]) -> None:

@@ -23,7 +23,7 @@ def test_faults_are_read() -> None:
         *("loss=0.1", "duplication=0.2", "delay=0.3", "jitter=0.4", "late-ack=2", "refuse=3:13"),
         *("refuse=5:1", "silent-after=4", "silence@5..6", "silence@9", "gps-loss@10..20"),
         *("reboot@30", "reboot@40", "battery-low@50", "stray-ack@1", "second-upload@2"),
-        "second-download@3.5",
+        *("second-download@3.5", "fence-breach@60..70", "battery-emergency@80"),
     )
     assert parse_faults(words) == Faults(
         {(0, 3): 13, (0, 5): 1},
@@ -31,6 +31,8 @@ def test_faults_are_read() -> None:
         [(5.0, 6.0), (9.0, float("inf"))],
         [(10.0, 20.0)],
         *([30.0, 40.0], [50.0], [1.0], [2.0], [3.5]),
+        fence_breach=[(60.0, 70.0)],
+        battery_emergency=[80.0],
     )
 
 

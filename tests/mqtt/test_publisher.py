@@ -3,12 +3,14 @@
 import asyncio
 import contextlib
 import gc
+import json
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import aiomqtt
@@ -24,7 +26,7 @@ from mission_service.mqtt.names import Broker
 from mission_service.mqtt.site import access_for, site_in
 from mission_service.service_config import MqttSection
 from tests.mqtt.certificates import make_certificates
-from tests.mqtt.stage import Listener, Stage, listening, telling
+from tests.mqtt.stage import ROOT, Listener, Stage, listening, telling
 from tests.patience import PATIENCE_S, until
 
 needs_mosquitto = pytest.mark.skipif(
@@ -388,6 +390,28 @@ def test_no_broker_can_say_anything_that_ends_the_service(
 
     asyncio.run(look())
     assert caplog.records == []
+
+
+def test_what_has_come_is_done_though_the_broker_is_gone_by_then() -> None:
+    def message(name: str, payload: dict[str, Any]) -> aiomqtt.Message:
+        body = json.dumps(payload).encode()
+        return aiomqtt.Message(f"{ROOT}/cmd/{name}", body, 1, False, 0, None)
+
+    async def gone(*_: Any, **__: Any) -> None:
+        raise aiomqtt.MqttError("gone")
+
+    async def look() -> None:
+        async with telling(1, commands=True) as stage:  # nothing listens there
+            inbox = stage.publisher._inbox
+            for number in range(8):
+                inbox.put_nowait(message("hold", command(id=f"h{number}")))
+            inbox.put_nowait(message("abort", {}))
+            client: Any = SimpleNamespace(subscribe=gone, publish=gone)
+            with pytest.raises(aiomqtt.MqttError, match="gone"):
+                await stage.publisher._use(client)
+            assert [each["do"] for each in stage.asked] == ["abort", *["hold"] * 8]
+
+    asyncio.run(look())
 
 
 def test_aborts_come_first_and_what_waits_is_bounded() -> None:

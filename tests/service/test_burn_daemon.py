@@ -146,7 +146,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         assert there.ask(do="status")["status"]["at_s"] < 60.0
 
     news = run(burned, tmp_path, third, killed=True)
-    assert "the journal of an earlier burn is kept as journal-1.jsonl; this is a new one" in news
+    assert "the journal of an earlier run is kept as journal-1.jsonl; this is a new one" in news
     assert (tmp_path / "journal-1.jsonl").read_bytes() == whole
     assert events(path) == []
 
@@ -162,7 +162,9 @@ def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
     run(burned, tmp_path, first, killed=True)
     damaged = path.read_bytes().replace(b'"by":"ann"', b'"by":"bob"')
     path.write_bytes(damaged)
-    with pytest.raises(JournalError, match=r"line \d+ was altered.*to begin anew, move that file"):
+    with pytest.raises(
+        JournalError, match=r"line \d+ was altered.*to begin anew, start with --anew"
+    ):
         run(burned, tmp_path, None, killed=False)
     assert path.read_bytes() == damaged
     assert not (tmp_path / NAME).exists()

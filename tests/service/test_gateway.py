@@ -7,10 +7,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge import client_events as bridge
 from autopilot_bridge.rates import rates_for
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.stacks import Stack, stack_named
 from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
 from mission_service.config import load_scenario
-from mission_service.events import ModeChanged, WindMeasured
+from mission_service.events import (
+    AutopilotText,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    LandedStateChanged,
+    ModeChanged,
+    SystemStateChanged,
+    WindMeasured,
+)
 from mission_service.gateway import RATES_HZ, Gateway, MissionClock
 from mission_service.sim import simulate
 
@@ -18,7 +26,7 @@ from mission_service.sim import simulate
 class Client:
     """Notes what is ordered; tells what it is given."""
 
-    stack = None
+    stack: Stack | None = None
 
     def __init__(self, *events: bridge.ClientEvent) -> None:
         self.orders: list[str] = []
@@ -74,7 +82,26 @@ def test_wind_and_modes_are_told_with_mission_time() -> None:
 def test_each_stack_is_asked_for_its_own_message_of_the_wind(stack: str, message: int) -> None:
     asked = rates_for(stack_named(stack, "plane"), RATES_HZ)
     assert asked[message] <= 0.2
-    assert len(asked) == len(RATES_HZ) - 1
+    winds = {mavlink.MAVLINK_MSG_ID_WIND_COV, mavlink.MAVLINK_MSG_ID_WIND}
+    assert winds & set(asked) == {message}
+
+
+@pytest.mark.parametrize(
+    ("stack", "own", "other"),
+    [
+        ("px4", {"ESTIMATOR_STATUS"}, {"EKF_STATUS_REPORT", "FENCE_STATUS"}),
+        ("ardupilot", {"EKF_STATUS_REPORT", "FENCE_STATUS"}, {"ESTIMATOR_STATUS"}),
+    ],
+)
+def test_each_stack_is_asked_for_what_shows_its_trouble(
+    stack: str, own: set[str], other: set[str]
+) -> None:
+    asked = rates_for(stack_named(stack, "plane"), RATES_HZ)
+    names = {mavlink.mavlink_map[number].msgname: hz for number, hz in asked.items()}
+    for name in own | {"EXTENDED_SYS_STATE", "GPS_RAW_INT"}:
+        assert names[name] == 1.0
+    assert not other & set(names)
+    assert {"SYS_STATUS", "BATTERY_STATUS"} <= set(names)
 
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
@@ -136,3 +163,62 @@ def test_who_joined_while_another_was_not_heard_is_seen_by_it() -> None:
             swift.hears(at(20.0 + second))
         told = [[*gateway.events(second * 1_000_000)] for gateway in gateways]
     assert told[0][0].at_us - told[1][0].at_us == 0
+
+
+def texts(*told: tuple[float, int, str]) -> list[tuple[int, str]]:
+    """What is passed on of texts written at these seconds of the link's clock."""
+    client = Client(*(bridge.Text(round(at_s * 1e6), level, text) for at_s, level, text in told))
+    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
+    passed_on = list(gateway.events(9))
+    return [(e.severity, e.text) for e in passed_on if isinstance(e, AutopilotText)]
+
+
+def test_texts_are_passed_on_with_their_severity_but_for_debugging() -> None:
+    assert texts((1.0, 0, "Emergency battery level"), (2.0, 6, "Landed"), (3.0, 7, "x")) == [
+        (0, "Emergency battery level"),
+        (6, "Landed"),
+    ]
+
+
+def test_a_text_that_is_repeated_is_passed_on_once_until_it_has_stopped() -> None:
+    again = [(float(second), 4, "Low battery") for second in range(0, 60, 5)]
+    assert texts(*again) == [(4, "Low battery")]
+    assert len(texts(*again, (66.0, 4, "Low battery"))) == 2
+    assert len(texts((0.0, 4, "a"), (1.0, 4, "b"), (2.0, 4, "a"))) == 2
+
+
+def test_no_flood_of_texts_is_kept() -> None:
+    client = Client(*(bridge.Text(number, 4, f"text {number}") for number in range(5000)))
+    gateway = Gateway("hawk", client, MissionClock(0, wall=False))
+    assert len(list(gateway.events(9))) == 5000
+    assert len(gateway._texts) <= 32
+
+
+def test_states_of_trouble_are_the_cores_events() -> None:
+    client = Client(
+        bridge.SystemState(7, "critical"),
+        bridge.LandedState(7, "landing"),
+        bridge.FenceStatus(7, True, "boundary"),
+        bridge.EstimatorStatus(7, False, ("position lost",)),
+    )
+    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
+    assert list(gateway.events(9)) == [
+        SystemStateChanged(1000, "hawk", "critical"),
+        LandedStateChanged(1000, "hawk", "landing"),
+        FenceStatusChanged(1000, "hawk", True, "boundary"),
+        EstimatorStatusChanged(1000, "hawk", False, ("position lost",)),
+    ]
+
+
+def test_states_are_told_anew_with_the_mission_that_is_read_back() -> None:
+    """After writing to a full disk began to work again: nothing before is known."""
+    plane = stack_named("px4", "plane")
+    client = Client(bridge.Connected(1, plane), bridge.SystemState(2, "critical"))
+    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
+    assert len(list(gateway.events(3))) == 2
+    client.stack = plane
+    gateway.read_back(lambda items, stack: 0, 4)
+    assert [type(event).__name__ for event in gateway.events(5)] == [
+        "VehicleConnected",
+        "SystemStateChanged",
+    ]
