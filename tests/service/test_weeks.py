@@ -9,7 +9,7 @@ import types
 from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -120,7 +120,7 @@ class People:
                 return [MissionWanted(*ann, vehicle)]
             case _:
                 place = (FIRE[0] + north, FIRE[1] + east)
-                state = rng.choice(("burned", "unburned"))
+                state: Literal["burned", "unburned"] = rng.choice(("burned", "unburned"))
                 return [Corrected(*ann, state, "point", (place,), now_us)]
 
 
