@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel import devs8, labels
 from firemodel.anyangle import AnyAngleFire
+from mission_service.formation.shared_map import SharedMap
 from mission_service.planners.lookahead import Moves
 from mission_service.track import Track
 
@@ -77,6 +78,8 @@ def _parts(thing: Any) -> Iterator[tuple[str, Any]]:
     names = [name for kind in type(thing).__mro__ for name in _slots(kind)]
     if hasattr(thing, "__dict__"):
         names += sorted(vars(thing))
+    if isinstance(thing, SharedMap):
+        names = [name for name in names if name not in ("_found", "_shares", "_theirs")]
     if isinstance(thing, AnyAngleFire):
         names.remove("_points")
         yield "._points", thing._points[: thing._used]

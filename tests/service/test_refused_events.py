@@ -4,13 +4,13 @@ import math
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
 
 from benchmarks.folds import difference
-from mission_service.commands import Hold, UploadMission
+from mission_service.commands import AnyCommand, Hold, UploadMission
 from mission_service.config import Scenario, flying, load_scenario
 from mission_service.core import Core
 from mission_service.daemon import desk_of, replay
@@ -26,6 +26,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire_setup import landscape_of
+from mission_service.gateway import Gateway
 from mission_service.journal import Journal, JournalReader, event_body, header_of
 from mission_service.picture import Picture
 from mission_service.record import Record
@@ -224,6 +225,16 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
 # Lines that cannot be read or handled --------------------------------------------------------
 
 
+class Silent:
+    """The gateway of a vehicle that is not heard."""
+
+    def execute(self, command: AnyCommand, now_us: int) -> None:
+        """Nobody is there."""
+
+    def read_back(self, recognise: object, now_us: int) -> None:
+        """Nobody is heard."""
+
+
 def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Service]:
     """What a restart makes of a journal: why lines were skipped now, and the service."""
     scenario = scenario_flown()
@@ -238,7 +249,7 @@ def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Service]:
         world_of(scenario, landscape),
         journal,
         Record(("hawk",), start_us),
-        {},
+        {"hawk": cast(Gateway, Silent())},
         picture=Picture(scenario, landscape, start_us),
     )
     if cut_off.objects is not None:
