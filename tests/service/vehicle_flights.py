@@ -420,7 +420,7 @@ class Flights:
     def order(self, name: str, order: Order, confirmed: bool) -> None:
         """An order to one vehicle, or to all without a name; a burn has none."""
         if self.crew is None:
-            self.tell(ordered(self.now_us, name, order, confirmed))
+            self.tell(Ordered(self.now_us, "ann", "", name, order, confirmed))
         self.step()
 
     def abort(self) -> None:
@@ -471,7 +471,7 @@ class Flights:
 
     def kill_before_sending(self, name: str, order: Order) -> None:
         """The service is killed when an order is written down, and what follows is not."""
-        event = ordered(self.now_us, name, order, True)
+        event = Ordered(self.now_us, "ann", "", name, order, True)
         aborted = Aborted(self.now_us, "ann", "")
         self.tell(event if self.crew is None else aborted, carried_out=False)
         self.restart(1.0, True, "same")
@@ -492,13 +492,6 @@ class Flights:
         """The core goes on from a state on the disk, beside the one that was never stopped."""
         self.met["restored from a state"] += 1
         self.twin = thawed(Frozen({"core": self.core}, self.site.known))["core"]
-
-
-def ordered(at_us: int, name: str, order: Order, confirmed: bool) -> Ordered:
-    """An order by a person; before orders could be confirmed none was."""
-    if "confirmed" in Ordered.__struct_fields__:
-        return Ordered(at_us, "ann", "", name, order, confirmed=confirmed)
-    return Ordered(at_us, "ann", "", name, order)
 
 
 def _autopilot(site: Site, section: VehicleSection) -> Autopilot:

@@ -203,7 +203,7 @@ class Oracle:
         words = f"order {order} to {name} in {told.mode!r} ({told.judged})"
         asked = any(_asks(command, name) for command in commands)
         found: list[Violation] = []
-        confirmed = bool(getattr(event, "confirmed", False))
+        confirmed = event.confirmed
         if self._must_ask(told, order) and not confirmed and not asked:
             found.append(Violation("no question", words))
         if asked and (confirmed or not self._may_ask(told, order)):
