@@ -20,7 +20,7 @@ from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
 from mission_service.commands import CONFIRM
 from mission_service.errors import ControlError, MissionServiceError
-from mission_service.events import CrewEvent
+from mission_service.events import Corrected, CrewEvent, Erased, Redone, Undone
 from mission_service.requests import KNOWN, event_of
 
 MOST_LINE_BYTES = 64 * 1024
@@ -33,6 +33,7 @@ FRESH_S = 2.0  # what a client sent so shortly before it went is still meant
 LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
 
 Answer = dict[str, Any]
+CHANGES_AREA = (Corrected, Erased, Undone, Redone)
 KNOWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
@@ -49,10 +50,12 @@ class Desk:
         on_map: Callable[[float, float], bool],
         vehicles: Collection[str] | None = None,
         words: Collection[str] = KNOWN,
+        burned_ha: Callable[[], float] | None = None,
     ) -> None:
         """``tell`` handles an event, and returns what was said in answer to it.
 
-        ``words`` are what may be asked for in this scenario (``requests.py``).
+        ``words`` are what may be asked for in this scenario (``requests.py``). ``burned_ha`` is the
+        area burned now, where corrections change it: they are answered with old and new area.
         """
         self._tell = tell
         self._status = status
@@ -62,6 +65,7 @@ class Desk:
         self._on_map = on_map
         self._vehicles = vehicles
         self._words = words
+        self._burned_ha = burned_ha
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
         """The answer to one request; never raises for anything that it may say.
@@ -83,15 +87,15 @@ class Desk:
                 self._words,
                 may_approve,
             )
+            burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
+            before_ha = None if burned_ha is None else burned_ha()
             said = self._tell(event)
         except KNOWN_ERRORS as error:
             return wrong(str(error))
-        answer = {
-            "ok": True,
-            "at_s": event.at_us / 1e6,
-            "event": type(event).__name__,
-            "said": said,
-        }
+        answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
+        if burned_ha is not None:
+            answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}
+        answer["said"] = said
         if any(line.startswith(CONFIRM) for line in said):
             answer["confirm"] = True
         return answer

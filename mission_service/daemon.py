@@ -219,6 +219,9 @@ def _load_for_corrections() -> None:
     """What only the first correction needs, and takes long to load."""
     for name in ("firemodel.corrected_cells", "contourpy", "rasterio.features"):
         import_module(name)
+    from firemodel.corrected_cells import warm_up
+
+    warm_up()
 
 
 def _begun(
@@ -336,9 +339,14 @@ def desk_of(
         landscape = service.world.landscape
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
+    def burned_ha() -> float:
+        service.world.advance(clock.now_us)
+        return service.world.fire.burned_ha
+
     words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
     names = tuple(section.name for section in scenario.flown)
-    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words)
+    area = None if burn is not None else burned_ha  # in a burn it is what is believed that changes
+    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words, area)
 
 
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:

@@ -176,7 +176,8 @@ def _pictures(routes: APIRouter, api: Api) -> None:
 
 def _words(routes: APIRouter, api: Api) -> None:
     """What people say of fire and wind."""
-    corrected = struct(Told, {**examples.TOLD, "event": "Corrected"})
+    areas = {"burned_ha_before": 329.4, "burned_ha_after": 331.2}
+    corrected = struct(Told, {**examples.TOLD, "event": "Corrected", "said": [], **areas})
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(

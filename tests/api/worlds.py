@@ -72,6 +72,10 @@ def world_in(out: Path, scenario: Scenario) -> World:
     def on_map(lat_deg: float, lon_deg: float) -> bool:
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
+    def burned_ha() -> float:
+        simulation.world.advance(clock.now_us)
+        return simulation.world.fire.burned_ha
+
     burn = scenario.burn if scenario.planner.rule == BURN else None
     desk = Desk(
         tell,
@@ -82,6 +86,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         on_map,
         tuple(section.name for section in scenario.vehicles),
         (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS)),
+        None if burn is not None else burned_ha,
     )
     settings = ServiceSection(http=HttpSection())
     hub = Hub(scenario, settings, service, picture, desk, clock, {}, out, out / "journal.jsonl")
