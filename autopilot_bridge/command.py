@@ -74,8 +74,13 @@ class CommandSequence:
         steps: tuple[AnyStep, ...],
         timing: TransferTiming,
         bytewise: bool = False,
+        behind_heartbeats: bool = False,
     ) -> None:
-        """``bytewise`` is how the autopilot carries parameters that are whole numbers."""
+        """``bytewise`` is how the autopilot carries parameters that are whole numbers.
+
+        ``behind_heartbeats``: it is repeated only right after one, so that a mode which the
+        autopilot has chosen meanwhile is known by then.
+        """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
         self._own = own
@@ -83,6 +88,8 @@ class CommandSequence:
         self._steps = steps
         self._timing = timing
         self._bytewise = bytewise
+        self._behind_heartbeats = behind_heartbeats
+        self._repeats = False  # with the next heartbeat
         self._index = 0
         self._tries = 0
         self._deadline_us = 0
@@ -90,6 +97,11 @@ class CommandSequence:
         self._setting: ParameterSet | None = None
         self._refusal: str | None = None
         self._text = ""
+
+    @property
+    def steps(self) -> tuple[AnyStep, ...]:
+        """What it consists of."""
+        return self._steps
 
     def start(self, now_us: int) -> list[Message]:
         """The first step."""
@@ -100,7 +112,7 @@ class CommandSequence:
 
     def _begin(self, now_us: int) -> list[Message]:
         step = self._steps[self._index]
-        self._tries, self._working = 0, False
+        self._tries, self._working, self._repeats = 0, False, False
         if isinstance(step, Step):
             self._setting = None
             return self._send(step, now_us)
@@ -121,6 +133,10 @@ class CommandSequence:
         if source != self._target or self.outcome is not None:
             return []
         kind = message.get_type()
+        if kind == "HEARTBEAT" and self._repeats:
+            self._repeats = False
+            step = self._steps[self._index]
+            return self._send(step, now_us) if isinstance(step, Step) else []
         if kind == "STATUSTEXT" and message.severity <= WARNING:
             self._text = message.text.strip()
             if self._refusal is not None:
@@ -198,6 +214,9 @@ class CommandSequence:
             self.outcome = (False, f"{name} was begun and not ended in {WORKING_FOR_US // 10**6} s")
         elif self._tries > self._timing.retries:
             self.outcome = (False, f"{name} was not answered")
+        elif self._behind_heartbeats:
+            self._repeats = True
+            self._deadline_us = now_us + self._timing.timeout_us
         else:
             return self._send(step, now_us)
         return []
