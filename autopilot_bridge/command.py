@@ -27,6 +27,7 @@ RESULTS = {
 # A refusal's reason may come as a text a moment after it (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
+HEARTBEAT_US = 1_200_000  # within which one comes
 WARNING = mavlink.MAV_SEVERITY_WARNING
 
 
@@ -75,11 +76,13 @@ class CommandSequence:
         timing: TransferTiming,
         bytewise: bool = False,
         behind_heartbeats: bool = False,
+        insists: bool = False,
     ) -> None:
         """``bytewise`` is how the autopilot carries parameters that are whole numbers.
 
         ``behind_heartbeats``: it is repeated only right after one, so that a mode which the
-        autopilot has chosen meanwhile is known by then.
+        autopilot has chosen meanwhile is known by then. One that ``insists`` is repeated all the
+        same where no heartbeat comes.
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
@@ -89,6 +92,7 @@ class CommandSequence:
         self._timing = timing
         self._bytewise = bytewise
         self._behind_heartbeats = behind_heartbeats
+        self._insists = insists
         self._repeats = False  # with the next heartbeat
         self._index = 0
         self._tries = 0
@@ -208,6 +212,9 @@ class CommandSequence:
             return messages + self._after_setting(now_us)
         step = self._steps[self._index]
         assert isinstance(step, Step)
+        if self._repeats and self._insists:
+            self._repeats = False
+            return self._send(step, now_us)
         name = command_name(step.command)
         self._tries += 1
         if self._working:
@@ -216,7 +223,7 @@ class CommandSequence:
             self.outcome = (False, f"{name} was not answered")
         elif self._behind_heartbeats:
             self._repeats = True
-            self._deadline_us = now_us + self._timing.timeout_us
+            self._deadline_us = now_us + HEARTBEAT_US
         else:
             return self._send(step, now_us)
         return []

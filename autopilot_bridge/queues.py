@@ -50,7 +50,8 @@ class Commands:
         sequence = CommandSequence(
             *(name, self._own, target, steps, timing or self._timing),
             bytewise=stack.name == "px4",
-            behind_heartbeats=bool(modes) and not urgent,
+            behind_heartbeats=bool(modes) and timing is None,
+            insists=urgent,
         )
         self._modes[self._last_id] = modes
         self._queue.append((self._last_id, sequence))
