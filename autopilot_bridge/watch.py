@@ -20,6 +20,10 @@ from autopilot_bridge.telemetry import Telemetry
 from autopilot_bridge.vehicle_status import system_state
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+FAILSAFES = (
+    *(mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY),
+    mavlink.MAV_STATE_FLIGHT_TERMINATION,
+)
 
 
 class Watch:
@@ -31,6 +35,9 @@ class Watch:
         self.custom_mode = 0
         self.current: int | None = None
         self.total: int | None = None
+        self.plan_id: int | None = None  # of the mission on board; ArduPilot has none
+        self.unfit = False  # the mission on board is none to fly, or there is none
+        self.critical = False  # in failsafe, by its heartbeat
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._heard_us: int | None = None
         self._lost = False
@@ -83,6 +90,8 @@ class Watch:
                 return self._heartbeat(message, now_us)
             case "MISSION_CURRENT":
                 self.total = message.total
+                self.plan_id = getattr(message, "mission_id", 0) or None
+                self.unfit = message.mission_state == mavlink.MISSION_STATE_NO_MISSION
                 if message.seq != self.current:
                     self.current = message.seq
                     if message.seq < self.hidden_items:  # ArduPilot's home: nothing is flown yet
@@ -110,6 +119,7 @@ class Watch:
         if self._lost:
             self._lost = False
             events.append(LinkRestored(now_us))
+        self.critical = message.system_status in FAILSAFES
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if (armed, message.custom_mode) != (self.armed, self.custom_mode):
             self.armed, self.custom_mode = armed, message.custom_mode
