@@ -11,6 +11,7 @@ numbers of items from the longest list of either stack (``stacks.py``).
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 from autopilot_bridge.codec import Message
@@ -21,7 +22,7 @@ GUST_M_S = 115.0
 SPEED_M_S = 150.0
 TURN_RAD = 2.0 * math.pi
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
-MOST_PARAM = 1e9  # of an item; larger ones are no longer whole numbers in a float
+MOST_PARAM = 1e12  # of an item: no command has any that comes near
 
 
 class Bound(NamedTuple):
@@ -80,7 +81,7 @@ def out_of_bounds(message: Message) -> str | None:
         if not least <= value <= most and value != also and not _unknown(kind, field, value):
             return f"{kind}.{field} is {value:g}"
     if kind in ("MISSION_ITEM_INT", "MISSION_ITEM"):
-        return item_out_of_bounds(message)
+        return _absurd_item(message)
     return None
 
 
@@ -88,8 +89,14 @@ def _unknown(kind: str, field: str, value: Any) -> bool:
     return field in UNKNOWN.get(kind, ()) and math.isnan(value)
 
 
-def item_out_of_bounds(item: MissionItem | Message) -> str | None:
-    """The same of an item, as it is on the wire; parameters may be NaN."""
+def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
+    """The same of the first of some items that has such a value."""
+    found = (f"item {n}: {words}" for n, item in enumerate(items) if (words := _absurd_item(item)))
+    return next(found, None)
+
+
+def _absurd_item(item: MissionItem | Message) -> str | None:
+    """Of an item as it is on the wire; parameters may be NaN."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
         if not (abs(value) <= MOST_PARAM or math.isnan(value)):

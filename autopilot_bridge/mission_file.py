@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.bounds import item_out_of_bounds
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 
@@ -131,7 +130,4 @@ def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
     # ArduPilot numbers the items of missions only.
     if mission_type == mavlink.MAV_MISSION_TYPE_MISSION and seq != index:
         raise BridgeError(f"mission file: item {index} says it is {seq}; read the file again")
-    item = MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
-    if absurd := item_out_of_bounds(item):
-        raise BridgeError(f"mission file: item {index}: {absurd}; read the file again")
-    return item
+    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)

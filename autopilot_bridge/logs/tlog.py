@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.bounds import out_of_bounds
+from autopilot_bridge.bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.codec import Codec, Message, item_of
 from autopilot_bridge.errors import BridgeError
@@ -224,6 +224,8 @@ class _Missions:
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
             except BridgeError:  # broken off: the vehicle has not taken it either
+                return []
+            if list_out_of_bounds(items):
                 return []
             hidden = seen[ways[0]].watch.hidden_items
             return [Entry(ways[0], MissionLoaded(at_us, tuple(items[hidden:])))]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.bounds import BOUNDS, UNKNOWN, out_of_bounds
+from autopilot_bridge.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import (
     AlarmEnded,
@@ -22,6 +22,7 @@ from autopilot_bridge.client_events import (
 )
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.fleet import FleetLink
+from autopilot_bridge.items import MissionItem
 from autopilot_bridge.plausibility import BootClock
 from autopilot_bridge.sources import Source
 from autopilot_bridge.watch import Watch
@@ -366,6 +367,10 @@ def test_an_item_that_is_nowhere_is_not_read() -> None:
     assert out_of_bounds(item(0, -1810000000, 100.0)) == "MISSION_ITEM_INT.y is -1810000000"
     assert out_of_bounds(item(0, 0, math.inf)) == "MISSION_ITEM_INT.z is inf"
     assert out_of_bounds(item(0, 0, 0.0, 1e38)) == "MISSION_ITEM_INT.param1 is 1e+38"
+    good, bad = (MissionItem(16, 3, 0, 0, z) for z in (100.0, math.nan))
+    assert list_out_of_bounds((good, bad)) is None  # an altitude that is left open
+    worse = MissionItem(16, 3, 0, 0, math.inf)
+    assert list_out_of_bounds((good, worse)) == "item 1: MISSION_ITEM_INT.z is inf"
 
 
 # Remotes ------------------------------------------------------------------------------------------
