@@ -19,11 +19,11 @@ from autopilot_bridge.signing import Signing
 from autopilot_bridge.tlog import Tlog
 from firemodel.landscape import Landscape
 from mission_service.burn.mission import return_height_m
+from mission_service.commands import Severity
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.fire_setup import weather_of
 from mission_service.gateway import Gateway, MissionClock, dropper_of, rates_hz
-from mission_service.picture import Severity
 from mission_service.shared_links import sharing
 from mission_service.signed import Refusals, refusal, signings
 
