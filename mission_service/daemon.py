@@ -25,7 +25,7 @@ from mission_service.gateway import MissionClock
 from mission_service.hub import Hub
 from mission_service.journal import Journal, header_of
 from mission_service.keeping import Keeping
-from mission_service.links import Link, Silence, open_links
+from mission_service.links import SEVERITIES, Link, Silence, alarms, connected, open_links
 from mission_service.picture import Picture
 from mission_service.planning import BURN, FORMATION
 from mission_service.private_files import refuse_links, written_by_others
@@ -34,6 +34,7 @@ from mission_service.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
 from mission_service.resume import Unfinished, resumed, set_aside, unfinished
 from mission_service.service import Progress, Service, unheard, unshown
 from mission_service.service_config import ServiceSection
+from mission_service.shared_links import sharing
 from mission_service.state_file import Frozen, Known, thawed
 from mission_service.watchman import Watchman
 from mission_service.world import FireWorld, world_of
@@ -84,9 +85,12 @@ async def serve(
     they are told at the end. ``progress`` is called five times a second; ``watch`` may raise to end
     the run (a child process that died, say); ``address`` is told where the map is: it holds a
     token, and is for a person's eyes.
+
+    Raises ScenarioError for vehicles that cannot share their link.
     """
     give_back_freed()
     scenario = run.scenario
+    sharing(scenario.flown)  # before anything is opened
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
     warm_up_for(scenario, landscape)
@@ -155,7 +159,7 @@ async def serve(
                 await exchange.join()
             else:
                 tasks = []
-            tasks += [group.create_task(_fly(link, service, hub)) for link in links.values()]
+            tasks += [group.create_task(_fly(on_it, service, hub)) for on_it in connected(links)]
             others = [group.create_task(serve_control(listening, desk))]
             others += [group.create_task(door(hub)) for door in doors]
             others.append(group.create_task(keeping.run(clock)))
@@ -321,8 +325,8 @@ def desk_of(
         news = service.record.news
         before = len(news)
         service.tell(event, clock_us())
-        for link in links.values():
-            link.connection.flush()
+        for on_it in connected(links):
+            on_it[0].connection.flush()
         return [announced.text for _, announced in news[before:]]
 
     def status() -> dict[str, Any]:
@@ -366,6 +370,12 @@ def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
     for name, line in silence.news(now_us):
         hub.service.announce(name, line)
         hub.picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
+    for name, kind, words in alarms(hub.links):
+        if words:
+            hub.service.announce(name, words)
+            hub.picture.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
+        else:
+            hub.picture.clear(f"{kind}/{name}")
     for name, line in _refusals(hub.links):
         hub.service.announce(name, line)
     hub.clock.wall_passed(now_us)
@@ -386,21 +396,23 @@ async def _told_to_stop(hub: Hub) -> None:
     waiting = {name for name in hub.links if presence[name].flies}
     at_us = hub.clock.now_us
     hub.service.tell(Ordered(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
-    for link in hub.links.values():
-        link.connection.flush()
+    for on_it in connected(hub.links):
+        on_it[0].connection.flush()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(settings.shutdown_s):
             while waiting - hub.service.answered(settings.on_shutdown, at_us):
                 await hub.changed(hub.picture.version)
 
 
-async def _fly(link: Link, service: Service, hub: Hub) -> None:
-    """Hand on what one vehicle's link brings until cancelled."""
+async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
+    """Hand on what one connection brings of the vehicles on it until cancelled."""
+    connection = on_it[0].connection
     while True:
-        await link.connection.wait()
+        await connection.wait()
         now_us = clock_us()
-        service.take(link.gateway.events(now_us), now_us)
-        link.connection.flush()
+        for link in on_it:
+            service.take(link.gateway.events(now_us), now_us)
+        connection.flush()
         hub.ring()
 
 

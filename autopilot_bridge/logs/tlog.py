@@ -13,7 +13,8 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import ClientEvent
+from autopilot_bridge.bounds import list_out_of_bounds, out_of_bounds
+from autopilot_bridge.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.codec import Codec, Message, item_of
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.framing import STARTS, frame_length, is_known, message_id_of, source_of
@@ -194,7 +195,7 @@ class _Seen:
                 events += self.watch.receive(whole, at_us)
         else:
             events += self.watch.receive(message, at_us)
-        return events  # type: ignore[return-value]
+        return [event for event in events if not isinstance(event, LinkAlarm | AlarmEnded)]  # type: ignore[misc]
 
 
 def _outputs(message: Message, at_us: int) -> Outputs:
@@ -225,7 +226,7 @@ class _Missions:
             case "MISSION_COUNT":
                 self._coming[ways], self._count[ways] = {}, message.count
             case "MISSION_ITEM_INT" | "MISSION_ITEM" if ways in self._coming:
-                if message.seq < self._count[ways]:
+                if message.seq < self._count[ways] and out_of_bounds(message) is None:
                     self._coming[ways][message.seq] = _item(message)
             case "MISSION_ACK" if message.type == mavlink.MAV_MISSION_ACCEPTED:
                 return self._complete(ways[::-1], at_us, seen)
@@ -251,6 +252,8 @@ class _Missions:
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
             except BridgeError:  # broken off: the vehicle has not taken it either
+                return []
+            if list_out_of_bounds(items):
                 return []
             hidden = seen[ways[0]].watch.hidden_items
             return [Entry(ways[0], MissionLoaded(at_us, tuple(items[hidden:])))]

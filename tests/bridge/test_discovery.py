@@ -14,12 +14,13 @@ from autopilot_bridge.client_events import (
     LinkLost,
     LinkRestored,
     Position,
+    SameSystemId,
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.fleet import Fleet, FleetEvent, FleetLink, SameSystemId, VehicleKey
+from autopilot_bridge.fleet import Fleet, FleetEvent, FleetLink, VehicleKey
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.fleet import Fleet as Mocks
