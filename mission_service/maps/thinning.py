@@ -1,6 +1,7 @@
 """Rings with fewer corners. It takes n log n and never recurses: rings come from outside."""
 
 import heapq
+from typing import cast
 
 import shapely
 
@@ -24,7 +25,7 @@ def thinned(ring: Ring, most: int) -> Ring:
     largest = shapely.Polygon(max(parts, key=lambda part: part.area).exterior)
     tolerance, kept = 1e-6, largest
     while len(kept.exterior.coords) - 1 > most:
-        kept = largest.simplify(tolerance)
+        kept = cast(shapely.Polygon, largest.simplify(tolerance))
         tolerance *= 2.0
     return [(float(x), float(y)) for x, y in kept.exterior.coords[:-1]]
 
