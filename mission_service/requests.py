@@ -17,6 +17,7 @@ from mission_service.errors import RequestError
 from mission_service.events import CrewEvent
 from mission_service.flights.playing import FASTEST, SLOWEST
 
+SERVICE = "service"  # under which name the service itself acts; nobody outside may
 LONGEST_S = 1e7  # times farther away are a mistake
 ELSEWHERE = "mqtt"  # "mqtt:west": whoever asks over MQTT is at no station, so never present
 LARGEST_M = 10_000.0  # and so are larger circles and longer lines
@@ -274,6 +275,8 @@ def event_of(
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
     except (msgspec.ValidationError, OverflowError) as error:
         raise RequestError(f"{do}: {error}") from None
+    if _is_service(asked.by):
+        raise RequestError(f"{do}: by {SERVICE!r} is the service's own name; give yours")
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
@@ -370,9 +373,15 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
 
 def _told(request: dict[str, Any], key: str) -> str:
     try:
-        return msgspec.convert(request.get(key), Name)
+        told = msgspec.convert(request.get(key), Name)
     except msgspec.ValidationError:
         return "unknown"
+    return "unknown" if _is_service(told) else told
+
+
+def _is_service(name: str) -> bool:
+    """Whether a name from outside is the one the service itself acts under."""
+    return name.strip().casefold() == SERVICE
 
 
 def _cut(value: str) -> str:

@@ -123,6 +123,8 @@ OTHER_SITES = [
     {"host": "evil.example:8765"},
     {"host": "127.0.0.1.evil.example"},
     {"host": ""},
+    {"host": "10.1.2.3"},
+    {"host": "[2001:db8::1]:8765"},
 ]
 
 
@@ -152,7 +154,7 @@ def test_pages_of_other_sites_get_nothing(
         {"sec-fetch-site": "none"},
         {"host": "localhost:8765", "origin": "http://localhost:8765"},
         {"host": "[::1]:8765"},
-        {"host": "10.1.2.3"},
+        {"host": "127.0.0.9"},
     ],
     ids=str,
 )
@@ -332,5 +334,38 @@ def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -
             stop = await http.post(f"{V1}/abort", json={"by": "fly"}, headers=headers)
             assert stop.status_code == 200
             assert flying.told[-1].by == "correct"
+
+    asyncio.run(go())
+
+
+def test_the_address_that_a_connection_came_to_is_a_right_host(flying: World) -> None:
+    async def go() -> None:
+        service = served(flying)
+        for server, host, status in (
+            (("192.0.2.1", 8765), "192.0.2.1:8765", 200),
+            (("192.0.2.1", 8765), "192.0.2.2:8765", 403),
+            (("2001:db8::1", 8765), "[2001:db8::1]", 200),
+        ):
+            sent: list[Any] = []
+
+            async def send(message: Any, sent: list[Any] = sent) -> None:
+                sent.append(message)
+
+            async def receive() -> Any:
+                return {"type": "http.request", "body": b"", "more_body": False}
+
+            scope = {
+                "type": "http",
+                "method": "GET",
+                "path": "/healthz",
+                "raw_path": b"/healthz",
+                "query_string": b"",
+                "headers": [(b"host", host.encode())],
+                "server": server,
+                "client": ("192.0.2.9", 5),
+                "scheme": "http",
+            }
+            await service.app.asgi(scope, receive, send)
+            assert sent[0]["status"] == status, (server, host)
 
     asyncio.run(go())
