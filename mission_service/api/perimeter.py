@@ -38,7 +38,7 @@ async def read_aside(job: Job) -> Done:
         raise ApiError(
             422, f"reading it ended with {_end(process.returncode or 0)}; simplify it, or send less"
         )
-    answer = await asyncio.to_thread(_decode, told)
+    answer: Done | Failed = await asyncio.to_thread(_decode, told)
     if isinstance(answer, Failed):
         raise ApiError(422, answer.error)
     return answer

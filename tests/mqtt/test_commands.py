@@ -133,7 +133,9 @@ def test_what_is_to_be_done_is_said_by_the_topic_alone() -> None:
     Door().refuses("hold", "unknown key do", do="abort")
     Door().refuses("hold", "unknown key do", do="approve")
     door = Door()
-    assert door.takes("abort", do="hold").ok
+    reply = door.takes("abort", do="hold")
+    assert reply is not None
+    assert reply.ok
     assert door.desk.asked[0]["do"] == "abort"
 
 
