@@ -1,7 +1,7 @@
 """A vehicle through refusals, losses, failsafes, orders and landings; and cores that are broken."""
 
 from collections import Counter
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -17,7 +17,7 @@ EXAMPLES, STEPS, SEED = 120, 30, 20
 
 def test_no_vehicle_is_started_or_taken_over_without_a_person() -> None:
     class Machine(VehicleMachine):
-        met = Counter()
+        met: ClassVar[Counter[str]] = Counter()
 
     run(Machine, EXAMPLES, STEPS, SEED, shrinks=True)
     met = Machine.met
@@ -90,7 +90,7 @@ class StartsAfterARestart(Core):
 def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str) -> None:
     class Machine(VehicleMachine):
         core = broken
-        met = Counter()
+        met: ClassVar[Counter[str]] = Counter()
 
     with pytest.raises(AssertionError, match=rule):
         run(Machine, EXAMPLES, STEPS, SEED)

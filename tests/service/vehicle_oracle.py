@@ -1,7 +1,7 @@
 """What the core may command, judged by what it was told and by what people ordered. Pure.
 
-It shares no code with the core. Where what was told leaves open whether a mode was ordered (an order
-to hold was under way when a fence held the vehicle) it demands nothing.
+It shares no code with the core. Where it is open whether a mode was ordered (an order to hold was
+under way when a fence held the vehicle) it demands nothing.
 """
 
 from collections.abc import Iterable, Mapping
@@ -166,9 +166,7 @@ class Oracle:
                 effect.until_s = min(effect.until_s, at_s + TAKES_EFFECT_S)
                 return
 
-    def _mode_changed(
-        self, told: Told, event: ModeChanged, at_s: float, chosen_by: Source
-    ) -> None:
+    def _mode_changed(self, told: Told, event: ModeChanged, at_s: float, chosen_by: Source) -> None:
         same = told.armed and event.armed and told.mode == event.mode
         arms = event.armed and not told.armed
         was_armed, told.armed, told.mode = told.armed, event.armed, event.mode
@@ -200,9 +198,7 @@ class Oracle:
 
     # What people order ------------------------------------------------------------------------
 
-    def _ordered(
-        self, name: str, event: Ordered, commands: list[AnyCommand]
-    ) -> list[Violation]:
+    def _ordered(self, name: str, event: Ordered, commands: list[AnyCommand]) -> list[Violation]:
         told, order = self.told[name], event.order
         words = f"order {order} to {name} in {told.mode!r} ({told.judged})"
         asked = any(_asks(command, name) for command in commands)
