@@ -10,10 +10,12 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge import orders
+from autopilot_bridge.asked_modes import AskedModes
 from autopilot_bridge.client_events import (
     ClientEvent,
     Connected,
     LinkRestored,
+    ModeChanged,
     Position,
     Rebooted,
     TransferFinished,
@@ -23,6 +25,7 @@ from autopilot_bridge.drops import Drops
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.jobs import Begin, Job, Jobs, Seen
+from autopilot_bridge.mode import changed_meanwhile
 from autopilot_bridge.queues import Commands, ParameterRequests
 from autopilot_bridge.rates import RATES_HZ, Rates, RatesHz
 from autopilot_bridge.stacks import Stack
@@ -47,14 +50,17 @@ class VehicleClient:
         timing: TransferTiming | None = None,
         rates_hz: RatesHz = RATES_HZ,
         shared: list[Message] | None = None,
+        most_speed_m_s: float | None = None,
     ) -> None:
         """``rates_hz`` (by message id) is asked for when the vehicle is heard, and heard again.
+
+        Positions that it cannot reach at ``most_speed_m_s`` are not used; None: all are.
 
         ``shared`` is for clients on one link: its owner sends what is put there, and heartbeats.
         """
         self._own = (system_id, component_id)
         self._target_system = target_system
-        self._watch = Watch(heartbeat_timeout_us)
+        self._watch = Watch(heartbeat_timeout_us, most_speed_m_s)
         self._texts = Texts()
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
@@ -63,8 +69,9 @@ class VehicleClient:
         self._heartbeats = shared is None
         self._heartbeat_due_us = 0
         self._rates = Rates(self._own, rates_hz)
-        self._jobs = Jobs(self._own, self._timing, self._report)
-        self._commands = Commands(self._own, self._timing, self._events.append)
+        self._asked_modes = AskedModes()
+        self._jobs = Jobs(self._own, self._timing, self._report, self._asked_modes)
+        self._commands = Commands(self._own, self._timing, self._events.append, self._asked_modes)
         self._drops = Drops(system_id, self._timing, self._events.append)
         self._parameters = ParameterRequests(self._timing, self._events.append)
 
@@ -289,6 +296,10 @@ class VehicleClient:
         """The oldest event not handed out yet."""
         return self._events.popleft() if self._events else None
 
+    def report(self, event: ClientEvent) -> None:
+        """Have what the link's owner noticed of this vehicle among its events."""
+        self._events.append(event)
+
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
         timers = [
@@ -297,6 +308,7 @@ class VehicleClient:
             self._commands.next_timer(),
             self._drops.next_timer(),
             self._parameters.next_timer(),
+            self._watch.alarm_timer(),
         ]
         if (silent_us := self._watch.next_timer()) is not None:  # else there is nobody to ask
             timers += (silent_us, self._rates.next_timer())
@@ -308,6 +320,7 @@ class VehicleClient:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._send(gcs_heartbeat())
         self._events.extend(self._watch.handle_timer(now_us))
+        self._events.extend(self._watch.end_alarms(now_us))
         if self._watch.next_timer() is not None:
             self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
@@ -327,12 +340,19 @@ class VehicleClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
+        mode, armed, critical = self.custom_mode, self.armed, self._watch.critical
         for event in self._watch.receive(message, now_us):
             self._events.append(event)
             if isinstance(event, Rebooted):
                 self._commands.end_all("the autopilot was restarted", now_us)
             if isinstance(event, Connected | LinkRestored | Rebooted) and self.stack is not None:
                 self._send(*self._rates.begin(self.stack, self._target(), now_us))
+            if isinstance(event, ModeChanged):
+                self._mode_changed(mode, armed, now_us)
+        if self._watch.critical and not critical:
+            self._jobs.taken("its autopilot went into failsafe meanwhile")
+        if not self._watch.used:
+            return
         self._drops.receive(message, now_us)
         for protocol in (self._rates, self._commands, self._parameters):
             if messages := protocol.receive(message, now_us):
@@ -342,6 +362,16 @@ class VehicleClient:
             self._go_on(now_us)
         elif message.get_type() == "HEARTBEAT":
             self._go_on(now_us)
+
+    def _mode_changed(self, before: int, was_armed: bool, now_us: int) -> None:
+        """Leave the vehicle to the one who has taken it: its autopilot, or a pilot by radio."""
+        mode, stack = self.custom_mode, self._known_stack()
+        if mode != before and not self._asked_modes.has(mode, now_us):
+            why = changed_meanwhile(stack, mode)
+            self._jobs.taken(why)
+            self._send(*self._commands.leave_mode(why, now_us))
+        elif was_armed and not self.armed:
+            self._send(*self._commands.leave_mode("it was disarmed meanwhile", now_us))
 
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT
@@ -359,7 +389,10 @@ class VehicleClient:
             return
         watch = self._watch
         total = None if watch.total is None else watch.total + watch.hidden_items
-        seen = Seen(self.stack, self._target(), watch.current, total, self.armed, self.custom_mode)
+        seen = Seen(
+            *(self.stack, self._target(), watch.current, total, self.armed, self.custom_mode),
+            *(watch.plan_id, watch.unfit),
+        )
         self._send(*self._jobs.step(seen, now_us))
         self._send(*self._jobs.begin_next(seen, now_us))
 

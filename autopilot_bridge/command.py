@@ -27,6 +27,7 @@ RESULTS = {
 # A refusal's reason may come as a text a moment after it (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
+HEARTBEAT_US = 1_200_000  # within which one comes
 WARNING = mavlink.MAV_SEVERITY_WARNING
 
 
@@ -74,8 +75,15 @@ class CommandSequence:
         steps: tuple[AnyStep, ...],
         timing: TransferTiming,
         bytewise: bool = False,
+        behind_heartbeats: bool = False,
+        insists: bool = False,
     ) -> None:
-        """``bytewise`` is how the autopilot carries parameters that are whole numbers."""
+        """``bytewise`` is how the autopilot carries parameters that are whole numbers.
+
+        ``behind_heartbeats``: it is repeated only right after one, so that a mode which the
+        autopilot has chosen meanwhile is known by then. One that ``insists`` is repeated all the
+        same where no heartbeat comes.
+        """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
         self._own = own
@@ -83,6 +91,9 @@ class CommandSequence:
         self._steps = steps
         self._timing = timing
         self._bytewise = bytewise
+        self._behind_heartbeats = behind_heartbeats
+        self._insists = insists
+        self._repeats = False  # with the next heartbeat
         self._index = 0
         self._tries = 0
         self._deadline_us = 0
@@ -90,6 +101,11 @@ class CommandSequence:
         self._setting: ParameterSet | None = None
         self._refusal: str | None = None
         self._text = ""
+
+    @property
+    def steps(self) -> tuple[AnyStep, ...]:
+        """What it consists of."""
+        return self._steps
 
     def start(self, now_us: int) -> list[Message]:
         """The first step."""
@@ -100,7 +116,7 @@ class CommandSequence:
 
     def _begin(self, now_us: int) -> list[Message]:
         step = self._steps[self._index]
-        self._tries, self._working = 0, False
+        self._tries, self._working, self._repeats = 0, False, False
         if isinstance(step, Step):
             self._setting = None
             return self._send(step, now_us)
@@ -121,6 +137,10 @@ class CommandSequence:
         if source != self._target or self.outcome is not None:
             return []
         kind = message.get_type()
+        if kind == "HEARTBEAT" and self._repeats:
+            self._repeats = False
+            step = self._steps[self._index]
+            return self._send(step, now_us) if isinstance(step, Step) else []
         if kind == "STATUSTEXT" and message.severity <= WARNING:
             self._text = message.text.strip()
             if self._refusal is not None:
@@ -192,12 +212,18 @@ class CommandSequence:
             return messages + self._after_setting(now_us)
         step = self._steps[self._index]
         assert isinstance(step, Step)
+        if self._repeats and self._insists:
+            self._repeats = False
+            return self._send(step, now_us)
         name = command_name(step.command)
         self._tries += 1
         if self._working:
             self.outcome = (False, f"{name} was begun and not ended in {WORKING_FOR_US // 10**6} s")
         elif self._tries > self._timing.retries:
             self.outcome = (False, f"{name} was not answered")
+        elif self._behind_heartbeats:
+            self._repeats = True
+            self._deadline_us = now_us + HEARTBEAT_US
         else:
             return self._send(step, now_us)
         return []

@@ -1,13 +1,15 @@
 """Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
 
-upload: file -> read the file back -> [set current -> [cut off the old tail -> read it back]],
+upload: file -> read the file back -> [begin -> [cut off the old tail -> read it back]],
         where the autopilot takes whole files, or else
-        [hold] -> items -> [read back] -> [set current] -> [fly on]
+        [hold] -> items -> [read back] -> begin -> [fly on]
 download: file, or else items
 clear: itself
 
 It holds where the autopilot would otherwise fly a list that is half overwritten. It reads back if a
-check is asked for, and to say what the vehicle holds where the upload's end does not tell.
+check is asked for, and to say what the vehicle holds where the upload's end does not tell. Where
+another takes the vehicle meanwhile (failsafe, a pilot by radio), its mode is left alone, and what
+would have to be asked for is not begun.
 """
 
 from collections.abc import Callable
@@ -16,8 +18,11 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_ERROR
 
+from autopilot_bridge.asked_modes import AskedModes
+from autopilot_bridge.begin import Begin as MissionBegin
+from autopilot_bridge.begin import Onboard
 from autopilot_bridge.codec import Message
-from autopilot_bridge.download import MissionClear, MissionDownload, SetCurrent
+from autopilot_bridge.download import MissionClear, MissionDownload
 from autopilot_bridge.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
 from autopilot_bridge.items import MissionItem, jumps_moved
 from autopilot_bridge.mode import SetMode
@@ -35,6 +40,9 @@ from autopilot_bridge.transfer import (
 from autopilot_bridge.truncate import Truncate
 from autopilot_bridge.upload import MissionUpload
 
+NOTHING = Onboard(None, None, False)
+LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
+LAST_NAV = 95  # MAV_CMD_NAV_LAST; what comes behind is done on the way
 # Behind these a vehicle never gets by itself: loiter without end, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Begin = Literal["restart", "keep"] | int
@@ -42,7 +50,7 @@ Transfer = (
     MissionUpload
     | MissionDownload
     | MissionClear
-    | SetCurrent
+    | MissionBegin
     | SetMode
     | Truncate
     | FtpUpload
@@ -59,6 +67,8 @@ class Seen(NamedTuple):
     total: int | None  # MISSION_CURRENT.total, home included
     armed: bool
     custom_mode: int
+    plan_id: int | None = None  # MISSION_CURRENT.mission_id
+    unfit: bool = False  # the mission on board is none to fly
 
     @property
     def in_mission(self) -> bool:
@@ -85,6 +95,9 @@ class Job:
     old_tail: bool = False  # old items still stand behind the new ones of a file
     paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
+    before: Onboard = NOTHING
+    looked: bool = False  # it was read back since it should have begun
+    taken: str = ""  # why the mode is left alone from now on
     cancelled: bool = False
 
 
@@ -96,9 +109,11 @@ class Jobs:
         own: tuple[int, int],
         timing: TransferTiming,
         report: Callable[[Job, TransferResult, int], None],
+        asked_modes: AskedModes,
     ) -> None:
         """``report`` is told how each job ended, and when."""
         self._own = own
+        self._asked_modes = asked_modes
         self._timing = timing
         self._report = report
         self._next_id = 1
@@ -144,6 +159,18 @@ class Jobs:
         if isinstance(job.under_way, SetMode) and job.under_way.result is None:
             job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
 
+    def taken(self, why: str) -> None:
+        """The autopilot or a pilot has taken the vehicle: what is under way leaves its mode alone.
+
+        Uploads that have not begun yet look for themselves when they do.
+        """
+        job = self._job
+        if job is None or job.action != "upload":
+            return
+        job.taken = job.taken or why
+        if isinstance(job.under_way, SetMode | MissionBegin):
+            job.under_way.leave(why)
+
     def begin_next(self, seen: Seen, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
         if self._job is not None or not self._queue:
@@ -153,6 +180,7 @@ class Jobs:
         job.hidden = 1 if seen.stack.item_0_is_home and is_mission else 0
         if job.begin == "keep":
             job.begin = max((seen.current or 0) - job.hidden, 0)
+        job.before = Onboard(seen.current, seen.plan_id, seen.unfit)
         job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
         job.wire_items = (*job.items[: job.hidden], *jumps_moved(job.items, job.hidden))
         return self._begin(job, self._first(job, seen), now_us)
@@ -176,7 +204,8 @@ class Jobs:
         address = self._address(job, seen)
         job.paused = job.holds_first and job.kind == "mission" and seen.in_mission
         if job.paused and not seen.stack.atomic_upload:
-            return SetMode(address, seen.stack, seen.stack.hold_mode, self._timing)
+            stack = seen.stack
+            return SetMode(address, stack, stack.mission_mode, stack.hold_mode, self._timing)
         job.paused = False
         return self._upload(job, address, seen.stack)
 
@@ -204,7 +233,10 @@ class Jobs:
         """Hand a message to what is under way."""
         if self._job is None or self._job.under_way is None:
             return []
-        return self._job.under_way.receive(message, now_us)
+        messages = self._job.under_way.receive(message, now_us)
+        if messages and isinstance(self._job.under_way, SetMode):
+            self._asked_modes.ask((self._job.under_way.wanted,), now_us)
+        return messages
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""
@@ -248,19 +280,8 @@ class Jobs:
         address = self._address(job, seen)
         if isinstance(ended, SetMode):
             return self._after_mode(job, result, address, stack)
-        if isinstance(ended, SetCurrent):
-            if result.outcome == "accepted" and job.old_tail:
-                return Truncate(address, len(job.wire_items), self._timing)
-            if result.outcome == "accepted" and job.paused:
-                return SetMode(address, stack, stack.mission_mode, self._timing)
-            if result.outcome == "accepted":
-                return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
-            if job.old_tail:
-                words = "the vehicle holds the mission with the end of the old one behind it, and"
-                words = f"{words} did not begin it: {result.reason}"
-                return TransferResult("failed", words, holds="a mixture")
-            words = f"the vehicle holds the mission but did not begin it: {result.reason}"
-            return TransferResult("failed", words, items=job.items, holds="the new one")
+        if isinstance(ended, MissionBegin):
+            return self._after_begin(job, ended, result, address, stack)
         if isinstance(ended, Truncate):
             return self._read_file(address)
         if isinstance(ended, FtpUpload):
@@ -274,7 +295,7 @@ class Jobs:
             job.uploaded = result
             holds = held_after(ended, result, stack)
             if result.outcome == "accepted" and not job.check:
-                return self._set_current(job, address, seen)
+                return self._begun(job, address, seen)
             if result.outcome == "accepted" or holds in ("one of both", "not known"):
                 return MissionDownload(address, self._timing)  # never guess: read it back
             return replace(result, holds=holds)
@@ -287,7 +308,7 @@ class Jobs:
         if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
-            return self._set_current(job, address, seen)
+            return self._begun(job, address, seen)
         read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
@@ -309,14 +330,14 @@ class Jobs:
         mission_type = MISSION_TYPES[job.kind]
         if same_mission(job.wire_items, read.items, seen.stack, mission_type):
             if job.old_tail:  # cut off by now, and the new mission has begun
-                return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
-            return self._set_current(job, self._address(job, seen), seen)
+                return accepted(job)
+            return self._begun(job, self._address(job, seen), seen)
         to_go_on = not untouched and not job.cancelled
         begun = read.items[: len(job.wire_items)]
         longer = job.kind == "mission" and same_mission(job.wire_items, begun, seen.stack)
         if to_go_on and longer and not job.old_tail:
             job.old_tail = True
-            return self._set_current(job, self._address(job, seen), seen)
+            return self._begun(job, self._address(job, seen), seen)
         if to_go_on:  # not applied, or in part: a command it does not know
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, seen)
@@ -333,20 +354,66 @@ class Jobs:
                 return self._upload(job, address, stack)
             words = f"it would not hold for the upload: {result.reason}"
             return replace(result, reason=words, holds="the old one")
-        if result.outcome == "accepted":
-            return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+        if result.outcome == "accepted" or job.taken:
+            return accepted(job)
         words = f"the vehicle holds the mission but did not fly on: {result.reason}"
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
-    def _set_current(self, job: Job, address: Address, seen: Seen) -> Transfer | TransferResult:
-        # ArduPilot flies its old target on until told; PX4 may begin elsewhere.
-        if job.kind == "mission" and job.items:
-            # In the air and out of its mission PX4 says "none to fly" of a good one too, once it
-            # had an unfit one (seen); the change of mode tells.
-            judged = not seen.armed or seen.in_mission
-            count = len(job.wire_items)
-            return SetCurrent(address, self._seq(job), count, self._timing, judged)
-        return TransferResult("accepted", "accepted", 0, None, job.items, "the new one")
+    def _begun(self, job: Job, address: Address, seen: Seen) -> Transfer | TransferResult:
+        """What sees to it that a mission on board is flown."""
+        if job.kind != "mission" or not job.items or job.looked:
+            return accepted(job)
+        if job.taken and not seen.stack.atomic_upload:
+            return self._not_begun(job, TransferResult("failed", job.taken))
+        plan_id, seq = mission_id_of(job.wire_items, seen.stack), self._seq(job)
+        later = range(seq, len(job.wire_items))
+        shown = next((at for at in later if job.wire_items[at].command <= LAST_NAV), seq)
+        before = job.before._replace(seq=seen.current)
+        count = len(job.wire_items)
+        return MissionBegin(address, seq, shown, count, plan_id, before, self._timing)
+
+    def _after_begin(
+        self,
+        job: Job,
+        ended: MissionBegin,
+        result: TransferResult,
+        address: Address,
+        stack: Stack,
+    ) -> Transfer | TransferResult:
+        if ended.other_list and not job.cancelled:  # never guess: read it back
+            job.looked = True
+            return MissionDownload(address, self._timing)
+        if result.outcome != "accepted":
+            return self._not_begun(job, result)
+        if job.old_tail:
+            return Truncate(address, len(job.wire_items), self._timing)
+        if job.paused and not job.taken:
+            return SetMode(address, stack, stack.hold_mode, stack.mission_mode, self._timing)
+        return accepted(job)
+
+    def _not_begun(self, job: Job, result: TransferResult) -> TransferResult:
+        if job.old_tail:
+            words = "the vehicle holds the mission with the end of the old one behind it, and"
+            words = f"{words} did not begin it: {result.reason}"
+            return TransferResult("failed", words, holds="a mixture")
+        if result.outcome == "rejected":
+            words = f"{result.reason}{lacks(job)}"
+            return replace(result, reason=words, items=job.items, holds="the new one")
+        words = f"the vehicle holds the mission but did not begin it: {result.reason}"
+        return TransferResult(result.outcome, words, items=job.items, holds="the new one")
+
+
+def lacks(job: Job) -> str:
+    """What PX4 does not say of a mission that it will not fly (1.17: by no text)."""
+    if any(item.command in LANDINGS for item in job.items):
+        return ""
+    return "; it has no landing, which PX4 planes want unless MIS_TKO_LAND_REQ is 0"
+
+
+def accepted(job: Job) -> TransferResult:
+    """The result of an upload whose mission is held, and flown unless another took the vehicle."""
+    words = f"accepted; {job.taken}, and its mode is left alone" if job.taken else "accepted"
+    return TransferResult("accepted", words, 0, None, job.items, "the new one")
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:

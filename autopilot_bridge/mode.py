@@ -1,47 +1,99 @@
 """Change of flight mode as part of a transfer, sans-IO.
 
-asked --HEARTBEAT in that mode--> ended; asked --COMMAND_ACK that refuses--> ended
-the command is repeated on timeout: its acknowledgement may be lost, the heartbeat tells
+waiting --HEARTBEAT in a mode to be left--> asked --HEARTBEAT in the wanted mode--> ended
+asked --COMMAND_ACK that refuses--> ended
+any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken the vehicle
+
+The command leaves right behind a heartbeat, and is repeated (its acknowledgement may be lost) only
+behind another: what the autopilot has chosen in between is seen, and left alone.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message
 from autopilot_bridge.command import RESULTS
-from autopilot_bridge.download import Asking
 from autopilot_bridge.stacks import Stack
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
 
 TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
-class SetMode(Asking):
-    """Changes the mode; done when a HEARTBEAT shows it."""
+def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
+    """Why something ends that would change the mode."""
+    return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
+
+
+class SetMode:
+    """Changes the mode, out of ``before`` only; done when a HEARTBEAT shows it."""
 
     def __init__(
-        self, address: Address, stack: Stack, custom_mode: int, timing: TransferTiming
+        self,
+        address: Address,
+        stack: Stack,
+        before: int,
+        wanted: int,
+        timing: TransferTiming,
     ) -> None:
-        super().__init__(address, timing)
-        self._custom_mode = custom_mode
-        self._command, self._params, _ = stack.set_mode(custom_mode)
+        self.result: TransferResult | None = None
+        self.wanted = wanted
+        self._address = address
+        self._stack = stack
+        self._before = before
+        self._timing = timing
+        self._command, self._params, _ = stack.set_mode(wanted)
+        self._tries = 0
+        self._again_us = self._deadline_us = 0
 
     def start(self, now_us: int) -> list[Message]:
-        """Ask for it."""
-        values = [*self._params, *[0.0] * (7 - len(self._params))]
-        return self._ask(
-            mavlink.MAVLink_command_long_message(*self._address.target, self._command, 0, *values),
-            now_us,
-        )
+        """Wait for a heartbeat."""
+        self._again_us = now_us
+        self._deadline_us = now_us + self._timing.timeout_us * (self._timing.retries + 1)
+        return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """A heartbeat in the mode ends it, and so does a refusal."""
         if (message.get_srcSystem(), message.get_srcComponent()) != self._address.target:
             return []
         kind = message.get_type()
-        if kind == "HEARTBEAT" and message.custom_mode == self._custom_mode:
-            self.result = TransferResult("accepted", "the mode is changed")
+        if kind == "HEARTBEAT":
+            return self._heartbeat(message.custom_mode, now_us)
         refused = kind == "COMMAND_ACK" and message.result not in TAKEN
-        if refused and message.command == self._command:
+        if refused and message.command == self._command and self._tries:
             words = RESULTS.get(message.result, f"MAV_RESULT {message.result}")
             self.result = TransferResult("rejected", f"the change of mode {words}")
+        return []
+
+    def _heartbeat(self, custom_mode: int, now_us: int) -> list[Message]:
+        if self.result is not None:
+            return []
+        if custom_mode == self.wanted:
+            self.result = TransferResult("accepted", "the mode is changed")
+        elif custom_mode != self._before:
+            self.leave(changed_meanwhile(self._stack, custom_mode))
+        elif now_us >= self._again_us:
+            self._again_us = now_us + self._timing.timeout_us
+            values = [*self._params, *[0.0] * (7 - len(self._params))]
+            target, tries = self._address.target, self._tries
+            self._tries += 1
+            return [mavlink.MAVLink_command_long_message(*target, self._command, tries, *values)]
+        return []
+
+    def leave(self, why: str) -> None:
+        """Ask no more: another has taken the vehicle."""
+        if self.result is None:
+            self.result = TransferResult("failed", why)
+
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """Ask no more."""
+        self.result = TransferResult("cancelled", "cancelled")
+        return []
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Give up."""
+        if self.result is None and now_us >= self._deadline_us:
+            self.result = TransferResult("failed", "the change of mode was not answered")
         return []

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 
+from autopilot_bridge.asked_modes import AskedModes, modes_asked
 from autopilot_bridge.client_events import CommandFinished, ParametersFinished
 from autopilot_bridge.codec import Message
 from autopilot_bridge.command import AnyStep, CommandSequence
 from autopilot_bridge.parameters import ParameterRead, ParameterSet, ParametersRead
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks import ARM, Stack
 from autopilot_bridge.transfer import TransferTiming
 
 Request = ParameterRead | ParametersRead | ParameterSet
@@ -20,8 +21,11 @@ class Commands:
         own: tuple[int, int],
         timing: TransferTiming,
         report: Callable[[CommandFinished], None],
+        asked_modes: AskedModes,
     ) -> None:
         self._own = own
+        self._asked_modes = asked_modes
+        self._modes: dict[int, tuple[int, ...]] = {}  # that each leads to, by its id
         self._timing = timing
         self._report = report
         self._last_id = 0
@@ -42,8 +46,14 @@ class Commands:
         if urgent:
             self.end_all(f"{name} took its place", now_us)
         self._last_id += 1
-        bytewise = stack.name == "px4"
-        sequence = CommandSequence(name, self._own, target, steps, timing or self._timing, bytewise)
+        modes = tuple(mode for step in steps for mode in modes_asked(step, stack))
+        sequence = CommandSequence(
+            *(name, self._own, target, steps, timing or self._timing),
+            bytewise=stack.name == "px4",
+            behind_heartbeats=bool(modes) and timing is None,
+            insists=urgent,
+        )
+        self._modes[self._last_id] = modes
         self._queue.append((self._last_id, sequence))
         return self._last_id
 
@@ -52,21 +62,40 @@ class Commands:
         for command_id, sequence in self._queue:
             self._report(CommandFinished(now_us, sequence.name, False, reason, command_id))
         self._queue.clear()
+        self._modes.clear()
         self._begun = False
+
+    def leave_mode(self, why: str, now_us: int) -> list[Message]:
+        """Another has taken the vehicle: end what would change its mode, or arm it, again."""
+        kept = []
+        for number, (command_id, sequence) in enumerate(self._queue):
+            if self._modes[command_id] or ARM in sequence.steps:
+                self._begun &= number > 0
+                self._report(CommandFinished(now_us, sequence.name, False, why, command_id))
+            else:
+                kept.append((command_id, sequence))
+        self._queue = kept
+        return self.begin_next(now_us)
+
+    def _sent(self, messages: list[Message], now_us: int) -> list[Message]:
+        """Note which modes were asked for, if anything was."""
+        if messages and self._queue:
+            self._asked_modes.ask(self._modes[self._queue[0][0]], now_us)
+        return messages
 
     def begin_next(self, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
         if self._begun or not self._queue:
             return []
         self._begun = True
-        messages = self._queue[0][1].start(now_us)
+        messages = self._sent(self._queue[0][1].start(now_us), now_us)
         return messages + self._after(now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Hand a message to what is under way."""
         if not self._begun:
             return []
-        messages = self._queue[0][1].receive(message, now_us)
+        messages = self._sent(self._queue[0][1].receive(message, now_us), now_us)
         return messages + self._after(now_us)
 
     def next_timer(self) -> int | None:
@@ -77,7 +106,7 @@ class Commands:
         """Do what is due."""
         if not self._begun:
             return []
-        messages = self._queue[0][1].handle_timer(now_us)
+        messages = self._sent(self._queue[0][1].handle_timer(now_us), now_us)
         return messages + self._after(now_us)
 
     def _after(self, now_us: int) -> list[Message]:
@@ -85,6 +114,7 @@ class Commands:
         if outcome is None:
             return []
         command_id, ended = self._queue.pop(0)
+        del self._modes[command_id]
         self._begun = False
         self._report(CommandFinished(now_us, ended.name, *outcome, command_id))
         return self.begin_next(now_us)

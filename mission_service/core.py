@@ -7,7 +7,6 @@ import math
 from typing import NamedTuple
 
 from firemodel.landscape import Landscape
-from mission_service.approach import landing_of_vehicle
 from mission_service.approvals import MissionApprovals
 from mission_service.autopilot_reports import (
     back_under_control,
@@ -45,6 +44,7 @@ from mission_service.events import (
 )
 from mission_service.front_flight import FrontFlight
 from mission_service.front_watch import FrontWatch
+from mission_service.landing import Landing
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.protocol import Decision
 from mission_service.planning import BURN, FORMATION, planners_of
@@ -99,7 +99,7 @@ class Core:
                 section,
                 self.steering.presence[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
-                landing_of_vehicle(scenario, section, landscape),
+                Landing(scenario, section, landscape),
             )
             for section in scenario.flown
         }
@@ -454,15 +454,15 @@ class Core:
     def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
         if event.command == "start mission":
             vehicle.start_under_way = False
+            vehicle.start_again_at_s = None
         if event.command == "hold" and vehicle.ordered == "hold" and event.accepted:
             vehicle.hold_again_at_s = None
-            if event.accepted:
-                vehicle.start_again_at_s = None
         if event.command == "return" and event.accepted:
             vehicle.return_again_at_s = None
         if event.accepted:
-            untold = event.command in UNTOLD
+            untold = event.command in UNTOLD or self._start_is_known(vehicle, event)
             return [] if untold else [say(vehicle, f"{event.command}: accepted")]
+        vehicle.start_told = False
         refused = f"{event.command} refused: {event.reason}"
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
         if event.command == "return" and vehicle.presence.recalled:
@@ -483,6 +483,13 @@ class Core:
         if presence.taken_over or presence.recalled or vehicle.ordered:
             return False
         return self.leader.in_mission(vehicle.name) or not presence.airborne
+
+    def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
+        """Whether a mission was started in the air as those before: no refusal, hold or return."""
+        known = vehicle.start_told and vehicle.presence.airborne
+        if event.command in ("start mission", "hold", "return"):
+            vehicle.start_told = event.command == "start mission"
+        return known and event.command == "start mission"
 
     def _rebooted(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_service.approvals import MissionApprovals
+from mission_service.autopilot_reports import back_under_control
 from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
 from mission_service.events import (
@@ -58,16 +59,19 @@ class CrewOrders:
                 return []
 
     def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
-        named = [self.vehicles[name]] if name else self.vehicles.values()
-        return [command for vehicle in named for command in order(vehicle)]
+        """Those that this process flies; others get their orders from their own."""
+        named = self.vehicles if not name else [name] if name in self.vehicles else []
+        return [command for each in named for command in order(self.vehicles[each])]
 
     def _ordered(self, vehicle: Vehicle, event: Ordered) -> list[AnyCommand]:
         """Carry out an order, or ask whether it may end what autopilot or pilot chose."""
+        was_taken_over = vehicle.presence.taken_over
         if self.steering.admits(vehicle.name, event):
-            return self._order(vehicle, event.order, event.by, event.at_us / 1e6)
-        chosen = f"its autopilot or pilot chose mode {vehicle.presence.mode}"
+            ended = back_under_control(vehicle) if was_taken_over else []
+            return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
-            return [say(vehicle, f"{chosen}: it is left in it", warning=True)]
+            return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
+        chosen = f"its autopilot or pilot chose mode {vehicle.presence.mode}"
         words = (
             f"{CONFIRM} {vehicle.name}: {chosen}; order {event.order} again, confirmed, to end that"
         )
@@ -149,7 +153,9 @@ class CrewOrders:
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"asked for by {by}", None
-        return []
+        if self._approvals is None:
+            return []
+        return [*self._approvals.withdraw(vehicle, f"{by} asked for another one")]
 
     def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)

@@ -80,7 +80,8 @@ def decisions_alone(
     for _, entry in entries:
         content = entry.content
         if isinstance(content, Decided):
-            recorded.append((at_us, content))
+            if entry.sure:
+                recorded.append((at_us, content))
         elif isinstance(content, Return):
             steering.recall(content.vehicle, at_us / 1e6)
             steering.sent(content, at_us / 1e6)
@@ -93,7 +94,7 @@ def decisions_alone(
             event: VehicleEvent = content  # type: ignore[assignment]
             name, at_us = event.vehicle, event.at_us
             decision = steering.take(event)
-            if decision is not None and name not in silent.held | silent.doubted:
+            if decision is not None and entry.sure and name not in silent.held | silent.doubted:
                 found.append((at_us, decided(name, planners[name], decision)))
             if isinstance(event, MissionHeld | VehicleRebooted):
                 silent.doubted.discard(name)

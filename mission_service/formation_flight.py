@@ -254,9 +254,9 @@ class FormationFlight:
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         led.sending = circle
         if not vehicle.presence.airborne:
-            return first_mission(self.landscape, circle, section, vehicle.landing)
+            return first_mission(self.landscape, circle, section, vehicle.landing.at(here.at_s))
         altitude_m = self._altitude(vehicle, circle, here)
-        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing)
+        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
 
     def _begin_again(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """The first mission for one that was in the air when this service began, and refused it."""
@@ -281,7 +281,9 @@ class FormationFlight:
         if circle == led.loiter:
             return []
         led.sending = circle
-        items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing)
+        items = loiter_mission(
+            self.landscape, circle, led.altitude_m, vehicle.landing.at(here.at_s)
+        )
         why = "settled: loiter here" if settled else "loiter not far from here"
         path_m = np.array([circle.centre_m])
         return [self._missions.upload(vehicle, path_m, items, here, why)]

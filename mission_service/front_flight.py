@@ -66,9 +66,11 @@ class FrontFlight:
         if not isinstance(event, SettingsTold):
             return []
         commands: list[AnyCommand] = []
-        for name, planner in self.planners.items():
+        for planner in self.planners.values():
             if isinstance(planner, PerimeterPlanner):
                 planner.tune(event)
+        for name in (section.name for section in self.scenario.flown):
+            if isinstance(self.planners[name], PerimeterPlanner):
                 words = f"settings by {event.by}: {_in_words(event)}"
                 commands.append(Announce(name, words))
             else:
@@ -212,7 +214,7 @@ class FrontFlight:
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.presence.airborne,
-            landing=vehicle.landing,
+            landing=vehicle.landing.at(here.at_s),
             least_at=self.spacing.least_altitudes(vehicle.name),
             start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
         )

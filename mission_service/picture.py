@@ -7,7 +7,7 @@ slowly misses what has passed and never what is. States are flat JSON with units
 
 import hashlib
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 from typing import Any, Literal
 
@@ -274,6 +274,7 @@ class Picture:
         self.telemetry_count = 0
         self.observations = 0
         self.decisions = 0
+        self.alarm_counts: Counter[str] = Counter()  # raised, by kind
         self._landscape = landscape
         self._view_width_m = {
             section.name: round(2.0 * camera_of(section).radius_m(section.altitude_agl_m), 1)
@@ -310,6 +311,8 @@ class Picture:
             return
         since_us = self.at_us if before is None else before.at_us
         self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
+        if before is None:
+            self.alarm_counts[key.partition("/")[0]] += 1
         self._touch("alarms")
 
     def clear(self, key: str) -> None:

@@ -31,6 +31,7 @@ Name = Annotated[
     ),
 ]
 VehicleName = Annotated[str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)")]
+OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -175,14 +176,14 @@ class Renew(Request, frozen=True):
 class Accept(Request, frozen=True):
     """Let the mission of this hash go to the vehicle."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
 class Refuse(Request, frozen=True):
     """Want the mission of this hash not flown."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
@@ -231,6 +232,7 @@ ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", 
 OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
 NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
 KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
+OF_APPROVERS = ("approve", "reject", "go", "no-go", "present", "unit")  # take the role approve
 REPLAY = "replay"
 ORDERS: dict[type[Request], events.Order] = {
     Hold: "hold",
@@ -249,8 +251,12 @@ def event_of(
     on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
     vehicles: Collection[str] | None = None,
     words: Collection[str] = KNOWN,
+    may_approve: bool | None = None,
 ) -> CrewEvent:
     """The event that a request stands for, at mission time ``at_us``.
+
+    ``may_approve``: whether its user has the role approve; None where an interface checks no names:
+    then whatever takes that role is by such a user, and nothing else.
 
     ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
     those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and
@@ -275,7 +281,7 @@ def event_of(
         raise RequestError("status is answered, it is no event")
     try:
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
-    except (msgspec.ValidationError, OverflowError) as error:
+    except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
@@ -288,7 +294,8 @@ def event_of(
     for place in _places(asked):
         if not on_map(*place):
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
-    return _event(asked, at_us)
+    approver = do in OF_APPROVERS if may_approve is None else may_approve
+    return msgspec.structs.replace(_event(asked, at_us), may_approve=approver)
 
 
 def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
@@ -374,7 +381,7 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
 def _told(request: dict[str, Any], key: str) -> str:
     try:
         return msgspec.convert(request.get(key), Name)
-    except msgspec.ValidationError:
+    except (msgspec.ValidationError, UnicodeError):
         return "unknown"
 
 

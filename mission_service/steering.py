@@ -139,8 +139,13 @@ class Presence:
             self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
 
     def restart(self) -> None:
-        """Its autopilot was restarted: only the link, the wind and the position are still known."""
+        """Its autopilot was restarted: what it does now it has chosen itself.
+
+        Its mode is the one it had until it reports another; a watchdog restarts it in flight too.
+        """
+        ordered = self.mode_is_ordered and not self.airborne
         fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
+        fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         for each in fields(self):
             setattr(self, each.name, getattr(fresh, each.name))
 
@@ -221,8 +226,8 @@ class Steering:
     def admits(self, name: str, event: Ordered) -> bool:
         """Whether an order is carried out; if so, it ends what autopilot or pilot chose."""
         presence = self.presence[name]
-        if event.by == SERVICE and (presence.taken_over or presence.in_failsafe):
-            return not presence.airborne
+        if event.by == SERVICE and not presence.flies:
+            return False
         if presence.needs_confirmation(event.order) and not event.confirmed:
             return False
         presence.mode_is_ordered = True

@@ -11,6 +11,7 @@ from autopilot_bridge.items import MissionItem
 from mission_service.commands import Announce, AnyCommand
 from mission_service.config_sections import VehicleSection
 from mission_service.events import CrewEvent, VehicleEvent
+from mission_service.landing import Landing
 from mission_service.planners.protocol import Decision
 from mission_service.steering import Here, Presence
 
@@ -53,7 +54,7 @@ class Vehicle:
     section: VehicleSection
     presence: Presence
     home_m: tuple[float, float]
-    landing: tuple[MissionItem, ...] = ()
+    landing: Landing  # of its missions
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
@@ -77,6 +78,7 @@ class Vehicle:
     mode: str = ""  # as told last
     accepted: Pending | None = None  # the mission that its autopilot has said yes to last
     start_under_way: bool = False
+    start_told: bool = False  # that its mission was started, and nothing has ended that since
     doubt: Doubt | None = None  # since the service was down, until its mission was read back
     read_back: Literal["", "same", "new", "unknown"] = ""
 

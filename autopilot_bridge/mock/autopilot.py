@@ -203,7 +203,10 @@ class MockAutopilot:
             flight.current = 0
         if not self.stack.keeps_target:
             self._begin_anew()
-        self.telemetry.tell_current(self.flight)
+            # PX4 tells of it within the second, or at once where it begins elsewhere than asked.
+            self.telemetry.expect_current(self.missions.start_at, self.flight)
+        else:
+            self.telemetry.tell_current(self.flight)
 
     def _begin_anew(self) -> None:
         """PX4 flies a new mission at once; without one it loiters."""

@@ -183,6 +183,8 @@ class Flight(Body):
         it flies; behind the last NAV item only the first runs. PX4 runs all in their order.
         """
         seq = max(seq, 1 if self.stack.item_0_is_home else 0)
+        if self._passes_over(seq):
+            seq += 1
         met, nav = next_of(self.items, seq, self._jumps)
         ardupilot = self.stack.item_0_is_home
         first = met[:1] if ardupilot else met
@@ -199,6 +201,12 @@ class Flight(Body):
         self._name(nav)
         here = (self.motion.north_m, self.motion.east_m)
         self.target = Target(self.items[nav], here, self.motion.altitude_m, now_s)
+
+    def _passes_over(self, seq: int) -> bool:
+        """PX4's planes in the air leave a takeoff out (read: 1.17 ``setActiveMissionItems``)."""
+        px4_plane = (self.stack.name, self.stack.vehicle) == ("px4", "plane")
+        flies = px4_plane and self.airborne and self.mode == "mission"
+        return flies and seq < len(self.items) and self.items[seq].command in TAKEOFFS
 
     def step(self, now_s: float) -> None:
         """One time step."""

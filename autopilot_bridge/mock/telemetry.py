@@ -76,6 +76,12 @@ class Telemetry:
             self._send(text(severity, words))
         flight.texts.clear()
 
+    def expect_current(self, seq: int, flight: Flight) -> None:
+        """A new list: its MISSION_CURRENT waits for its turn while the number is this."""
+        self._told_current = (seq, *self._missions.progress())
+        if flight.current != seq:
+            self.tell_current(flight)
+
     def tell_current(self, flight: Flight, asked: int | None = None) -> None:
         """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
         total, ids = self._missions.progress()

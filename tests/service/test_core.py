@@ -245,3 +245,23 @@ def test_stacks_say_what_a_broken_upload_leaves() -> None:
     assert stack_named("px4", "plane").atomic_upload
     assert not stack_named("ardupilot", "plane").atomic_upload
     assert np.isfinite(stack_named("px4", "plane").mission_mode)
+
+
+def test_only_a_start_that_is_news_is_announced(land: Landscape) -> None:
+    flight, _ = airborne(land, atomic=True)
+
+    def answered(command: str, accepted: bool) -> list[str]:
+        event = CommandFinished(flight.at_us, "hawk", command, accepted, "" if accepted else "no")
+        return [each.text for each in flight.tell(event) if isinstance(each, Announce)]
+
+    accepted = ["start mission: accepted"]
+    assert answered("start mission", True) == accepted
+    assert [answered("start mission", True) for _ in range(3)] == [[], [], []]
+    assert answered("orbit", True) == []
+    assert answered("start mission", True) == []
+    assert answered("start mission", False) != []
+    assert answered("start mission", True) == accepted
+    assert answered("hold", True) == ["hold: accepted"]
+    assert answered("start mission", True) == accepted
+    flight.tell(ModeChanged(flight.at_us, "hawk", 0, False, "hold"))
+    assert answered("start mission", True) == accepted

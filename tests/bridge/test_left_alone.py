@@ -1,0 +1,205 @@
+"""What an autopilot chose in failsafe is left alone: by a transfer, and by a command under way."""
+
+from collections.abc import Callable
+from random import Random
+
+import pytest
+
+from autopilot_bridge.asked_modes import AskedModes
+from autopilot_bridge.client_events import CommandFinished, TransferFinished
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.items import takeoff
+from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.stacks import Stack, stack_named
+from tests.bridge.helpers import HOME, SECOND, Pair, line_of, mock_of
+
+PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
+COPTER = stack_named("ardupilot", "copter")
+each = pytest.mark.parametrize("stack", [PX4, ARDUPLANE, COPTER], ids=lambda s: s.name + s.vehicle)
+LONG_S = 25.0
+
+
+class Deaf(MemoryLink):
+    """Loses the acknowledgements of commands, so that they are repeated."""
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        kinds = {message.get_type() for message in Codec(1, 1).decode(datagram)}
+        if "COMMAND_ACK" not in kinds:
+            super().send(datagram, now_us)
+
+
+def flying(stack: Stack, mode: str = "mission") -> Pair:
+    pair = Pair(mock_of(stack))
+    pair.run_for(1.0)
+    pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(30)), pair.now_us))
+    pair.client.start_mission(pair.now_us)
+    pair.run_for(40.0)
+    if mode == "hold":
+        pair.client.hold(pair.now_us)
+        pair.run_for(15.0)
+    assert pair.mock.flight.mode == mode
+    pair.events.clear()
+    return pair
+
+
+def failsafe(pair: Pair) -> None:
+    """The battery is low: it goes home by itself."""
+    pair.mock.battery_percent = 14.0
+
+
+def run_with_failsafe(pair: Pair, after_s: float) -> None:
+    """Go on for so long, then have the failsafe, then go on for a minute."""
+    pair.run_for(after_s)
+    failsafe(pair)
+    pair.run_for(LONG_S)
+
+
+# The moments of an upload: each quarter of a second from before the first message to after the end.
+MOMENTS = [at / 4.0 for at in range(20)]
+
+
+@pytest.mark.parametrize("by_file", [False, True], ids=["items", "file"])
+@each
+def test_a_failsafe_at_any_moment_of_an_upload_is_left_alone(stack: Stack, by_file: bool) -> None:
+    if by_file and not stack.mission_files:
+        pytest.skip("no mission files")
+    for after_s in MOMENTS:
+        pair = flying(stack)
+        new = line_of(12, first=2)
+        pair.client.upload(new, pair.now_us, holds_first=True, by_file=by_file)
+        run_with_failsafe(pair, after_s)
+        assert pair.mock.flight.mode == "rtl", after_s
+        (ended,) = pair.of(TransferFinished)
+        told = "its autopilot" in ended.result.reason
+        known_us = pair.now_us - (LONG_S - 1.3) * SECOND  # by a heartbeat
+        assert told or ended.at_us < known_us, (after_s, ended.result)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@each
+def test_a_failsafe_over_a_lossy_link_is_left_alone(stack: Stack, seed: int) -> None:
+    rng = Random(seed)
+    pair = flying(stack)
+    pair.up, pair.down = (
+        MemoryLink(loss=0.2, delay_us=30_000, seed=2 * seed + way) for way in range(2)
+    )
+    pair.client.upload(line_of(12, first=2), pair.now_us, holds_first=True, by_file=False)
+    pair.run_for(rng.uniform(0.0, 8.0))
+    failsafe(pair)
+    pair.run_for(4 * LONG_S)
+    assert pair.mock.flight.mode == "rtl"
+
+
+Order = Callable[[Pair], object]
+ORDERS: dict[str, tuple[str, Order]] = {
+    "start mission": ("hold", lambda pair: pair.client.start_mission(pair.now_us)),
+    "resume": ("hold", lambda pair: pair.client.resume(pair.now_us)),
+    "hold": ("mission", lambda pair: pair.client.hold(pair.now_us)),
+    "reposition": (
+        "mission",
+        lambda pair: pair.client.reposition(36.305, -84.195, 420.0, pair.now_us),
+    ),
+    "orbit": (
+        "mission",
+        lambda pair: pair.client.orbit(36.305, -84.195, 420.0, 90.0, pair.now_us),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+@pytest.mark.parametrize("stack", [PX4, ARDUPLANE], ids=lambda s: s.name)
+def test_an_order_is_not_repeated_against_a_failsafe(stack: Stack, name: str) -> None:
+    """Its acknowledgements get lost, so it would go out again and again."""
+    mode, order = ORDERS[name]
+    for at in range(1, 33, 2):
+        pair = flying(stack, mode)
+        pair.down = Deaf()
+        order(pair)
+        run_with_failsafe(pair, at / 4.0)
+        if at < 28:  # the order has not ended when it comes
+            (ended,) = pair.of(CommandFinished)
+            assert not ended.accepted
+            assert "changed to return meanwhile" in ended.reason
+        assert pair.mock.flight.mode == "rtl", at / 4.0
+
+
+def test_an_order_that_waits_does_not_go_out_against_a_failsafe() -> None:
+    pair = flying(ARDUPLANE, "hold")
+    pair.down = Deaf()
+    pair.client.change_speed(20.0, pair.now_us)
+    pair.client.start_mission(pair.now_us)
+    run_with_failsafe(pair, 1.0)
+    assert pair.mock.flight.mode == "rtl"
+    started, changed = sorted(pair.of(CommandFinished), key=lambda ended: ended.at_us)
+    assert (started.name, changed.name) == ("start mission", "change speed")
+    assert "changed to return meanwhile" in started.reason
+
+
+def test_a_person_may_still_order_it_out_of_its_failsafe() -> None:
+    pair = flying(ARDUPLANE)
+    run_with_failsafe(pair, 1.0)
+    pair.client.hold(pair.now_us)
+    pair.run_for(3.0)
+    assert pair.mock.flight.mode == "hold"
+    assert pair.of(CommandFinished)[-1].accepted
+
+
+def test_an_order_that_took_anothers_place_is_not_stopped_by_that_ones_mode() -> None:
+    """Start was sent and takes effect late; the hold that took its place goes on until it holds."""
+    pair = flying(PX4, "hold")
+    slow = MemoryLink(delay_us=900_000)
+    pair.up = slow
+    pair.client.start_mission(pair.now_us)
+    pair.run_for(0.2)
+    lost = pair.up = MemoryLink(loss=1.0)
+    pair.client.hold(pair.now_us)
+    pair.run_for(1.0)
+    for datagram in slow.receive(pair.now_us):
+        pair.mock.receive_data(datagram, pair.now_us)
+    pair.run_for(1.2)
+    assert lost is pair.up
+    assert pair.mock.flight.mode == "mission"
+    pair.up = MemoryLink()
+    pair.run_for(4.0)
+    assert pair.mock.flight.mode == "hold"
+
+
+def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
+    pair = Pair(mock_of(ARDUPLANE))
+    pair.run_for(1.0)
+    pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(5)), pair.now_us))
+    pair.down = Deaf()
+    pair.client.start_mission(pair.now_us)
+    pair.run_for(1.1)
+    assert pair.mock.flight.armed
+    pair.mock.flight.armed = False
+    pair.run_for(30.0)
+    assert not pair.mock.flight.armed
+    assert "disarmed meanwhile" in pair.of(CommandFinished)[-1].reason
+
+
+def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_later() -> None:
+    asked = AskedModes()
+    asked.ask((10,), 0)
+    assert asked.has(10, 9 * SECOND)
+    asked.ask((12,), 1 * SECOND)
+    assert asked.has(12, 10 * SECOND)
+    assert asked.has(10, 2 * SECOND)
+    assert not asked.has(10, 4 * SECOND)
+    assert not asked.has(11, 2 * SECOND)
+
+
+def test_a_failsafe_that_keeps_the_mode_is_not_thrown_out_of_its_landing() -> None:
+    """ArduPlane lands by its mission in failsafe: the mode is the same, its heartbeat tells."""
+    pair = flying(ARDUPLANE)
+    pair.up = MemoryLink(delay_us=300_000)
+    pair.client.upload(line_of(12, first=2), pair.now_us, by_file=False)
+    pair.run_for(0.1)
+    pair.mock.flight.failsafe = True
+    current = pair.mock.flight.current
+    pair.run_for(8.0)
+    (ended,) = pair.of(TransferFinished)
+    assert ended.result.outcome == "failed"
+    assert ended.result.holds == "the new one"
+    assert "went into failsafe meanwhile" in ended.result.reason
+    assert pair.mock.flight.current == current
