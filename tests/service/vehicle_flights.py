@@ -28,7 +28,7 @@ from tests.service.autopilot_model import NAMES, Bridge
 from tests.service.vehicle_oracle import Violation
 from tests.service.vehicle_turns import Turns
 
-RECOVERS_WITHIN_S = 300
+RECOVERS_WITHIN_S, ORDERS_AGAIN_S = 300, 100
 SERVICE_STARTS_S = 2.0
 
 
@@ -180,9 +180,10 @@ class Flights(Turns):
         for name, bridge in self.bridges.items():
             bridge.autopilot.trouble = ""
             self.link(name, True)
-        for order in ("resume", "start"):
-            self.order("", order, True)
-        for _ in range(RECOVERS_WITHIN_S):
+        for second in range(RECOVERS_WITHIN_S):
+            if second % ORDERS_AGAIN_S == 0:  # one that landed meanwhile waits for its crew
+                self.order("", "resume", True)
+                self.order("", "start", True)
             for name in list(self.proposed):
                 self.word_on_mission(name, True, True)
                 del self.proposed[name]

@@ -286,7 +286,8 @@ class Oracle:
                     return "started after a landing"
                 return "" if told.autostart else "started without an order"
             case StartMission() | UploadMission() | Orbit() | ChangeSpeed():
-                if not told.armed or led:
+                harmless = isinstance(command, UploadMission) and not told.airborne
+                if not told.armed or led or harmless:
                     return ""
                 if told.taken:
                     return f"{name} to one that was taken"
