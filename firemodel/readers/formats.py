@@ -82,7 +82,7 @@ def _check_geojson(path: Path) -> None:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise FireModelError(
-            f"{path}: cannot be read as shapes (it is not JSON in UTF-8: {error}); write it anew"
+            f"{path}: cannot be read as shapes (it is not JSON in UTF-8: {error}); write it again"
         ) from None
     if content.get("type") not in GEOJSON:
         kind = str(content.get("type"))[:40]
@@ -125,7 +125,7 @@ def _check_archive(path: Path) -> None:
                 if not name.lower().endswith(IN_ARCHIVES):
                     raise FireModelError(
                         f"{path}: holds {name[:60]!r}, which belongs to no Shapefile or KMZ; zip "
-                        "those files alone"
+                        "only its files"
                     )
                 if name.lower().endswith(".kml"):
                     with archive.open(name) as file:
@@ -133,4 +133,4 @@ def _check_archive(path: Path) -> None:
             if not any(name.lower().endswith((".shp", ".kml")) for name in names):
                 raise FireModelError(f"{path}: holds no Shapefile or KML; zip one")
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError) as error:
-        raise FireModelError(f"{path}: is not a whole ZIP archive ({error}); zip it anew") from None
+        raise FireModelError(f"{path}: is not a whole ZIP archive ({error}); zip again") from None
