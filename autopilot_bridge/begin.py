@@ -125,7 +125,7 @@ class Begin:
             self.result = TransferResult("accepted", f"item {self._seq} is current")
         elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
             words = RESULTS.get(message.result, f"MAV_RESULT {message.result}")
-            self.result = TransferResult("failed", f"beginning it {words}{self._said}")
+            self.result = TransferResult("failed", f"the command to begin it: {words}{self._said}")
 
     def _shows_list(self, message: Message) -> bool:
         """Whether MISSION_CURRENT is about the new list."""
@@ -138,7 +138,7 @@ class Begin:
         self._others += 1
         if self._others >= OTHERS:
             self.other_list = True
-            self.result = TransferResult("failed", "the vehicle shows the id of another mission")
+            self.result = TransferResult("failed", "the vehicle reports the id of another mission")
         return False
 
     def _look(self, message: Message, now_us: int) -> None:
@@ -194,8 +194,8 @@ class Begin:
             return []
         self._tries += 1
         if self._tries > TRIES:
-            missing = "MISSION_CURRENT" if self._seen is None else "an answer"
-            self.result = TransferResult("failed", f"{missing} that shows it did not come")
+            missing = "no MISSION_CURRENT" if self._seen is None else "no message"
+            self.result = TransferResult("failed", f"{missing} arrived that shows it")
             return []
         if self._asks and self._seen is not None:
             return self._ask(now_us)

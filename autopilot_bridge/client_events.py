@@ -281,8 +281,9 @@ class SameSystemId:
 
     def __str__(self) -> str:
         return (
-            f"{self.kept} and {self.left_out} both send as this system; {self.left_out} is left "
-            "out: give it another system id or a link of its own, or sign the link if it is forged"
+            f"{self.kept} and {self.left_out} both send with this system id; "
+            f"{self.left_out} is left out: give it another system id or a link of its own, "
+            "or sign the link if it is forged"
         )
 
 

@@ -363,7 +363,7 @@ class FtpDownload(_FtpTransfer):
         except BridgeError as error:
             return TransferResult("failed", str(error))
         if absurd := list_out_of_bounds(items):
-            return TransferResult("failed", f"what was read cannot be: {absurd}")
+            return TransferResult("failed", f"implausible value in the file: {absurd}")
         return TransferResult("accepted", f"{len(items)} items", items=items)
 
     def _broke_off(self, reason: str) -> TransferResult:

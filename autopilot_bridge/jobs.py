@@ -393,7 +393,7 @@ class Jobs:
 
     def _not_begun(self, job: Job, result: TransferResult) -> TransferResult:
         if job.old_tail:
-            words = "the vehicle holds the mission with the end of the old one behind it, and"
+            words = "the vehicle holds the mission followed by the end of the old one, and"
             words = f"{words} did not begin it: {result.reason}"
             return TransferResult("failed", words, holds="a mixture")
         if result.outcome == "rejected":
@@ -407,12 +407,12 @@ def lacks(job: Job) -> str:
     """What PX4 does not say of a mission that it will not fly (1.17: by no text)."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
-    return "; it has no landing, which PX4 planes want unless MIS_TKO_LAND_REQ is 0"
+    return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
 
 
 def accepted(job: Job) -> TransferResult:
     """The result of an upload whose mission is held, and flown unless another took the vehicle."""
-    words = f"accepted; {job.taken}, and its mode is left alone" if job.taken else "accepted"
+    words = f"accepted; {job.taken}, and its mode was not changed" if job.taken else "accepted"
     return TransferResult("accepted", words, 0, None, job.items, "the new one")
 
 

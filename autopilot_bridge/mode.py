@@ -95,5 +95,5 @@ class SetMode:
     def handle_timer(self, now_us: int) -> list[Message]:
         """Give up."""
         if self.result is None and now_us >= self._deadline_us:
-            self.result = TransferResult("failed", "the change of mode was not answered")
+            self.result = TransferResult("failed", "no HEARTBEAT showed the new mode")
         return []

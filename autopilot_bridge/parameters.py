@@ -232,7 +232,7 @@ class ParameterSet(_Asking):
 
 
 def _no_number(told: Parameter) -> ParametersResult:
-    words = f"the autopilot has {told.value} for parameter {told.name}, which is no number"
+    words = f"the autopilot sent {told.value} for parameter {told.name}: not a finite number"
     return ParametersResult("failed", words)
 
 

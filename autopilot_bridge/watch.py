@@ -31,7 +31,7 @@ FAILSAFES = (
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
 ALARM_ENDS_US = 10_000_000  # after the last message that raised it
-NOT_USED = "it is not used"
+NOT_USED = "the message is not used"
 
 
 class Watch:
@@ -102,7 +102,7 @@ class Watch:
         absurd = out_of_bounds(message)
         self.used = absurd is None
         if absurd is not None:
-            return self._alarm("value", f"{absurd}; the message is not used", now_us)
+            return self._alarm("value", f"{absurd}; {NOT_USED}", now_us)
         events: list[ClientEvent] = []
         boot_us = boot_time_us(message)
         if boot_us is not None:
@@ -131,14 +131,14 @@ class Watch:
         self._back_us = 0
         by = f"{abs(ahead_us) / 1e6:.0f} s {'ahead' if ahead_us > 0 else 'back'}"
         if verdict in ("kept", "ahead"):
-            words = f"its time since boot jumped {by} in a message; {NOT_USED}"
+            words = f"its time since boot jumped {by}; {NOT_USED}"
             return self._alarm("clock", words, now_us)
         self._telemetry.forget()
         self._reach.forget_times()
         if verdict == "rebooted":
             self.current = self._reached = None
             return [Rebooted(now_us)]
-        words = f"its time since boot jumped {by} and goes on from there; it is used from now on"
+        words = f"its time since boot jumped {by} and continues from there; it is used from now on"
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
 
     def _place(self, place: Position) -> list[ClientEvent]:
@@ -146,7 +146,7 @@ class Watch:
         verdict = self._reach.judge(place, self._clock.rate)
         if verdict == "beyond":
             self._telemetry.take_back("GLOBAL_POSITION_INT")
-            words = f"a position {beyond_m:.0f} m from the last one cannot be reached; {NOT_USED}"
+            words = f"it cannot have flown {beyond_m:.0f} m from its last position; {NOT_USED}"
             return self._alarm("jump", words, place.at_us)
         self.position = place
         if verdict == "kept":
@@ -189,7 +189,8 @@ class Watch:
     def _heartbeat(self, message: Message, now_us: int) -> list[ClientEvent]:
         stack = stack_of(message.autopilot, message.type)
         if stack is None or self.stack not in (None, stack):
-            words = f"a HEARTBEAT of autopilot {message.autopilot}, type {message.type} is not its"
+            kind = f"autopilot {message.autopilot}, type {message.type}"
+            words = f"a HEARTBEAT of another kind of vehicle ({kind}); {NOT_USED}"
             return [] if self.stack is None else self._alarm("value", words, now_us)
         self._heard_us = now_us
         events: list[ClientEvent] = []

@@ -102,7 +102,7 @@ class MissionApprovals:
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
         vehicle.due = vehicle.due or proposal.pending.due
-        return self.withdraw(vehicle, f"not answered for {GOOD_FOR_S:.0f} s: it is planned anew")
+        return self.withdraw(vehicle, f"not answered for {GOOD_FOR_S:.0f} s: a new one is planned")
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
         """Nothing is proposed for a vehicle any more."""

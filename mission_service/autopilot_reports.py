@@ -35,7 +35,7 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
             words = f"fence breached ({event.kind})" if event.kind else "fence breached"
             return _alarm(vehicle, FENCE, event.breached, words, "severe")
         case EstimatorStatusChanged():
-            words = f"its position is not to be trusted: {', '.join(event.problems)}"
+            words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
         case LandedStateChanged(state="landing") if vehicle.presence.airborne:
             return [say(vehicle, "landing", warning=True)]
@@ -46,10 +46,9 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
 def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
     """The alarm about a mode that was not ordered."""
     mode = vehicle.presence.mode
-    doing = {"return": "on its way home", "land": "landing where it is"}.get(mode, "not led")
-    doing = f"{doing} (mode {mode})"
-    until = "it is led again when it is back in its mission, or an operator orders it"
-    words = f"{doing}, not ordered: its autopilot or pilot chose it; {until}"
+    doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
+    until = "nothing is sent to it until it is back in its mission or an operator orders it"
+    words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"
     return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
 
 

@@ -245,7 +245,7 @@ class BurnFlight:
 
     def _why_over(self, at_us: int) -> str | None:
         """Why the plan or its approval holds no longer, by time alone."""
-        over = "its time is over" if self.approvals.out_of_date(at_us) else None
+        over = "it has expired" if self.approvals.out_of_date(at_us) else None
         return self.approvals.lapsed(at_us) or over
 
     def _look(self, at_s: float) -> str | None:

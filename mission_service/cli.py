@@ -138,7 +138,7 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 @click.option(
     "--skip-unreadable",
     is_flag=True,
-    help="Go on without lines of the journal that cannot be read or handled; it says which.",
+    help="Resume without journal lines that cannot be read or handled; each is announced.",
 )
 @OVERRIDE
 @TLOG

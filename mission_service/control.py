@@ -288,7 +288,7 @@ class _Client(asyncio.Protocol):
         elif _is_abort(line):
             self._owed.append(self._answer(line))
         elif self.late:
-            text = f"{MOST_CLIENTS} clients are connected already; only abort is taken"
+            text = f"{MOST_CLIENTS} clients are connected already; only an abort is accepted"
             self._owed.append(wrong(text))
         else:
             self._owed.append(line)
@@ -323,7 +323,7 @@ class _Client(asyncio.Protocol):
         except Exception as error:  # raised by serve_control
             if not self._clients.failed.done():
                 self._clients.failed.set_exception(error)
-            return wrong("the service has a defect")
+            return wrong("internal error of the service; the request may be incomplete")
 
 
 def _is_abort(line: bytes) -> bool:

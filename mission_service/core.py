@@ -57,7 +57,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
-WAITS = "on the ground: it waits until it is started"
+WAITS = "on the ground: it waits for an operator to start it"
 # Orders that come all the time: only their refusal is worth a word.
 UNTOLD = ("orbit", "change speed")
 
@@ -500,7 +500,11 @@ class Core:
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
         self.spacing.forget(vehicle.name)
-        then = "it waits until it is started" if vehicle.waits_for_crew else "a mission is sent"
+        then = (
+            "it waits for an operator to start it"
+            if vehicle.waits_for_crew
+            else "a mission is sent"
+        )
         words = say(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 

@@ -71,10 +71,9 @@ class CrewOrders:
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
             return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
-        chosen = f"its autopilot or pilot chose mode {vehicle.presence.mode}"
-        words = (
-            f"{CONFIRM} {vehicle.name}: {chosen}; order {event.order} again, confirmed, to end that"
-        )
+        chosen = f"mode {vehicle.presence.mode}, which its autopilot or pilot selected"
+        asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
+        words = f"{asked}; order it again, confirmed, to carry it out"
         return [say(vehicle, words, warning=True)]
 
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
@@ -84,7 +83,9 @@ class CrewOrders:
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
         vehicle.end_intentions()
-        words = f"aborted by {event.by}; its autopilot or pilot chose mode {mode}: left in it"
+        words = (
+            f"aborted by {event.by}; stays in mode {mode}, which its autopilot or pilot selected"
+        )
         return [say(vehicle, words, warning=True)]
 
     def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
@@ -96,7 +97,9 @@ class CrewOrders:
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
                 if not vehicle.presence.airborne:
-                    why = "it is on the ground: nothing is sent, and it waits until it is started"
+                    why = (
+                        "it is on the ground: nothing is sent; it waits for an operator to start it"
+                    )
                     return [say(vehicle, f"told to return by {by}, but {why}", warning=True)]
                 self.steering.recall(vehicle.name, at_s)
                 vehicle.sent_home = True
@@ -155,7 +158,7 @@ class CrewOrders:
         vehicle.due, vehicle.refusal = f"asked for by {by}", None
         if self._approvals is None:
             return []
-        return [*self._approvals.withdraw(vehicle, f"{by} asked for another one")]
+        return [*self._approvals.withdraw(vehicle, f"{by} asked for another mission")]
 
     def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)
@@ -167,7 +170,7 @@ class CrewOrders:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
                 return [say(vehicle, words), mission]
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
-            words = "none like it is proposed until the front or the reason differs"
+            words = "no similar one is proposed until the front or the reason changes"
             return [say(vehicle, f"mission refused by {event.by}: {words}")]
         return [say(vehicle, "no such mission is proposed; look again", warning=True)]
 

@@ -128,7 +128,7 @@ async def serve(
             await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
             tell("service", f"goes on with the run of {run.journal_path}; approvals are void")
             for why in cut_off.skips_now.values():
-                tell("service", f"skipped: {why}")
+                tell("service", f"journal line skipped: {why}")
             core, world, record = service.core, service.world, service.record
             assert service.picture is not None
             picture = service.picture
@@ -213,7 +213,7 @@ def _journal_of(
     if kept is not None:
         tell("service", f"the journal of an earlier run is kept as {kept.name}; this is a new one")
     if written_by_others(run.out):
-        tell("service", f"{run.out} can be written by others on this machine; chmod 700 {run.out}")
+        tell("service", f"other users of this machine can write in {run.out}; chmod 700 {run.out}")
     rest = None if cut_off is None else cut_off.rest()
     header = header_of(run.scenario, known.landscape, run.created)
     return Journal(run.journal_path, header, durable=True, rest=rest)

@@ -26,7 +26,7 @@ class StateError(MissionServiceError):
 
 
 class RefusedEventError(MissionServiceError):
-    """An event that cannot be journalled or handled: nothing of it is done or written down."""
+    """An event that cannot be journalled or handled; it is neither carried out nor journalled."""
 
 
 class UnhandledLineError(JournalError):

@@ -53,8 +53,8 @@ def part_in_words(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> 
     length_km = cell_m * float(steps[bearings].sum()) / 1e3
     if bearings.size == BEARINGS:
         return f"the whole front, {length_km:.1f} km"
-    between = f"bearing {bearings[0]}° to {bearings[-1]}° from the fire's centre"
-    return f"the front from {between}, {length_km:.1f} km"
+    arc = f"bearing {bearings[0]}° clockwise to {bearings[-1]}°, seen from the fire's centre"
+    return f"the front from {arc}, {length_km:.1f} km"
 
 
 class FrontWatch:
@@ -82,7 +82,7 @@ class FrontWatch:
         part = part_in_words(fire, self._left(name, fire, presence), self._cell_m)
         if self._watching:
             left = ", ".join(sorted(self._watching))
-            return [Announce(name, f"watches no more: {part}; left to {left}", "warning")]
+            return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
         self._unwatched_since = name
         return [RaiseAlarm(name, ALARM, f"no vehicle watches {part}", "severe")]
 

@@ -205,8 +205,8 @@ def _refuse_live(path: Path) -> None:
         body, intact, _ = _checked(file.readline().rstrip(b"\n"), 0)
     if not intact or msgspec.json.decode(body[len(_HEADER) :]).get("live"):
         raise JournalError(
-            f"{path}: is the journal of a live run, and is not written over; move it away, or "
-            "choose another folder"
+            f"{path}: is the journal of a live run and is not overwritten; move it away or choose "
+            "another folder"
         )
 
 
@@ -244,7 +244,7 @@ def _readable(thing: AnyEvent | AnyCommand, decode: Callable[[bytes], object]) -
     except (msgspec.MsgspecError, UnicodeError, OverflowError, TypeError, ValueError) as error:
         raise RefusedEventError(f"{type(thing).__name__} refused: {error}") from None
     if again != thing:
-        raise RefusedEventError(f"{type(thing).__name__} refused: a journal cannot hold all of it")
+        raise RefusedEventError(f"{type(thing).__name__} refused: it would not be read back equal")
     return body
 
 

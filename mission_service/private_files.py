@@ -13,7 +13,7 @@ from pathlib import Path
 from mission_service.errors import MissionServiceError
 
 FILE_MODE, FOLDER_MODE = 0o600, 0o700
-LINK = "is a symbolic link, and files of a run are never behind one; remove it"
+LINK = "is a symbolic link, which is not followed for files of a run; remove it"
 
 
 def opened(path: Path, flags: int) -> int:

@@ -160,7 +160,7 @@ def file_stage(recorded: Recorded) -> Stage:
         return Stage("file", counts, difference)
     counts["skipped"] = len(recorded.skipped)
     why = "; ".join(recorded.skipped.values())
-    return Stage("file", counts, difference, note=f"skipped by a restart, as asked: {why}")
+    return Stage("file", counts, difference, note=f"skipped by a restart: {why}")
 
 
 def planner_stage(recorded: Recorded) -> Stage:

@@ -100,7 +100,7 @@ class Unfinished:
             raise JournalError(
                 f"{path}: cannot be gone on with: its beginning was deleted, and no state can be "
                 f"used ({why}); go on with the version that wrote it, or start with --anew and "
-                "tell what burns (the journal is kept under another name)"
+                "report what burns (the journal is kept under another name)"
             )
 
     def rest(self) -> Rest:
@@ -196,8 +196,7 @@ class Unfinished:
 
     def _differs(self, path: Path, difference: str) -> JournalError:
         return JournalError(
-            f"{path}: cannot be gone on with: {difference}; was it written by another version?"
-            f"{ANEW}"
+            f"{path}: cannot be resumed: {difference}; was it written by another version?{ANEW}"
         )
 
     def _turns(self) -> Iterator[_Turn]:

@@ -328,7 +328,7 @@ class Service:
             return
         name = "service" if isinstance(event, Crew) else event.vehicle
         self._refusals.add(key)
-        self.announce(name, f"not used: {why}")
+        self.announce(name, f"event not used: {why}")
         if self.picture is not None:
             self.picture.alarm(key, f"{name}: {why}", "warning", name)
 
@@ -405,6 +405,6 @@ def _cannot(event: AnyEvent, error: Exception) -> RefusedEventError:
     at_s, what = event.at_us / 1e6, type(event).__name__
     why = " ".join(f"{type(error).__name__}: {error}".split())
     return RefusedEventError(
-        f"{what} at {at_s:.3f} s cannot be handled, and was not: {why}; "
+        f"{what} at {at_s:.3f} s cannot be handled and was not carried out: {why}; "
         "this is a defect, please report it"
     )

@@ -123,7 +123,7 @@ def _check_archive(path: Path) -> None:
                 if not name.lower().endswith(IN_ARCHIVES):
                     raise FireModelError(
                         f"{path}: holds {name[:60]!r}, which belongs to no Shapefile or KMZ; zip "
-                        "those files alone"
+                        "only its files"
                     )
                 if name.lower().endswith(".kml"):
                     with archive.open(name) as file:
@@ -131,4 +131,4 @@ def _check_archive(path: Path) -> None:
             if not any(name.lower().endswith((".shp", ".kml")) for name in names):
                 raise FireModelError(f"{path}: holds no Shapefile or KML; zip one")
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError) as error:
-        raise FireModelError(f"{path}: is not a whole ZIP archive ({error}); zip it anew") from None
+        raise FireModelError(f"{path}: is not a whole ZIP archive ({error}); zip again") from None

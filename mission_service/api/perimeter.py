@@ -29,14 +29,17 @@ async def read_aside(job: Job) -> Done:
         async with asyncio.timeout(WITHIN_S):
             told, _ = await process.communicate(msgspec.msgpack.encode(job))
     except TimeoutError:
-        raise ApiError(422, f"reading it takes more than {WITHIN_S:g} s; simplify it") from None
+        words = f"reading the perimeter takes more than {WITHIN_S:g} s; simplify it"
+        raise ApiError(422, words) from None
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
     if process.returncode != 0:
         raise ApiError(
-            422, f"reading it ended with {_end(process.returncode or 0)}; simplify it, or send less"
+            422,
+            f"the process that read the perimeter ended with {_end(process.returncode or 0)}; "
+            "simplify the perimeter",
         )
     answer: Done | Failed = await asyncio.to_thread(_decode, told)
     if isinstance(answer, Failed):

@@ -76,7 +76,7 @@ def add(routes: APIRouter, api: Api) -> None:
         f"{V1}/abort",
         **route(
             "look",
-            "Stop at once: taken from any token, on its headers alone.",
+            "Stop at once: accepted with any valid token, as soon as its headers arrive.",
             struct(Told, {**examples.TOLD, "event": "Aborted"}),
         ),
     )

@@ -50,7 +50,7 @@ def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
     """A request for each outline: the fire burns along it now. Raises FireModelError for many."""
     rings = perimeter.rings()
     if len(rings) > MOST_RINGS:
-        raise FireModelError(f"it has {len(rings)} outlines; at most {MOST_RINGS} can be taken")
+        raise FireModelError(f"it has {len(rings)} outlines; at most {MOST_RINGS} are accepted")
     asked = {"do": "correct", "state": "burning", "shape": "polygon"}
     return [{**asked, "points": thinned(ring, MOST_POINTS)} for ring in rings]
 
