@@ -25,7 +25,8 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message
-from autopilot_bridge.command import RESULTS, Step, command_message
+from autopilot_bridge.command import RESULTS, command_message
+from autopilot_bridge.stacks import Step
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
 
 SETTLED_US = 300_000  # PX4 looks at a new mission after it has acknowledged it (seen: 60 ms)
