@@ -50,14 +50,17 @@ class VehicleClient:
         timing: TransferTiming | None = None,
         rates_hz: RatesHz = RATES_HZ,
         shared: list[Message] | None = None,
+        most_speed_m_s: float | None = None,
     ) -> None:
         """``rates_hz`` (by message id) is asked for when the vehicle is heard, and heard again.
+
+        Positions that it cannot reach at ``most_speed_m_s`` are not used; None: all are.
 
         ``shared`` is for clients on one link: its owner sends what is put there, and heartbeats.
         """
         self._own = (system_id, component_id)
         self._target_system = target_system
-        self._watch = Watch(heartbeat_timeout_us)
+        self._watch = Watch(heartbeat_timeout_us, most_speed_m_s)
         self._texts = Texts()
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
@@ -293,6 +296,10 @@ class VehicleClient:
         """The oldest event not handed out yet."""
         return self._events.popleft() if self._events else None
 
+    def report(self, event: ClientEvent) -> None:
+        """Have what the link's owner noticed of this vehicle among its events."""
+        self._events.append(event)
+
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
         timers = [
@@ -301,6 +308,7 @@ class VehicleClient:
             self._commands.next_timer(),
             self._drops.next_timer(),
             self._parameters.next_timer(),
+            self._watch.alarm_timer(),
         ]
         if (silent_us := self._watch.next_timer()) is not None:  # else there is nobody to ask
             timers += (silent_us, self._rates.next_timer())
@@ -312,6 +320,7 @@ class VehicleClient:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._send(gcs_heartbeat())
         self._events.extend(self._watch.handle_timer(now_us))
+        self._events.extend(self._watch.end_alarms(now_us))
         if self._watch.next_timer() is not None:
             self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
@@ -342,6 +351,8 @@ class VehicleClient:
                 self._mode_changed(mode, armed, now_us)
         if self._watch.critical and not critical:
             self._jobs.taken("its autopilot went into failsafe meanwhile")
+        if not self._watch.used:
+            return
         self._drops.receive(message, now_us)
         for protocol in (self._rates, self._commands, self._parameters):
             if messages := protocol.receive(message, now_us):

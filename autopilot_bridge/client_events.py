@@ -35,7 +35,7 @@ class LinkRestored:
 
 @dataclass(frozen=True, slots=True)
 class Rebooted:
-    """The autopilot's time since boot went back."""
+    """The autopilot's time since boot began anew."""
 
     at_us: int
 
@@ -263,8 +263,84 @@ class Text:
     text: str
 
 
+AlarmKind = Literal["source", "clock", "jump", "value"]
+
+
+@dataclass(frozen=True, slots=True)
+class SameSystemId:
+    """Two remotes of one link send as one system; what ``left_out`` sends is not used."""
+
+    at_us: int
+    kept: str
+    left_out: str
+
+    @property
+    def kind(self) -> AlarmKind:
+        """What it is about."""
+        return "source"
+
+    def __str__(self) -> str:
+        return (
+            f"{self.kept} and {self.left_out} both send as this system; {self.left_out} is left "
+            "out: give it another system id or a link of its own, or sign the link if it is forged"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteChanged:
+    """The vehicle is taken from another remote, after silence of the one before."""
+
+    at_us: int
+    before: str
+    now: str
+
+    @property
+    def kind(self) -> AlarmKind:
+        """What it is about."""
+        return "source"
+
+    def __str__(self) -> str:
+        return (
+            f"heard from {self.now} now, no more from {self.before}; if the autopilot was not "
+            "restarted and its network has not changed, this may not be the vehicle"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Implausible:
+    """A message of the vehicle says what cannot be (``clock``, ``jump``, ``value``)."""
+
+    at_us: int
+    kind: AlarmKind
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEnded:
+    """What raised alarms of a kind has not been seen for a while."""
+
+    at_us: int
+    kind: AlarmKind
+
+
+@dataclass(frozen=True, slots=True)
+class ClockChanged:
+    """The autopilot's time since boot goes on from another value, and it was not restarted."""
+
+    at_us: int
+
+
+LinkAlarm = SameSystemId | RemoteChanged | Implausible
+
+
 ClientEvent = (
-    Connected
+    LinkAlarm
+    | AlarmEnded
+    | ClockChanged
+    | Connected
     | LinkLost
     | LinkRestored
     | Rebooted

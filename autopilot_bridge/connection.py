@@ -3,10 +3,9 @@
 import asyncio
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.fleet import FleetLink
 from autopilot_bridge.link import parse_link
 from autopilot_bridge.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
 from autopilot_bridge.tlog import Tlog
@@ -31,6 +30,19 @@ class Peer(Protocol):
         """Do what is due."""
 
 
+@runtime_checkable
+class RemotesPeer(Protocol):
+    """A peer that tells the remotes of a link apart; their names are the wire's."""
+
+    called: str  # the remote that the link calls; "" where it waits for them
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Take in whole frames of a remote."""
+
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """Frames and the remotes they are for; those for "" are for all."""
+
+
 class Connection:
     """One peer on one link while the context is open.
 
@@ -51,6 +63,7 @@ class Connection:
     ) -> None:
         self._wire = wire_of(parse_link(link), self)
         self._peer = peer
+        self._by_remote = peer if isinstance(peer, RemotesPeer) else None
         self._clock = clock
         self._rate = rate
         self._tlog = tlog
@@ -66,6 +79,8 @@ class Connection:
 
     async def __aenter__(self) -> Self:
         await self._wire.open()
+        if self._by_remote is not None:
+            self._by_remote.called = self._wire.called
         self._open = True
         self._wake()
         return self
@@ -94,8 +109,8 @@ class Connection:
 
     def flush(self) -> None:
         """Send what the peer has to send, and look at its timer anew."""
-        if isinstance(self._peer, FleetLink):
-            for remote, frame in self._peer.addressed_to_send():
+        if self._by_remote is not None:
+            for remote, frame in self._by_remote.addressed_to_send():
                 self._send([frame], remote)
         elif frames := self._peer.data_to_send():
             self._send(frames)
@@ -179,8 +194,8 @@ class Connection:
     def _take(self, batch: Batch) -> None:
         for remote, frames in batch:
             self._record(frames)
-            if isinstance(self._peer, FleetLink):
-                self._peer.receive_frames(remote, frames, self._clock())
+            if self._by_remote is not None:
+                self._by_remote.receive_frames(remote, frames, self._clock())
             else:
                 self._peer.receive_data(b"".join(frames), self._clock())
 

@@ -2,14 +2,12 @@
 
 Each link is a peer of a connection; what comes in is decoded once and handed to the client of the
 system that sent it. A vehicle is a link and a system id: the same id on two links is two vehicles.
-The same id from two remotes of one link cannot be told apart on the way back: the one heard first
-is kept, the other is left out, and ``SameSystemId`` says so.
+Which remote of a link a vehicle's messages are taken from: ``sources.py``.
 """
 
 import heapq
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from autopilot_bridge.client import HEARTBEAT_EVERY_US, VehicleClient, gcs_heartbeat
@@ -17,6 +15,7 @@ from autopilot_bridge.client_events import ClientEvent
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.rates import RATES_HZ, RatesHz
+from autopilot_bridge.sources import Source
 from autopilot_bridge.stacks import stack_of
 from autopilot_bridge.telemetry import MESSAGES
 from autopilot_bridge.transfer import TransferTiming
@@ -35,40 +34,19 @@ class VehicleKey(NamedTuple):
         return f"{self.system_id} on {self.link}"
 
 
-@dataclass(frozen=True, slots=True)
-class SameSystemId:
-    """Two autopilots on one link have the same system id; ``left_out`` is not listened to."""
-
-    at_us: int
-    kept: str
-    left_out: str
-
-    def __str__(self) -> str:
-        return (
-            f"{self.kept} and {self.left_out} both send as this system; "
-            f"{self.left_out} is left out: give it another system id or a link of its own"
-        )
-
-
 class FleetEvent(NamedTuple):
     """What happened to which vehicle."""
 
     vehicle: VehicleKey
-    event: ClientEvent | SameSystemId
-
-
-@dataclass(slots=True)
-class _Remote:
-    """From where a system is heard."""
-
-    name: str
-    heard_us: int
-    other: str | None = None  # who else claims to be it
-    told: bool = False
+    event: ClientEvent
 
 
 class FleetLink:
-    """One link and its vehicles: a peer for a ``Connection``."""
+    """One link and its vehicles: a peer for a ``Connection``.
+
+    Vehicles are found by their heartbeats, and ``next_event`` has what happens to all of them; or
+    they are those that were expected, each with a client of its own that has its events.
+    """
 
     def __init__(
         self,
@@ -78,8 +56,15 @@ class FleetLink:
         heartbeat_timeout_us: int = HEARTBEAT_TIMEOUT_US,
         timing: TransferTiming | None = None,
         rates_hz: RatesHz = RATES_HZ,
+        expects: bool = False,
+        signed: bool = False,
     ) -> None:
+        """With ``expects`` only the vehicles of ``expect`` are taken notice of.
+
+        ``signed``: what arrives has a signature that was checked.
+        """
         self.name = name
+        self.called = ""  # the remote that the link calls, where it calls one
         self.clients: dict[int, VehicleClient] = {}
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
@@ -88,10 +73,18 @@ class FleetLink:
         self._codec = Codec(system_id, component_id)
         self._outgoing: list[Message] = []  # shared with all clients
         self._events: deque[FleetEvent] = deque()
-        self._remotes: dict[int, _Remote] = {}
+        self._expects = expects
+        self._signed = signed
+        self._sources: dict[int, Source] = {}
         self._heartbeat_due_us = 0
         self._timers: list[tuple[int, int]] = []  # a heap; entries that are no longer so are left
         self._due_us: dict[int, int] = {}
+
+    def expect(self, system: int, most_speed_m_s: float | None = None) -> VehicleClient:
+        """A client for a vehicle that is to be heard here. Raises BridgeError for one twice."""
+        if system in self.clients:
+            raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
+        return self._client(system, most_speed_m_s)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram from a link with one other end."""
@@ -108,7 +101,7 @@ class FleetLink:
                 continue
             system = message.get_srcSystem()
             client = self.clients.get(system) or self._found(message, system)
-            if client is not None and self._is_its(remote, system, now_us):
+            if client is not None and self._is_its(remote, system, message, now_us):
                 client.receive_message(message, now_us)
                 # Telemetry brings no timer forward, unless it leads to something being sent.
                 touched[system] = message.get_type() not in MESSAGES or bool(self._outgoing)
@@ -117,8 +110,11 @@ class FleetLink:
 
     def _found(self, message: Message, system: int) -> VehicleClient | None:
         """A client for an autopilot not heard before; None for anybody else."""
-        if message.get_type() != "HEARTBEAT" or stack_of(message.autopilot, message.type) is None:
+        if self._expects or not is_of_autopilot(message):
             return None
+        return self._client(system)
+
+    def _client(self, system: int, most_speed_m_s: float | None = None) -> VehicleClient:
         client = VehicleClient(
             *self._own,
             target_system=system,
@@ -126,31 +122,32 @@ class FleetLink:
             timing=self._timing,
             rates_hz=self._rates_hz,
             shared=self._outgoing,
+            most_speed_m_s=most_speed_m_s,
         )
         self.clients[system] = client
         return client
 
-    def _is_its(self, remote: str, system: int, now_us: int) -> bool:
-        """Whether a system's messages are taken from this remote; it may move to another."""
-        known = self._remotes.get(system)
-        if known is None or (
-            known.name != remote and now_us - known.heard_us >= self._heartbeat_timeout_us
-        ):
-            known = self._remotes[system] = _Remote(remote, now_us)
-        if known.name != remote:
-            known.other = remote
-            return False
-        known.heard_us = now_us
-        if known.other is not None and not known.told:  # both are alive
-            known.told = True
-            told = SameSystemId(now_us, known.name, known.other)
-            self._events.append(FleetEvent(VehicleKey(self.name, system), told))
-        return True
+    def _is_its(self, remote: str, system: int, message: Message, now_us: int) -> bool:
+        """Whether a system's messages are taken from this remote."""
+        source = self._sources.get(system)
+        if source is None:
+            timeout_us = self._heartbeat_timeout_us
+            source = self._sources[system] = Source(timeout_us, self.called, self._signed)
+        accepted = source.accepts(remote, is_of_autopilot(message), now_us)
+        self._report(system, source)
+        return accepted
+
+    def _report(self, system: int, source: Source) -> None:
+        if source.alarms:
+            for alarm in source.alarms:
+                self.clients[system].report(alarm)
+            source.alarms.clear()
+            self._touched(system)
 
     def _touched(self, system: int, timer: bool = True) -> None:
         """Take over a client's events and its timer."""
         client = self.clients[system]
-        while (event := client.next_event()) is not None:
+        while not self._expects and (event := client.next_event()) is not None:
             self._events.append(FleetEvent(VehicleKey(self.name, system), event))
         if not timer and system in self._due_us:
             return
@@ -174,8 +171,8 @@ class FleetLink:
         return [(self._remote_of(message), self._codec.encode(message)) for message in outgoing]
 
     def _remote_of(self, message: Message) -> str:
-        known = self._remotes.get(getattr(message, "target_system", 0))
-        return known.name if known is not None else ""
+        source = self._sources.get(getattr(message, "target_system", 0))
+        return "" if source is None or source.remote is None else source.remote
 
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
@@ -188,6 +185,9 @@ class FleetLink:
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._outgoing.append(gcs_heartbeat())
+            for system, source in self._sources.items():
+                source.handle_timer(now_us)
+                self._report(system, source)
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)
@@ -201,6 +201,12 @@ class FleetLink:
     def next_event(self) -> FleetEvent | None:
         """The oldest event not handed out yet."""
         return self._events.popleft() if self._events else None
+
+
+def is_of_autopilot(message: Message) -> bool:
+    """Whether it is a HEARTBEAT of an autopilot of a kind that is known."""
+    kind: str = message.get_type()
+    return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None
 
 
 class Fleet:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from autopilot_bridge import ftp_packet as ftp
+from autopilot_bridge.bounds import list_out_of_bounds
 from autopilot_bridge.codec import Message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.ftp_packet import Packet, error_words, packet_of
@@ -361,6 +362,8 @@ class FtpDownload(_FtpTransfer):
             items = decode_mission_file(data, self._address.mission_type)
         except BridgeError as error:
             return TransferResult("failed", str(error))
+        if absurd := list_out_of_bounds(items):
+            return TransferResult("failed", f"what was read cannot be: {absurd}")
         return TransferResult("accepted", f"{len(items)} items", items=items)
 
     def _broke_off(self, reason: str) -> TransferResult:

@@ -36,6 +36,8 @@ from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.command import RESULTS, command_message
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.fleet import HEARTBEAT_TIMEOUT_US, is_of_autopilot
+from autopilot_bridge.framing import frames_of, source_of
 from autopilot_bridge.items import Items, jumps_moved
 from autopilot_bridge.jobs import LAST_NAV, Begin
 from autopilot_bridge.mavsdk_library import (
@@ -52,6 +54,7 @@ from autopilot_bridge.orders import Dropper
 from autopilot_bridge.plan_id import mission_id_of
 from autopilot_bridge.rates import rate_requests
 from autopilot_bridge.signing import Counts, Signing
+from autopilot_bridge.sources import Source
 from autopilot_bridge.stacks import Stack, Step
 from autopilot_bridge.tlog import Tlog
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
@@ -90,14 +93,18 @@ class MavsdkVehicle:
         tlog: Tlog | None = None,
         signing: Signing | None = None,
         link_id: int = 0,
+        most_speed_m_s: float | None = None,
     ) -> None:
+        self.called = ""  # the remote that the link calls
+        self._signed = signing is not None
+        self._source: Source | None = None
         self._connection = Connection(
             link, self, clock, tlog=tlog, signing=signing, link_id=link_id
         )
         self._link = link
         self._clock = clock
         self._target = (system_id, AUTOPILOT)
-        self._watch = Watch()
+        self._watch = Watch(HEARTBEAT_TIMEOUT_US, most_speed_m_s)
         self._codec = Codec(*MAVSDK_IDS)
         self._outgoing: list[bytes] = []
         self._events: deque[ClientEvent] = deque()
@@ -266,11 +273,30 @@ class MavsdkVehicle:
         self._connection.flush()
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in whole frames: MAVSDK does, and our own watch."""
-        self._mavsdk.pass_received_raw_bytes(data)
-        for message in self._codec.decode(data):
-            if (message.get_srcSystem(), message.get_srcComponent()) == self._target:
-                self._receive(message, now_us)
+        """Take in whole frames from a link with one other end."""
+        self.receive_frames("", frames_of(data), now_us)
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Take in whole frames of the vehicle's remote, for MAVSDK and our own watch.
+
+        MAVSDK gets nothing before a HEARTBEAT has shown which remote that is, and nothing absurd.
+        """
+        if self._source is None:
+            self._source = Source(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
+        source = self._source
+        for frame in frames:
+            messages = self._codec.decode_frames([frame])
+            if source_of(frame) == self._target and messages:
+                accepted = source.accepts(remote, is_of_autopilot(messages[0]), now_us)
+                self._events.extend(source.alarms)
+                source.alarms.clear()
+                if not accepted:
+                    continue
+                self._receive(messages[0], now_us)
+                if not self._watch.used:
+                    continue
+            if remote == source.remote:
+                self._mavsdk.pass_received_raw_bytes(frame)
 
     def _receive(self, message: Message, now_us: int) -> None:
         mode = self._watch.custom_mode
@@ -299,13 +325,26 @@ class MavsdkVehicle:
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """The same with the vehicle's remote; to all before that is known."""
+        source = self._source
+        remote = "" if source is None or source.remote is None else source.remote
+        return [(remote, frame) for frame in self.data_to_send()]
+
     def next_timer(self) -> int | None:
-        """When its silence counts as a lost link."""
-        return self._watch.next_timer()
+        """When its silence counts as a lost link, or an alarm may have ended."""
+        alarms_us = None if self._source is None else self._source.alarm_timer()
+        timers = (self._watch.next_timer(), self._watch.alarm_timer(), alarms_us)
+        return min((timer for timer in timers if timer is not None), default=None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Tell of a link that is lost."""
+        """Tell of a link that is lost, and of alarms that have ended."""
         self._events.extend(self._watch.handle_timer(now_us))
+        self._events.extend(self._watch.end_alarms(now_us))
+        if self._source is not None:
+            self._source.handle_timer(now_us)
+            self._events.extend(self._source.alarms)
+            self._source.alarms.clear()
 
     def _tell(self, event: ClientEvent) -> None:
         self._events.append(event)

@@ -147,8 +147,11 @@ class ParameterRead(_Asking):
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Take in a PARAM_VALUE."""
         if self._concerns(message) and message.param_id == self._name:
-            read = (parameter_of(message, self._bytewise),)
-            self.result = ParametersResult("accepted", "accepted", read)
+            read = parameter_of(message, self._bytewise)
+            if math.isfinite(read.value):
+                self.result = ParametersResult("accepted", "accepted", (read,))
+            else:
+                self.result = _no_number(read)
         return []
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -179,7 +182,7 @@ class ParameterSet(_Asking):
             raise BridgeError(f"parameter {name}: {value} is no number to set")
         self._value = value
         self._kind: int | None = None
-        self._told: Parameter | None = None
+        self._told: Parameter | None = None  # a finite number
 
     def start(self, now_us: int) -> list[Message]:
         """Ask for its type, which the value has to be sent in."""
@@ -195,7 +198,11 @@ class ParameterSet(_Asking):
         """Take in a PARAM_VALUE: the type, later the value set."""
         if not self._concerns(message) or message.param_id != self._name:
             return []
-        self._told = parameter_of(message, self._bytewise)
+        told = parameter_of(message, self._bytewise)
+        if not math.isfinite(told.value):
+            self.result = _no_number(told)
+            return []
+        self._told = told
         if self._kind is None:
             self._kind, self._tries = message.param_type, 0
             try:
@@ -224,13 +231,18 @@ class ParameterSet(_Asking):
         return []
 
 
+def _no_number(told: Parameter) -> ParametersResult:
+    words = f"the autopilot has {told.value} for parameter {told.name}, which is no number"
+    return ParametersResult("failed", words)
+
+
 def _same(told: float, wanted: float) -> bool:
     """Equal in single precision."""
     return abs(told - wanted) <= 1e-6 * max(abs(wanted), 1e-6)
 
 
 class ParametersRead(_Asking):
-    """Reads all parameters: the list, then what was lost of it."""
+    """Reads all parameters: the list, then what was lost of it; without those that are NaN."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         super().__init__(target, bytewise, timing)
@@ -270,7 +282,8 @@ class ParametersRead(_Asking):
         ]
 
     def _end(self, outcome: Literal["accepted", "failed"], reason: str) -> None:
-        found = tuple(self._found[index] for index in sorted(self._found))
+        told = (self._found[index] for index in sorted(self._found))
+        found = tuple(parameter for parameter in told if math.isfinite(parameter.value))
         self.result = ParametersResult(outcome, reason, found)
 
     def handle_timer(self, now_us: int) -> list[Message]:

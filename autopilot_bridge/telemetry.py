@@ -23,7 +23,6 @@ from autopilot_bridge.client_events import (
 from autopilot_bridge.codec import Message
 from autopilot_bridge.vehicle_status import Estimator, fence_status, landed_state
 
-REBOOT_BACK_US = 5_000_000
 NO_PLACE_DEG_E7 = 1_000_000  # sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
@@ -71,8 +70,10 @@ def wind(message: Message, at_us: int) -> Wind | None:
     return Wind(at_us, message.direction % 360.0, message.speed) if message.speed else None
 
 
-def wind_from_vector(message: Message, at_us: int) -> Wind:
-    """WIND_COV (PX4)."""
+def wind_from_vector(message: Message, at_us: int) -> Wind | None:
+    """WIND_COV (PX4); None where it says that it is not known."""
+    if math.isnan(message.wind_x) or math.isnan(message.wind_y):
+        return None
     return wind_of_air(message.wind_x, message.wind_y, at_us)
 
 
@@ -157,6 +158,8 @@ ESTIMATOR_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 MESSAGES = frozenset((*_DECODERS, *ESTIMATOR_MESSAGES))
 ToldOnChange = Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
 TOLD_ON_CHANGE = get_args(ToldOnChange)
+# Whose time since boot is the autopilot's own on both stacks; others may be a gimbal's, or 0.
+TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
 class Changes:
@@ -179,6 +182,7 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
+        self._before_us = -1  # of the last kind of message, the time before this one
         self._changes = Changes()
         self._estimator = Estimator()
         self._has_battery_status = False
@@ -188,12 +192,6 @@ class Telemetry:
         self._boot_us.clear()
         self._changes = Changes()
         self._estimator = Estimator()
-
-    def rebooted(self, message: Message) -> bool:
-        """Whether the autopilot's time since boot went back."""
-        boot_us = _boot_us(message)
-        latest_us = max(self._boot_us.values(), default=0)
-        return boot_us is not None and boot_us < latest_us - REBOOT_BACK_US
 
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
         """What a message tells, if it is news."""
@@ -219,17 +217,21 @@ class Telemetry:
         """A state, if it has changed."""
         return [event] if self._changes.has(event) else []
 
+    def take_back(self, kind: str) -> None:
+        """The last message of a kind is not used: none after it is late because of it."""
+        self._boot_us[kind] = self._before_us
+
     def _late(self, kind: str, message: Message) -> bool:
-        boot_us = _boot_us(message)
+        boot_us = boot_time_us(message)
         if boot_us is None:
             return False
         if boot_us <= self._boot_us.get(kind, -1):
             return True
+        self._before_us = self._boot_us.get(kind, -1)
         self._boot_us[kind] = boot_us
         return False
 
 
-def _boot_us(message: Message) -> int | None:
-    """Time since boot of messages that carry it in milliseconds."""
-    boot_ms: int | None = getattr(message, "time_boot_ms", None)
-    return None if boot_ms is None else boot_ms * 1000
+def boot_time_us(message: Message) -> int | None:
+    """Time since boot of messages that are read for it."""
+    return message.time_boot_ms * 1000 if message.get_type() in TIMED else None

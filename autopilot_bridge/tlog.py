@@ -4,6 +4,7 @@ A record is eight bytes, big-endian: microseconds since 1970; then one frame as 
 wire. Both directions go into one file.
 """
 
+import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +28,7 @@ class Tlog:
         self._path = path
         self._wall_us = wall_us
         try:
-            self._file = path.open("ab", buffering=0)
+            self._file = open(path, "ab", buffering=0, opener=_private)  # noqa: SIM115
         except OSError as error:
             raise BridgeError(f"{path}: cannot be recorded to: {error.strerror}") from None
 
@@ -52,3 +53,8 @@ class Tlog:
         trace: TracebackType | None,
     ) -> None:
         self._file.close()
+
+
+def _private(path: str, flags: int) -> int:
+    """For the user alone, and nothing behind a symbolic link."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o600)

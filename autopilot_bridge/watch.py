@@ -2,9 +2,14 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.bounds import out_of_bounds
 from autopilot_bridge.client_events import (
+    AlarmEnded,
+    AlarmKind,
     ClientEvent,
+    ClockChanged,
     Connected,
+    Implausible,
     ItemReached,
     LinkLost,
     LinkRestored,
@@ -15,8 +20,9 @@ from autopilot_bridge.client_events import (
     Text,
 )
 from autopilot_bridge.codec import Message
+from autopilot_bridge.plausibility import BootClock, Reach, TimeVerdict
 from autopilot_bridge.stacks import Stack, stack_of
-from autopilot_bridge.telemetry import Telemetry
+from autopilot_bridge.telemetry import Telemetry, boot_time_us
 from autopilot_bridge.vehicle_status import system_state
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -24,12 +30,17 @@ FAILSAFES = (
     *(mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY),
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
+ALARM_ENDS_US = 10_000_000  # after the last message that raised it
+NOT_USED = "it is not used"
 
 
 class Watch:
     """``current`` and ``total`` are MISSION_CURRENT's: wire numbers, or None before the first."""
 
-    def __init__(self, heartbeat_timeout_us: int = 3_000_000) -> None:
+    def __init__(
+        self, heartbeat_timeout_us: int = 3_000_000, most_speed_m_s: float | None = None
+    ) -> None:
+        """Positions that are not reached at ``most_speed_m_s`` are not used; None: all are."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
@@ -44,6 +55,11 @@ class Watch:
         self.position: Position | None = None
         self._telemetry = Telemetry()
         self._reached: int | None = None
+        self._clock = BootClock()
+        self._reach = Reach(most_speed_m_s)
+        self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
+        self._back_us = 0  # by how much times since boot went back, if they did
+        self.used = True  # the last message, at least in part
 
     @property
     def hidden_items(self) -> int:
@@ -70,19 +86,81 @@ class Watch:
         self._lost = True
         return [LinkLost(now_us, now_us - self._heard_us)]
 
+    def alarm_timer(self) -> int | None:
+        """When to call ``end_alarms``."""
+        return min(self._alarms.values(), default=None)
+
+    def end_alarms(self, now_us: int) -> list[ClientEvent]:
+        """Tell of alarms whose cause has not been seen for a while."""
+        ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
+        for kind in ended:
+            del self._alarms[kind]
+        return [AlarmEnded(now_us, kind) for kind in ended]
+
     def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
-        """Take in a message of this vehicle's autopilot."""
+        """Take in a message of this vehicle's autopilot; ``used`` tells whether it can be so."""
+        absurd = out_of_bounds(message)
+        self.used = absurd is None
+        if absurd is not None:
+            return self._alarm("value", f"{absurd}; the message is not used", now_us)
         events: list[ClientEvent] = []
-        if self._telemetry.rebooted(message):
-            self._telemetry.forget()
-            self.current = self._reached = None
-            events.append(Rebooted(now_us))
+        boot_us = boot_time_us(message)
+        if boot_us is not None:
+            ahead_us = self._clock.ahead_us(boot_us, now_us)
+            verdict = self._clock.judge(boot_us, now_us)
+            events += self._time_judged(verdict, ahead_us, now_us)
+            self.used = verdict not in ("ahead", "back")
+            if not self.used:
+                return events
         for event in self._telemetry.events(message, now_us):
             if isinstance(event, Position):
-                self.position = event
-            events.append(event)
+                events += self._place(event)
+            else:
+                events.append(event)
         events += self._state(message, now_us)
         return events
+
+    def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
+        if verdict == "back":  # so does a restart; else it shows when the old time goes on
+            self._back_us = ahead_us
+            return []
+        if verdict == "kept":
+            ahead_us, self._back_us = self._back_us, 0
+            if not ahead_us:
+                return []
+        self._back_us = 0
+        by = f"{abs(ahead_us) / 1e6:.0f} s {'ahead' if ahead_us > 0 else 'back'}"
+        if verdict in ("kept", "ahead"):
+            words = f"its time since boot jumped {by} in a message; {NOT_USED}"
+            return self._alarm("clock", words, now_us)
+        self._telemetry.forget()
+        self._reach.forget_times()
+        if verdict == "rebooted":
+            self.current = self._reached = None
+            return [Rebooted(now_us)]
+        words = f"its time since boot jumped {by} and goes on from there; it is used from now on"
+        return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
+
+    def _place(self, place: Position) -> list[ClientEvent]:
+        beyond_m = self._reach.beyond_m(place)
+        verdict = self._reach.judge(place, self._clock.rate)
+        if verdict == "beyond":
+            self._telemetry.take_back("GLOBAL_POSITION_INT")
+            words = f"a position {beyond_m:.0f} m from the last one cannot be reached; {NOT_USED}"
+            return self._alarm("jump", words, place.at_us)
+        self.position = place
+        if verdict == "kept":
+            return [place]
+        words = f"its position jumped by {beyond_m:.0f} m and stays there; it is used from now on"
+        return [*self._alarm("jump", words, place.at_us, again=True), place]
+
+    def _alarm(
+        self, kind: AlarmKind, words: str, now_us: int, again: bool = False
+    ) -> list[ClientEvent]:
+        """Raise an alarm; once, until it has ended."""
+        raised = kind in self._alarms
+        self._alarms[kind] = now_us + ALARM_ENDS_US
+        return [] if raised and not again else [Implausible(now_us, kind, words)]
 
     def _state(self, message: Message, now_us: int) -> list[ClientEvent]:
         match message.get_type():
@@ -109,13 +187,15 @@ class Watch:
         return []
 
     def _heartbeat(self, message: Message, now_us: int) -> list[ClientEvent]:
+        stack = stack_of(message.autopilot, message.type)
+        if stack is None or self.stack not in (None, stack):
+            words = f"a HEARTBEAT of autopilot {message.autopilot}, type {message.type} is not its"
+            return [] if self.stack is None else self._alarm("value", words, now_us)
         self._heard_us = now_us
         events: list[ClientEvent] = []
         if self.stack is None:
-            self.stack = stack_of(message.autopilot, message.type)
-            if self.stack is None:
-                return []
-            events.append(Connected(now_us, self.stack))
+            self.stack = stack
+            events.append(Connected(now_us, stack))
         if self._lost:
             self._lost = False
             events.append(LinkRestored(now_us))

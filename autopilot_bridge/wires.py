@@ -46,7 +46,9 @@ class Listener(Protocol):
 
 
 class Wire(Protocol):
-    """Carries frames while it is open."""
+    """Carries frames while it is open. ``called``: the remote it calls, "" if it has to wait."""
+
+    called: str
 
     async def open(self) -> None:
         """Raises BridgeError when what the link names cannot be used."""
@@ -90,6 +92,7 @@ class Udp(asyncio.DatagramProtocol):
     or to the last of all. What is meant for one system goes where that was heard, if it was."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
+        self.called = ""
         self._address = address
         self._listener = listener
         self._remotes: dict[Where, _Remote] = {}  # the one heard last comes last
@@ -104,6 +107,7 @@ class Udp(asyncio.DatagramProtocol):
         address = self._address
         if address.kind == "udpout":
             self._target = await look_up(address)
+            self.called = f"{self._target[0]}:{self._target[1]}"
         sock = socket_of(socket.SOCK_DGRAM)
         bind(sock, address, ("", 0) if self._target else (address.host, address.port))
         loop = asyncio.get_running_loop()
@@ -125,7 +129,7 @@ class Udp(asyncio.DatagramProtocol):
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
         host, _, port = remote.rpartition(":")
-        if remote and (host, int(port)) in self._remotes:
+        if remote:  # though it may not be remembered: many others may have sent since
             return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
         recent = [at for at, known in self._remotes.items() if known.heard_s >= since_s]
@@ -266,6 +270,7 @@ class StreamClient:
         listener: Listener,
         address: LinkAddress | SerialAddress,
     ) -> None:
+        self.called = ""  # there is no other
         self._connect = connect
         self._listener = listener
         self._address = address
@@ -325,6 +330,7 @@ class TcpServer:
     """Listens; sends to all who are connected."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
+        self.called = ""
         self._address = address
         self._listener = listener
         self._streams: list[Stream] = []

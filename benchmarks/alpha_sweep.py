@@ -17,7 +17,7 @@ def reversals(alpha: float) -> int:
     scenario = load_scenario("default", (f"planner.alpha={alpha}", "fly_in_wind=false"))
     with tempfile.TemporaryDirectory() as folder:
         record, _ = simulate(scenario, Path(folder) / "journal.jsonl", created="")
-    return sum(len(vehicle.reversals) for vehicle in record.vehicles.values())
+    return sum(vehicle.reversal_count for vehicle in record.vehicles.values())
 
 
 def main() -> None:

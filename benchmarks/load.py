@@ -76,27 +76,40 @@ class Client:
         self.port = port
         self.headers = {"Authorization": f"Bearer {token}"} if token else {}
 
-    def get(self, path: str) -> tuple[int, bytes]:
-        """Status and body; (0, b"") while nobody listens."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+    def get(self, path: str, timeout_s: float = 30.0) -> tuple[int, bytes]:
+        """Status and body; (0, b"") while nothing listens."""
+        return self._ask("GET", path, None, timeout_s)
+
+    def post(self, path: str, content: dict[str, Any], timeout_s: float) -> tuple[int, bytes]:
+        """The same of a request with a JSON body."""
+        return self._ask("POST", path, json.dumps(content).encode(), timeout_s)
+
+    def _ask(
+        self, method: str, path: str, body: bytes | None, timeout_s: float
+    ) -> tuple[int, bytes]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         try:
-            connection.request("GET", path, headers=self.headers)
+            connection.request(method, path, body, self.headers)
             answer = connection.getresponse()
             return answer.status, answer.read()
-        except OSError:
+        except (OSError, http.client.HTTPException):
             return 0, b""
         finally:
             connection.close()
 
-    def stream(self, since: int, until_s: float) -> Iterator[tuple[str, bytes, float]]:
-        """Event, data and when it came, until then."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=15)
+    def stream(
+        self, since: int, until_s: float, timeout_s: float = 15.0
+    ) -> Iterator[tuple[str, bytes, float]]:
+        """Event, data and when it came, until then. Raises OSError where nothing comes."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         connection.request("GET", f"/api/v1/live?since={since}", headers=self.headers)
         answer = connection.getresponse()
         assert answer.status == 200, answer.status
         event, rest = "", b""
         while time.monotonic() < until_s:
             part = answer.read1(65536)
+            if not part:
+                break
             now_s = time.monotonic()
             *lines, rest = (rest + part).split(b"\n")
             for line in lines:
@@ -107,9 +120,14 @@ class Client:
         connection.close()
 
 
-def ready_after_s(client: Client, began_s: float, daemon: "subprocess.Popen[bytes]") -> float:
+def ready_after_s(
+    client: Client,
+    began_s: float,
+    daemon: "subprocess.Popen[bytes]",
+    within_s: float = READY_WITHIN_S,
+) -> float:
     """When /readyz says so; the mocks are heard by then."""
-    while time.monotonic() < began_s + READY_WITHIN_S:
+    while time.monotonic() < began_s + within_s:
         if client.get("/readyz")[0] == 200:
             return time.monotonic() - began_s
         if daemon.poll() is not None:

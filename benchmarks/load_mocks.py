@@ -2,7 +2,8 @@
 
 Into STAMPS go records of system id, lat_e7, lon_e7 and when that position was sent, in microseconds
 of CLOCK_MONOTONIC. ``--speedup`` is that of ``mission-service mock``; with ``--troubles SECONDS``
-each mock has faults of its own in that time, drawn from ``--seed``: restarts, silence, loss.
+each mock has faults of its own in that time, drawn from ``--seed``: restarts, silence, loss. With
+``--paced`` simulation time passes only while the daemon reads what it is sent.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import contextlib
 import random
 import signal
 import struct
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import IO
 
@@ -26,6 +28,44 @@ from mission_service.mocks import Surroundings, from_scenario
 STAMP = struct.Struct("<Biiq")
 POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 PLACE = struct.Struct("<4xii")  # of its payload
+MAX_STEP_S = 1.0  # of simulation time between two readings of a paced clock
+MAX_UNREAD_BYTES = 16_384  # of a socket, as the kernel counts them: a few dozen frames
+LOOK_EVERY_US = 1_000
+
+
+class PacedClock:
+    """Microseconds that stand still while this process does not run or another does not read.
+
+    So a machine with other work flies the same missions, only later: nothing is lost in a full
+    socket, and no vehicle leaps. ``ports`` are those of UDP on which the other listens.
+    """
+
+    def __init__(self, speedup: float, ports: Collection[int]) -> None:
+        self._max_step_us = round(MAX_STEP_S / speedup * 1e6)
+        self._ports = frozenset(ports)
+        self._now_us = self._seen_us = self._looked_us = clock_us()
+        self._waits = False
+
+    def __call__(self) -> int:
+        """Now."""
+        real_us = clock_us()
+        if real_us - self._looked_us >= LOOK_EVERY_US:
+            self._looked_us = real_us
+            self._waits = most_unread_bytes(self._ports) > MAX_UNREAD_BYTES
+        if not self._waits:
+            self._now_us += min(real_us - self._seen_us, self._max_step_us)
+        self._seen_us = real_us
+        return self._now_us
+
+
+def most_unread_bytes(ports: Collection[int]) -> int:
+    """Of the UDP sockets on these ports (IPv4), what waits in the fullest."""
+    waiting = 0
+    for line in Path("/proc/net/udp").read_text("ascii").splitlines()[1:]:
+        _, local, _, _, queues, *_ = line.split()
+        if int(local.rpartition(":")[2], 16) in ports:
+            waiting = max(waiting, int(queues.rpartition(":")[2], 16))
+    return waiting
 
 
 def troubles(seed: int, seconds: float) -> tuple[str, ...]:
@@ -80,8 +120,13 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
     task = asyncio.current_task()
     assert task is not None
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    mocks = from_scenario(given.scenario, None, None, Surroundings())
+    clock: Callable[[], int] = clock_us
+    if given.paced:
+        ports = [int(each.link.rpartition(":")[2]) for each in mocks]
+        clock = PacedClock(given.speedup, ports)
     async with asyncio.TaskGroup() as group:
-        for place, each in enumerate(from_scenario(given.scenario, None, None, Surroundings())):
+        for place, each in enumerate(mocks):
             fleet = each.fleet
             for mock in each.fleet.mocks:
                 if mock.stack.name == "px4":  # the load's missions have no landing
@@ -91,7 +136,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
                 faults = parse_faults(troubles(seed, given.troubles))
                 fleet = Fleet([Troubled(mock, faults, seed) for mock in fleet.mocks])
             peer = Stamped(fleet, stamps)
-            group.create_task(serve(peer, each.link, given.speedup, clock_us))
+            group.create_task(serve(peer, each.link, given.speedup, clock))
             if given.troubles:
                 end_s = given.troubles / given.speedup
                 asyncio.get_running_loop().call_later(end_s, _heal, peer)
@@ -105,6 +150,7 @@ def main() -> None:
     parser.add_argument("--speedup", type=float, default=1.0)
     parser.add_argument("--troubles", type=float, default=0.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--paced", action="store_true")
     given = parser.parse_args()
     with given.stamps.open("wb") as stamps, contextlib.suppress(asyncio.CancelledError):
         asyncio.run(fly(given, stamps))

@@ -1,4 +1,4 @@
-"""The scenario of ``load.py`` and ``soak.py``: many planes around one fire of 500 x 500 cells."""
+"""The scenario of ``load.py``, ``soak.py`` and ``weeks.py``: many planes around one large fire."""
 
 import math
 import os
@@ -32,11 +32,11 @@ lon_deg = {lon}
 
 [[weather]]
 at_s = 0
-wind_speed_m_s = 6
+wind_speed_m_s = {wind_speed_m_s}
 wind_from_deg = 45
-dead_1h_pct = 4
-dead_10h_pct = 5
-dead_100h_pct = 6
+dead_1h_pct = {dead_1h_pct}
+dead_10h_pct = {dead_10h_pct}
+dead_100h_pct = {dead_100h_pct}
 live_herb_pct = 60
 live_woody_pct = 80
 
@@ -74,6 +74,8 @@ class Load:
     cells: int = 500
     start_s: float = 7200.0
     end_s: float = 36_000.0
+    wind_speed_m_s: float = 6.0
+    dead_1h_pct: float = 4.0
     http_port: int | None = None
     extra: str = ""
 
@@ -93,6 +95,10 @@ def scenario_text(load: Load) -> str:
         lat=lat,
         lon=lon,
         rule=load.rule,
+        wind_speed_m_s=load.wind_speed_m_s,
+        dead_1h_pct=load.dead_1h_pct,
+        dead_10h_pct=load.dead_1h_pct + 1.0,
+        dead_100h_pct=load.dead_1h_pct + 2.0,
     )
     parts = [head]
     for place in range(load.vehicles):

@@ -106,10 +106,10 @@ EXAMPLES: dict[str, msgspec.Struct] = {
 PLACE = {"lat_deg": 36.364232, "lon_deg": -84.140907}
 LINE = [[36.3642, -84.1409], [36.3661, -84.1391]]
 ASKED: dict[str, dict[str, Any]] = {
-    "hold": {"vehicle": "hawk"},
-    "resume": {"vehicle": "hawk"},
-    "return": {"vehicle": "hawk"},
-    "start": {"vehicle": ""},
+    "hold": {"vehicle": "hawk", "confirmed": False},
+    "resume": {"vehicle": "hawk", "confirmed": False},
+    "return": {"vehicle": "hawk", "confirmed": False},
+    "start": {"vehicle": "", "confirmed": False},
     "renew": {"vehicle": "hawk"},
     "accept": {"vehicle": "hawk", "hash": HASH},
     "refuse": {"vehicle": "hawk", "hash": HASH},

@@ -1,6 +1,5 @@
 """Marks on a fire by the cellular model: its arrival times set right, and going on from there."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +10,7 @@ from firemodel.fire import Burning, check_shape
 from firemodel.front import earliest_neighbour
 from firemodel.gaussian import GaussianCorrected
 from firemodel.landscape import Landscape
-from firemodel.marks import UNBURNED, Simulation
+from firemodel.marks import BURNING, UNBURNED, Simulation
 from firemodel.ways import Ways
 
 Floats = NDArray[np.float64]
@@ -96,14 +95,25 @@ class ArrivalRaster:
 
 def _origins(arrival_s: Floats) -> Ints:
     """The cell from which fire came to each (n,); its own number where it was lit, or never."""
-    cols = arrival_s.shape[1]
-    step_row, step_col = earliest_neighbour(arrival_s)
-    cells = np.arange(arrival_s.size)
-    before = cells + (step_row * cols + step_col).astype(np.int64).ravel()
-    origin: Ints = np.where(np.isfinite(arrival_s.ravel()), before, cells)
-    for _ in range(math.ceil(math.log2(arrival_s.size)) + 1):
-        origin = origin[origin]
-    return origin
+    rows, cols = arrival_s.shape
+    origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
+    come = np.isfinite(arrival_s)
+    if not come.any():
+        return origin.ravel()
+    in_rows, in_cols = np.flatnonzero(come.any(axis=1)), np.flatnonzero(come.any(axis=0))
+    window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
+    step_row, step_col = earliest_neighbour(arrival_s[window])
+    before = origin[window] + (step_row * cols + step_col).astype(np.int64)
+    origin[window] = np.where(come[window], before, origin[window])
+    flat = origin.ravel()
+    cells = np.flatnonzero(come)
+    earlier = flat[cells]
+    while True:
+        earliest = flat[earlier]
+        flat[cells] = earliest
+        if np.array_equal(earliest, earlier):
+            return flat
+        earlier = earliest
 
 
 def corrected_arrival(
@@ -120,9 +130,10 @@ def corrected_arrival(
     """
     marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
-    row, col = np.indices(arrival_s.shape)
-    centres = np.column_stack([axis.ravel() for axis in landscape.xy_of(row, col)])
-    found = method(fire, marks).ignition_time_s(centres).reshape(arrival_s.shape)
+    come = np.isfinite(arrival_s)  # what fire has not come to stays so, and costs nothing
+    centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
+    found = np.full(arrival_s.shape, np.inf)
+    found[come] = method(fire, marks).ignition_time_s(centres)
     for x_m, y_m, at_s, state in marks:
         cell = tuple(int(np.round(at)) for at in landscape.row_col_of(x_m, y_m))
         if state != UNBURNED and landscape.contains(x_m, y_m) and np.isinf(arrival_s[cell]):
@@ -144,3 +155,15 @@ def burning_corrected(
     return burning_from_arrival(
         corrected_arrival(arrival_s, landscape, marks, method), landscape, at_s
     )
+
+
+def warm_up() -> None:
+    """Compile what the first correction needs, by a small one."""
+    from firemodel.flat_landscape import flat
+
+    land = flat(8, 8, 30.0, 0.0, 3.0)
+    row, col = np.indices(land.shape)
+    arrival_s = 60.0 * np.hypot(row - 4.0, col - 4.0)
+    x_m, y_m = land.xy_of(np.array([5.0, 6.0]), np.array([4.0, 4.0]))
+    marks = np.column_stack([x_m, y_m, [30.0, 150.0], [BURNING, UNBURNED]])
+    corrected_arrival(arrival_s, land, marks)

@@ -48,6 +48,8 @@ def marks_of(shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m:
 
 
 def _along(line: shapely.LineString, spacing_m: float) -> Floats:
+    if line.length == 0.0:  # all of it is one place
+        return shapely.get_coordinates(line)[:1]
     found: Floats = shapely.get_coordinates(shapely.segmentize(line, spacing_m))
     return found
 

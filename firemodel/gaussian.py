@@ -247,10 +247,10 @@ class GaussianCorrected:
         given: _Prior,
     ) -> _Prior:
         """The prior under which the marks that burn are the most likely."""
-        burning = self._held[:, 3] == BURNING
+        burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # one without weight says nothing
         if np.count_nonzero(burning) < 3:
             return given
-        y, sd2 = (b / w)[burning], 1.0 / w[burning]
+        y, sd2 = b[burning] / w[burning], 1.0 / w[burning]
         scaled = of_rates[burning] * fire.rates_sd
         rest = scaled @ scaled.T + np.diag(sd2)
         found = []

@@ -81,6 +81,11 @@ class WeatherStream:
         )
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
+    def since(self, time_s: float) -> "WeatherStream":
+        """The same from a time on; the entry that holds then is said to have held before."""
+        first, *later = self.entries[self.index_at(time_s) :]
+        return WeatherStream((replace(first, at_s=min(first.at_s, 0.0)), *later))
+
     def change_times(self) -> tuple[float, ...]:
         """When the weather changes."""
         return tuple(self._times[1:])

@@ -1,4 +1,4 @@
-"""The first mission of a vehicle: to the fire. And the landing that some missions must end with."""
+"""The first mission of a vehicle: to the fire."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
-from mission_service.landing import landing_of, needs_landing
+from mission_service.landing import Landing
 from mission_service.planning import fire_position
 from mission_service.translate import mission_along
 
@@ -30,15 +30,5 @@ def approach_mission(
         section,
         landscape,
         from_ground=True,
-        landing=landing_of_vehicle(scenario, section, landscape),
+        landing=Landing(scenario, section, landscape).at(scenario.first_flight_s),
     )
-
-
-def landing_of_vehicle(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> tuple[MissionItem, ...]:
-    """The landing that a vehicle's missions end with, if they must; into the first wind given."""
-    if not needs_landing(section):
-        return ()
-    wind_from_deg = scenario.weather[0].wind_from_deg if scenario.weather else 0.0
-    return landing_of(section, landscape, wind_from_deg)

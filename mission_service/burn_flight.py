@@ -44,6 +44,7 @@ from mission_service.events import (
     CrewEvent,
     DropFinished,
     FixTold,
+    HostTime,
     LinkLost,
     ModeChanged,
     Observed,
@@ -143,6 +144,10 @@ class BurnFlight:
         match event:
             case ModeChanged():
                 return self._mode_changed(vehicle, event)
+            case HostTime():
+                self.approvals.host_time(event)
+                why = self._why_over(event.at_us)
+                return [] if why is None else self._stop(why)
             case LinkLost():
                 return self._stop("the link is lost")
             case VehicleRebooted():
@@ -220,14 +225,12 @@ class BurnFlight:
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         """What time brings: an approval that lapses, a plan that is due."""
-        here, at_us, plan = vehicle.presence.here, round(at_s * 1e6), self.approvals.plan
+        here = vehicle.presence.here
         if here is None:
             return []
         if not (vehicle.presence.airborne or self._armed or vehicle.deployed):  # it stands
             self.state.stands(here)
-        why = self.approvals.lapsed(at_us)
-        if why is None and plan is not None and at_us > plan.valid_until_us:
-            why = "its time is over"
+        why = self._why_over(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
             why = self._look(at_s)
         if why is not None:
@@ -239,6 +242,11 @@ class BurnFlight:
         if self.phase == "planning" and self._may_plan(vehicle, here):
             return self._plan(vehicle, here)
         return []
+
+    def _why_over(self, at_us: int) -> str | None:
+        """Why the plan or its approval holds no longer, by time alone."""
+        over = "its time is over" if self.approvals.out_of_date(at_us) else None
+        return self.approvals.lapsed(at_us) or over
 
     def _look(self, at_s: float) -> str | None:
         """Now and then: whether the plan is still right."""

@@ -93,6 +93,7 @@ def demo(
     from mission_service.config import flying, load_run
     from mission_service.daemon import Run
     from mission_service.demo import run_demo
+    from mission_service.private_files import private
     from mission_service.service_config import HttpSection
 
     loaded, settings = load_run(scenario, overrides)
@@ -101,7 +102,8 @@ def demo(
     report = reporter(log, log_level, as_json)
     journal = folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=log is not None, goes_on=False)
-    _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
+    with private():
+        _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
 
 
 @main.command()
@@ -133,6 +135,11 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 )
 @click.option("--prefix", default="mission-service", show_default=True, help="Of MQTT topics.")
 @click.option("--anew", is_flag=True, help="Do not go on with the run that was stopped in OUT.")
+@click.option(
+    "--skip-unreadable",
+    is_flag=True,
+    help="Go on without lines of the journal that cannot be read or handled; it says which.",
+)
 @OVERRIDE
 @TLOG
 @SIGNING_KEY
@@ -146,6 +153,7 @@ def run(
     broker: str | None,
     prefix: str,
     anew: bool,
+    skip_unreadable: bool,
     overrides: tuple[str, ...],
     tlog: Path | None,
     signing_key: str | None,
@@ -155,7 +163,8 @@ def run(
 ) -> None:
     """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C.
 
-    Killed or stopped by SIGTERM it goes on where it was when it is started again.
+    Killed or stopped by SIGTERM it goes on where it was when it is started again. The journal of
+    any other run in OUT is kept under another name.
 
     With --vehicle and --broker each vehicle of a formation has a process of its own.
     """
@@ -165,6 +174,7 @@ def run(
     from mission_service.daemon import Run, serve
     from mission_service.formation_mqtt import channel_of
     from mission_service.outputs import write_outputs
+    from mission_service.private_files import private
 
     loaded, settings = load_run(config, overrides)
     scenario = flying(loaded)
@@ -176,10 +186,19 @@ def run(
     report = reporter(log, log_level, as_json)
     journal, logs = made / "journal.jsonl", log is not None
     going = Run(
-        scenario, journal, now_text(), settings, tlog, logs, channel=channel, goes_on=not anew
+        scenario,
+        journal,
+        now_text(),
+        settings,
+        tlog,
+        logs,
+        channel=channel,
+        goes_on=not anew,
+        skip_unreadable=skip_unreadable,
     )
-    record, world = asyncio.run(serve(going, report, address=partial(tell_address, made)))
-    _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
+    with private():
+        record, world = asyncio.run(serve(going, report, address=partial(tell_address, made)))
+        _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
 
 
 @main.command()
@@ -363,12 +382,14 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         return
     for vehicle in summary["vehicles"]:
-        done = f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
+        done = f"{vehicle['in_air_s'] / 60:.0f} min in the air, {vehicle['flown_km']:.1f} km; "
+        done += f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
         if vehicle["orders"]:
             orders = vehicle["orders"]
             done = f"{orders.get('Orbit', 0)} orbits, {orders.get('ChangeSpeed', 0)} speeds ordered"
         uploads = ", ".join(f"{count} {outcome}" for outcome, count in vehicle["uploads"].items())
-        click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}")
+        flown = vehicle["missions"]["flown"]
+        click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}, {flown} flown")
     if closest_m is not None:
         click.echo(f"closest pair: {closest_m:.0f} m")
     click.echo(

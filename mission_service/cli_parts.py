@@ -66,9 +66,10 @@ def folder(out: Path) -> Path:
     from tempfile import TemporaryFile
 
     from mission_service.errors import MissionServiceError
+    from mission_service.private_files import FOLDER_MODE
 
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        out.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be made: {error.strerror}") from None
     try:

@@ -10,6 +10,8 @@ from mission_service.formation.messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
+Severity = Literal["warning", "severe"]
+CONFIRM = "confirm:"  # a line that begins so is a question: the order was not carried out
 
 
 class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
@@ -19,11 +21,15 @@ class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
 
 class UploadMission(Command, frozen=True, tag=True):
-    """Replace the vehicle's mission; ``why`` is for people."""
+    """Replace the vehicle's mission; ``why`` is for people.
+
+    ``keeps_apart``: it keeps the vehicle clear of another one, and waits for no approval.
+    """
 
     mission_id: int
     why: str
     items: tuple[MissionItem, ...]
+    keeps_apart: bool = False
 
 
 class ProposeMission(Command, frozen=True, tag=True):
@@ -33,6 +39,13 @@ class ProposeMission(Command, frozen=True, tag=True):
     why: str
     items: tuple[MissionItem, ...]
     mission_hash: str
+
+
+class WithdrawMission(Command, frozen=True, tag=True):
+    """A mission that was proposed is proposed no more, and cannot be accepted."""
+
+    mission_id: int
+    why: str
 
 
 class StartMission(Command, frozen=True, tag=True):
@@ -80,6 +93,20 @@ class Announce(Command, frozen=True, tag=True):
     level: Level = "info"
 
 
+class RaiseAlarm(Command, frozen=True, tag=True):
+    """Something is wrong until it is cleared; ``alarm`` names what, once for each vehicle."""
+
+    alarm: str
+    text: str
+    severity: Severity = "warning"
+
+
+class ClearAlarm(Command, frozen=True, tag=True):
+    """What ``alarm`` named is wrong no more."""
+
+    alarm: str
+
+
 class Say(Command, frozen=True, tag=True):
     """Tell the UAVs that other processes fly."""
 
@@ -123,6 +150,7 @@ class Drop(Command, frozen=True, tag=True):
 AnyCommand = (
     UploadMission
     | ProposeMission
+    | WithdrawMission
     | StartMission
     | Hold
     | Return
@@ -130,6 +158,8 @@ AnyCommand = (
     | ChangeSpeed
     | Decided
     | Announce
+    | RaiseAlarm
+    | ClearAlarm
     | Say
     | ClimbAndHold
     | Propose

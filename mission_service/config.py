@@ -94,6 +94,11 @@ class Scenario(Section):
         return self.burn if self.planner.rule == "burn" else None
 
     @property
+    def first_flight_s(self) -> float:
+        """The earliest mission time at which vehicles take off."""
+        return max(self.start_s, self.deploy_at_s)
+
+    @property
     def flown(self) -> tuple[VehicleSection, ...]:
         """The vehicles that this process flies."""
         if self.only is None:

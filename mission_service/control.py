@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import socket
 import stat
+from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,18 +18,22 @@ import msgspec
 
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
+from mission_service.commands import CONFIRM
 from mission_service.errors import ControlError, MissionServiceError
-from mission_service.events import CrewEvent
+from mission_service.events import Corrected, CrewEvent, Erased, Redone, Undone
 from mission_service.requests import KNOWN, event_of
 
 MOST_LINE_BYTES = 64 * 1024
 MOST_CLIENTS = 16
-MOST_WAITING = 64  # beyond MOST_CLIENTS only an abort is taken
+MOST_WAITING = 64  # beyond MOST_CLIENTS only an abort is taken; beyond this the oldest such goes
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
+MOST_OWED = 100  # lines that wait, before more are read
+FRESH_S = 2.0  # what a client sent so shortly before it went is still meant
 LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
 
 Answer = dict[str, Any]
+CHANGES_AREA = (Corrected, Erased, Undone, Redone)
 KNOWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
@@ -45,10 +50,12 @@ class Desk:
         on_map: Callable[[float, float], bool],
         vehicles: Collection[str] | None = None,
         words: Collection[str] = KNOWN,
+        burned_ha: Callable[[], float] | None = None,
     ) -> None:
         """``tell`` handles an event, and returns what was said in answer to it.
 
-        ``words`` are what may be asked for in this scenario (``requests.py``).
+        ``words`` are what may be asked for in this scenario (``requests.py``). ``burned_ha`` is the
+        area burned now, where corrections change it: they are answered with old and new area.
         """
         self._tell = tell
         self._status = status
@@ -58,9 +65,15 @@ class Desk:
         self._on_map = on_map
         self._vehicles = vehicles
         self._words = words
+        self._burned_ha = burned_ha
 
-    def ask(self, request: Any) -> Answer:
-        """The answer to one request; never raises for anything that it may say."""
+    def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
+        """The answer to one request; never raises for anything that it may say.
+
+        ``may_approve``: whether its user has the role approve (``requests.event_of``).
+        ``confirm`` in the answer: a vehicle was not ordered, since that would end what its
+        autopilot or pilot has chosen; the same request with ``confirmed`` does.
+        """
         if isinstance(request, dict) and request.get("do") == "status":
             return {"ok": True, "status": self._status()}
         try:
@@ -72,11 +85,20 @@ class Desk:
                 self._on_map,
                 self._vehicles,
                 self._words,
+                may_approve,
             )
+            burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
+            before_ha = None if burned_ha is None else burned_ha()
             said = self._tell(event)
         except KNOWN_ERRORS as error:
             return wrong(str(error))
-        return {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__, "said": said}
+        answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
+        if burned_ha is not None:
+            answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}
+        answer["said"] = said
+        if any(line.startswith(CONFIRM) for line in said):
+            answer["confirm"] = True
+        return answer
 
     def answer(self, line: bytes) -> Answer:
         """The answer to one line; never raises for anything that a line may say."""
@@ -153,59 +175,160 @@ def _clear(path: Path) -> None:
 
 
 async def serve_control(listening: socket.socket, desk: Desk) -> None:
-    """Answer clients until cancelled. A defect in an answer ends the program."""
-    clients = 0
-
-    async def served(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        nonlocal clients
-        clients += 1
-        try:
-            if clients <= MOST_WAITING:
-                # A connection that breaks or stays silent is the client's own affair.
-                with contextlib.suppress(ConnectionError, TimeoutError):
-                    await _serve(reader, writer, desk, late=clients > MOST_CLIENTS)
-        finally:
-            clients -= 1
-            writer.close()
-
-    async with asyncio.TaskGroup() as group:
-
-        def come(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            group.create_task(served(reader, writer))
-
-        server = await asyncio.start_unix_server(come, sock=listening, limit=MOST_LINE_BYTES)
-        try:
-            await asyncio.Event().wait()
-        finally:
-            server.close()
+    """Answer clients until cancelled. Raises what was a defect in an answer."""
+    loop = asyncio.get_running_loop()
+    clients = _Clients(desk, loop.create_future())
+    server = await loop.create_unix_server(lambda: _Client(clients), sock=listening)
+    try:
+        await clients.failed
+    finally:
+        server.close()
+        for client in list(clients.there):
+            client.cut()
 
 
-async def _serve(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, desk: Desk, late: bool
-) -> None:
-    """Answer one client line by line; a late one once, and only to an abort."""
-    while True:
-        async with asyncio.timeout(LATE_CLIENT_S if late else IDLE_S):
-            try:
-                line = await reader.readline()
-            except ValueError:  # asyncio's word for a line beyond the limit
-                line = None
-        if line == b"":
+class _Clients:
+    """Who is connected, in the order they came."""
+
+    def __init__(self, desk: Desk, failed: asyncio.Future[None]) -> None:
+        self.desk = desk
+        self.failed = failed
+        self.there: dict[_Client, None] = {}
+
+    def come(self, client: "_Client") -> bool:
+        """Whether there was no place for it, so that it may only abort."""
+        late = len(self.there) >= MOST_CLIENTS
+        if len(self.there) >= MOST_WAITING:
+            next(each for each in self.there if each.late).cut()
+        self.there[client] = None
+        return late
+
+
+class _Client(asyncio.Protocol):
+    """One client. What it has sent whole is done, though it is gone by then.
+
+    An abort is done as soon as it is read, and before what came before it; its line needs no end.
+    Of other lines one is done in each turn of the loop. Answers are in the order of lines.
+    """
+
+    def __init__(self, clients: _Clients) -> None:
+        self.late = False
+        self._clients = clients
+        self._loop = asyncio.get_running_loop()
+        self._rest = b""
+        self._owed: deque[bytes | Answer] = deque()  # lines that wait, answers that wait for them
+        self._read_s = 0.0
+        self._after_abort = False  # the end of its line may come yet
+        self._turn_comes = self._unread = self._ended = self._gone = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A place for it."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self.late = self._clients.come(self)
+        self._silence = self._loop.call_later(self._idle_s, self.cut)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """It is gone; what it sent just now is done all the same."""
+        self._gone = True
+        self._silence.cancel()
+        self._clients.there.pop(self, None)
+        if self._loop.time() - self._read_s > FRESH_S:
+            self._owed.clear()
+        self._go_on()
+
+    def cut(self) -> None:
+        """End the connection at once."""
+        self._clients.there.pop(self, None)
+        self._transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Cut what came into lines."""
+        self._read_s = self._loop.time()
+        if self._after_abort:
+            data, self._after_abort = data.removeprefix(b"\n"), False
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            self._take(line)
+        if len(self._rest) > MOST_LINE_BYTES:
+            self._take(self._rest)
+        elif _is_abort(self._rest):
+            self._take(self._rest)
+            self._rest, self._after_abort = b"", True
+        if len(self._owed) > MOST_OWED:
+            self._transport.pause_reading()
+
+    def eof_received(self) -> bool:
+        """The last line needs no end. The connection stays until all is answered."""
+        if self._rest:
+            self._take(self._rest)
+        self._ended = True
+        self._go_on()
+        return True
+
+    def pause_writing(self) -> None:
+        """Its answers are not read."""
+        self._unread = True
+
+    def resume_writing(self) -> None:
+        """They are."""
+        self._unread = False
+        self._go_on()
+
+    @property
+    def _idle_s(self) -> float:
+        return LATE_CLIENT_S if self.late else IDLE_S
+
+    def _take(self, line: bytes) -> None:
+        if self._ended:
             return
-        if line is None:
-            answer = wrong(f"a line has at most {MOST_LINE_BYTES} bytes")
-        elif late and not _is_abort(line):
-            answer = wrong(f"{MOST_CLIENTS} clients are connected already; only abort is taken")
+        if len(line) > MOST_LINE_BYTES:
+            self._owed.append(wrong(f"a line has at most {MOST_LINE_BYTES} bytes"))
+            self._ended = True
+        elif _is_abort(line):
+            self._owed.append(self._answer(line))
+        elif self.late:
+            text = f"{MOST_CLIENTS} clients are connected already; only abort is taken"
+            self._owed.append(wrong(text))
         else:
-            answer = desk.answer(line)
-        writer.write(msgspec.json.encode(answer) + b"\n")
-        async with asyncio.timeout(IDLE_S):
-            await writer.drain()
-        if late or line is None:
-            return
+            self._owed.append(line)
+        self._ended = self._ended or self.late
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if not self._turn_comes and (self._gone or not self._unread):
+            self._turn_comes = True
+            self._loop.call_soon(self._turn)
+
+    def _turn(self) -> None:
+        """Do and answer one line."""
+        self._turn_comes = False
+        if self._owed:
+            first = self._owed.popleft()
+            answer = self._answer(first) if isinstance(first, bytes) else first
+            if not self._gone:
+                self._transport.write(msgspec.json.encode(answer) + b"\n")
+                self._silence.cancel()
+                self._silence = self._loop.call_later(self._idle_s, self.cut)
+        if self._owed:
+            self._go_on()
+        elif self._ended:
+            self._transport.close()
+        elif not self._gone:
+            self._transport.resume_reading()
+
+    def _answer(self, line: bytes) -> Answer:
+        try:
+            return self._clients.desk.answer(line)
+        except Exception as error:  # raised by serve_control
+            if not self._clients.failed.done():
+                self._clients.failed.set_exception(error)
+            return wrong("the service has a defect")
 
 
 def _is_abort(line: bytes) -> bool:
+    if b"abort" not in line:  # spares reading most lines twice
+        return False
     try:
         request = msgspec.json.decode(line)
     except (msgspec.DecodeError, RecursionError):

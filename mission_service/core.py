@@ -4,11 +4,24 @@ Simulation, live flight, replay and tests all run this and feed it from differen
 """
 
 import math
+from typing import NamedTuple
 
 from firemodel.landscape import Landscape
-from mission_service.approach import landing_of_vehicle
 from mission_service.approvals import MissionApprovals
-from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission
+from mission_service.autopilot_reports import (
+    back_under_control,
+    reported,
+    taken_over,
+    texts_over,
+)
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    Hold,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config import Scenario
 from mission_service.crew_orders import CrewOrders, hold_again
 from mission_service.events import (
@@ -30,18 +43,21 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.front_flight import FrontFlight
+from mission_service.front_watch import FrontWatch
+from mission_service.landing import Landing
 from mission_service.missions_sent import MissionsSent
 from mission_service.planners.protocol import Decision
 from mission_service.planning import BURN, FORMATION, planners_of
 from mission_service.reading_back import doubt, in_words, recognised
 from mission_service.spacing import Spacing
-from mission_service.steering import GOING_HOME, Here, Steering
+from mission_service.steering import GOING_HOME, LEADS_TO, MISSION, Here, Steering
 from mission_service.vehicle import Leader, Pending, Vehicle, say
 
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
+WAITS = "on the ground: it waits until it is started"
 # Orders that come all the time: only their refusal is worth a word.
 UNTOLD = ("orbit", "change speed")
 
@@ -53,7 +69,11 @@ class Core:
         self.scenario = scenario
         self.landscape = landscape
         self._missions = MissionsSent()
-        self._approvals = MissionApprovals() if scenario.mission.approval == "each" else None
+        self._along_front = scenario.planner.rule not in (BURN, FORMATION)
+        self._approvals: MissionApprovals | None = None
+        if scenario.mission.approval == "each":
+            settings = scenario.mission
+            self._approvals = MissionApprovals(settings.path_tolerance_m, settings.horizon_m)
         self.leader: Leader
         if scenario.planner.rule == BURN:
             from mission_service.burn_flight import BurnFlight, Undecided  # not for all who start
@@ -79,11 +99,11 @@ class Core:
                 section,
                 self.steering.presence[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
-                landing_of_vehicle(scenario, section, landscape),
+                Landing(scenario, section, landscape),
             )
-            for section in scenario.vehicles
+            for section in scenario.flown
         }
-
+        self._watch = FrontWatch(self.steering.planners, landscape.cell_size_m)
         self._orders = CrewOrders(
             scenario, self.steering, self.vehicles, self._start, self._approvals
         )
@@ -93,29 +113,60 @@ class Core:
 
         Raises KeyError for a vehicle the scenario does not name.
         """
+        at_s = event.at_us / 1e6
         commands = self._handle(event)
+        if self._approvals is not None and not isinstance(event, MissionAccepted):
+            commands = self._approvals.held_back(commands, self.vehicles, at_s)
+        commands = [command for command in commands if not self._withheld(command)]
+        commands += self._watched(event)
         for command in commands:
+            self.steering.sent(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
-        if self._approvals is None or isinstance(event, MissionAccepted):
-            return commands
-        return self._approvals.held_back(commands, event.at_us / 1e6)
+            elif isinstance(command, UploadMission) and self._along_front:
+                self.spacing.sends(command.vehicle, command.items)
+        return commands
+
+    def _watched(self, event: AnyEvent) -> list[AnyCommand]:
+        """Which part of the front is left, or watched again, after an event."""
+        if not self._along_front:
+            return []
+        names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
+        presence = self.steering.presence
+        return [each for name in names for each in self._watch.after(name, presence)]
+
+    def _withheld(self, command: AnyCommand) -> bool:
+        """The last lock: nothing changes a mode that autopilot or pilot chose, or starts by itself.
+
+        What leads here sees to that as well; an order that an operator has confirmed passes.
+        """
+        if type(command) not in LEADS_TO:
+            return False
+        vehicle = self.vehicles[command.vehicle]
+        presence, uploads = vehicle.presence, isinstance(command, UploadMission)
+        if presence.taken_over and (presence.airborne or not uploads):
+            if uploads:
+                vehicle.pending = None
+            return True
+        on_ground = isinstance(command, StartMission) and not presence.airborne
+        return on_ground and vehicle.waits_for_crew
 
     def _handle(self, event: AnyEvent) -> list[AnyCommand]:
         if isinstance(event, Crew):
             return self._told(event)
         vehicle = self.vehicles[event.vehicle]
-        was_airborne, was_recalled = vehicle.presence.airborne, vehicle.presence.recalled
+        presence = vehicle.presence
+        was = _Was(presence.airborne, presence.recalled, presence.taken_over, presence.armed)
         decision = self.steering.take(event)
-        commands = self._answer(vehicle, event, decision, was_airborne, was_recalled)
+        commands = self._answer(vehicle, event, decision, was)
         return [*commands, *self.leader.heard(vehicle, event)]
 
     def _told(self, event: CrewEvent) -> list[AnyCommand]:
         if isinstance(event, Resumed):  # nothing is known of the links, and of what was under way
             for vehicle in self.vehicles.values():
-                if self._approvals is not None and self._approvals.waits(vehicle.name):
-                    self._approvals.forget(vehicle.name)
-                    vehicle.pending = None  # it never left
+                if self._approvals is not None and vehicle.proposed is not None:
+                    vehicle.due = vehicle.due or vehicle.proposed.due
+                    self._approvals.withdraw(vehicle, "the service was restarted")
                 doubt(vehicle)
         if self.scenario.planner.rule == BURN:
             return self.leader.told(event)
@@ -126,14 +177,15 @@ class Core:
         vehicle: Vehicle,
         event: VehicleEvent,
         decision: Decision | None,
-        was_airborne: bool,
-        was_recalled: bool,
+        was: "_Was",
     ) -> list[AnyCommand]:
         match event:
             case Telemetry():
-                found_so = vehicle.presence.recalled and not was_recalled
-                told = [_on_its_way_home(vehicle, vehicle.presence.mode)] if found_so else []
-                return [*told, *self._moved(vehicle, event.at_us / 1e6, decision)]
+                at_s, told = event.at_us / 1e6, texts_over(vehicle, event.at_us / 1e6)
+                if vehicle.presence.airborne and not was.airborne:
+                    vehicle.start_again_at_s = None  # it was a takeoff that was to be ordered
+                    told += self._found_in_air(vehicle, was)
+                return [*told, *self._moved(vehicle, at_s, decision)]
             case UploadFinished():
                 return self._upload_finished(vehicle, event)
             case VehicleConnected():
@@ -149,24 +201,26 @@ class Core:
                 vehicle.flown_line = None  # a new mission is due: the front has moved on
                 return [say(vehicle, "link restored")]
             case VehicleRebooted():
-                return self._rebooted(vehicle)
+                return self._rebooted(vehicle, was)
             case CommandFinished():
                 return self._command_finished(vehicle, event)
             case MissionHeld():
                 return self._held(vehicle, event)
             case ModeChanged():
                 vehicle.mode = event.mode
-                return self._mode_changed(vehicle, event, was_airborne, was_recalled)
+                return self._mode_changed(vehicle, event, was)
             case MissionProgress(current_seq=seq) if seq > 0:
                 vehicle.takes_off = False  # the takeoff is behind it
                 return []
-            case _:  # for the planners, people and the journal
-                return []
+            case _:
+                return reported(vehicle, event)
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         presence = vehicle.presence
         here = presence.here
         if here is None or not presence.online or at_s < self.scenario.deploy_at_s:
+            return []
+        if presence.taken_over and presence.airborne:
             return []
         if presence.recalled:
             return self._return_again(vehicle, at_s)
@@ -174,13 +228,18 @@ class Core:
             return hold_again(vehicle, at_s)
         if vehicle.doubt is not None and self.scenario.planner.rule != BURN:
             return []  # until its mission was read back
-        if self._approvals is not None and self._approvals.lapsed(vehicle.name, at_s):
-            vehicle.pending = None
-        commands = self.leader.news(vehicle, at_s, decision)
+        if not presence.position_good:
+            return []  # dead reckoning is nothing to decide by: it flies the mission on board
+        commands: list[AnyCommand] = []
+        if self._approvals is not None:
+            commands += self._approvals.lapsed(vehicle, at_s)
+        commands += self.leader.news(vehicle, at_s, decision)
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, here)]
         if not presence.airborne:
             return [*commands, *self._on_the_ground(vehicle, here)]
+        if self._start_is_due(vehicle, at_s):
+            return [*commands, *self._start(vehicle, at_s)]
         if vehicle.pending is None and self._must_return(vehicle, here):
             led_home = self.leader.way_home(vehicle, here)
             return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
@@ -190,17 +249,25 @@ class Core:
 
     def _on_the_ground(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Start again after a refusal; one without a mission is sent one (again)."""
-        again_at_s = vehicle.start_again_at_s
-        if again_at_s is not None and here.at_s >= again_at_s:
-            vehicle.start_again_at_s = None
+        if self._start_is_due(vehicle, here.at_s):
             return self._start(vehicle, here.at_s)
-        idle = vehicle.pending is None and vehicle.flown_line is None
+        idle = not vehicle.awaits_mission and vehicle.flown_line is None
         if idle and here.at_s >= vehicle.not_before_s:
             return self._deploy(vehicle, here)
         return []
 
+    def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Whether a start that was refused, or waited for a mission, is to be ordered now."""
+        again_at_s = vehicle.start_again_at_s
+        return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
+
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission; a takeoff waits until nobody is near."""
+        """Start the mission; a takeoff waits until no other is near, after a flight for a crew."""
+        vehicle.start_again_at_s = None
+        if vehicle.presence.taken_over:
+            return []
+        if vehicle.waits_for_crew and not vehicle.presence.airborne:
+            return [say(vehicle, WAITS, warning=True)]
         if vehicle.presence.airborne or self._may_take_off(vehicle, at_s):
             return [StartMission(vehicle.name)]
         vehicle.start_again_at_s = at_s + CHECK_EVERY_S
@@ -209,7 +276,7 @@ class Core:
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
         """Those that other processes fly are not seen while they take off: each has its time."""
         if self.scenario.only is not None:
-            number = list(self.vehicles).index(vehicle.name)
+            number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
             if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
                 return False
         return self.spacing.may_take_off(vehicle.name, at_s)
@@ -239,7 +306,8 @@ class Core:
 
     def _send_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         self.steering.recall(vehicle.name, here.at_s)
-        vehicle.sent_home, vehicle.holding = True, False
+        vehicle.end_intentions()
+        vehicle.sent_home = vehicle.waits_for_crew = True
         flown_min = (here.at_s - vehicle.presence.took_off_at_s) / 60.0
         words = f"sent home after {flown_min:.0f} min in the air: its time is nearly over"
         return [say(vehicle, words), Return(vehicle.name)]
@@ -250,21 +318,49 @@ class Core:
         vehicle.return_again_at_s = None
         return [Return(vehicle.name)]
 
-    def _mode_changed(
-        self, vehicle: Vehicle, event: ModeChanged, was_airborne: bool, was_recalled: bool
-    ) -> list[AnyCommand]:
-        if was_airborne and not event.armed:
-            # What is on board begins in the air: it takes off again with another.
-            vehicle.sent_home = vehicle.going_home = vehicle.holding = False
-            vehicle.flown_line = vehicle.return_again_at_s = None
-            self.spacing.forget(vehicle.name)
-            return [say(vehicle, "landed")]
-        if vehicle.presence.recalled and not was_recalled:
+    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, was: "_Was") -> list[AnyCommand]:
+        presence = vehicle.presence
+        if was.armed and not event.armed:
+            return self._disarmed(vehicle, was.airborne)
+        if event.mode == MISSION and event.armed:
+            vehicle.start_again_at_s = None
+        if presence.taken_over and (presence.airborne or vehicle.started):
+            commands: list[AnyCommand] = [*taken_over(vehicle)]
+            if not was.taken_over:
+                commands += self._end_intentions(vehicle, f"mode {event.mode} was not ordered")
+            return commands
+        if presence.recalled and not was.recalled:
             return [_on_its_way_home(vehicle, event.mode)]
-        if was_recalled and not vehicle.presence.recalled:
+        if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
-            return [say(vehicle, "back in its mission")]
+            return [*back_under_control(vehicle), say(vehicle, "back in its mission")]
+        return back_under_control(vehicle) if was.taken_over else []
+
+    def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
+        """What its mode means for a vehicle that has taken off, or is first seen in the air."""
+        if vehicle.presence.taken_over:
+            why = f"mode {vehicle.presence.mode} was not ordered"
+            return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
+        if vehicle.presence.recalled and not was.recalled:
+            return [_on_its_way_home(vehicle, vehicle.presence.mode)]
         return []
+
+    def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
+        """Nothing that was to be ordered or sent later outlives what it was for."""
+        vehicle.end_intentions()
+        return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
+
+    def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
+        vehicle.waits_for_crew = True
+        ended = self._end_intentions(vehicle, "the vehicle was disarmed")
+        ended += back_under_control(vehicle)
+        if not has_landed:
+            return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
+        # What is on board begins in the air: it takes off again with another.
+        vehicle.sent_home = vehicle.going_home = False
+        vehicle.flown_line = vehicle.refusal = None
+        self.spacing.forget(vehicle.name)
+        return [*ended, say(vehicle, "landed")]
 
     def _held(self, vehicle: Vehicle, event: MissionHeld) -> list[AnyCommand]:
         """What it has on board after the service was down; a burn trusts nothing of it."""
@@ -279,7 +375,8 @@ class Core:
         if vehicle.read_back == "new":
             assert was.pending is not None
             commands += self._accepted(vehicle, was.pending, at_s)
-        if was.recalled and presence.airborne and vehicle.mode not in GOING_HOME:
+        sent_home = was.recalled and not vehicle.ordered and not presence.taken_over
+        if sent_home and presence.airborne and vehicle.mode not in GOING_HOME:
             self.steering.recall(name, at_s)
             return [commands[0], Return(name)]
         if vehicle.ordered:
@@ -290,13 +387,16 @@ class Core:
                 say(vehicle, "told to hold before: until it is resumed", warning=True),
             ]
         if not presence.airborne:
-            if was.starting and vehicle.flown_line is not None:
+            if vehicle.waits_for_crew:
+                commands.append(say(vehicle, WAITS, warning=True))
+            elif was.starting and vehicle.flown_line is not None:
                 vehicle.start_again_at_s = at_s
             elif vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s):
                 vehicle.holding, vehicle.start_again_at_s = True, None
             elif vehicle.started and not vehicle.start_again_at_s:  # landed or restarted, unseen
-                words = "on the ground: it waits until it is started"
-                commands.append(say(vehicle, words, warning=True))
+                commands.append(say(vehicle, WAITS, warning=True))
+        elif presence.taken_over:
+            pass
         elif was.resumed and vehicle.read_back == "unknown":
             vehicle.started = False  # it is sent another mission, and begins with that
         elif was.resumed:
@@ -343,7 +443,7 @@ class Core:
         if vehicle.ordered:  # it was on its way when somebody said hold
             vehicle.hold_again_at_s = at_s
             return []
-        if not vehicle.started and vehicle.section.autostart:
+        if not vehicle.started and vehicle.section.autostart and not vehicle.presence.recalled:
             vehicle.started = True
             return self._start(vehicle, at_s)
         if vehicle.holding:
@@ -354,33 +454,66 @@ class Core:
     def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
         if event.command == "start mission":
             vehicle.start_under_way = False
+            vehicle.start_again_at_s = None
         if event.command == "hold" and vehicle.ordered == "hold" and event.accepted:
             vehicle.hold_again_at_s = None
+        if event.command == "return" and event.accepted:
+            vehicle.return_again_at_s = None
         if event.accepted:
-            untold = event.command in UNTOLD
+            untold = event.command in UNTOLD or self._start_is_known(vehicle, event)
             return [] if untold else [say(vehicle, f"{event.command}: accepted")]
+        vehicle.start_told = False
         refused = f"{event.command} refused: {event.reason}"
-        if event.command not in ("start mission", "return"):
-            return [say(vehicle, refused, warning=True)]
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
-        if event.command == "return":
+        if event.command == "return" and vehicle.presence.recalled:
             vehicle.return_again_at_s = again_at_s
-        else:  # autopilots refuse to arm until they know where they are: ask again
+        elif event.command == "start mission" and self._may_start_again(vehicle):
             vehicle.start_again_at_s = again_at_s
+        else:
+            return [say(vehicle, refused, warning=True)]
         return [say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
 
-    def _rebooted(self, vehicle: Vehicle) -> list[AnyCommand]:
+    def _may_start_again(self, vehicle: Vehicle) -> bool:
+        """Whether a start that was refused is still wanted.
+
+        Autopilots refuse to arm until they know where they are: on the ground it is ordered again.
+        In the air only a vehicle that is led by its mission alone.
+        """
+        presence = vehicle.presence
+        if presence.taken_over or presence.recalled or vehicle.ordered:
+            return False
+        return self.leader.in_mission(vehicle.name) or not presence.airborne
+
+    def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
+        """Whether a mission was started in the air as those before: no refusal, hold or return."""
+        known = vehicle.start_told and vehicle.presence.airborne
+        if event.command in ("start mission", "hold", "return"):
+            vehicle.start_told = event.command == "start mission"
+        return known and event.command == "start mission"
+
+    def _rebooted(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
         """A restarted autopilot may hold any mission or none: begin with it anew."""
-        if self._approvals is not None:
-            self._approvals.forget(vehicle.name)
-        vehicle.deployed = vehicle.started = vehicle.holding = False
+        ended = self._end_intentions(vehicle, "the autopilot was restarted")
+        vehicle.deployed = vehicle.started = False
         vehicle.sent_home = vehicle.going_home = False
         vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.doubt = None
         vehicle.takes_off = False
-        vehicle.start_again_at_s = vehicle.return_again_at_s = None
+        vehicle.waits_for_crew |= was.airborne
         self.spacing.forget(vehicle.name)
-        return [say(vehicle, "autopilot restarted: sending it to the fire again", warning=True)]
+        then = "it waits until it is started" if vehicle.waits_for_crew else "a mission is sent"
+        words = say(vehicle, f"autopilot restarted: {then}", warning=True)
+        return [*ended, *back_under_control(vehicle), words]
+
+
+class _Was(NamedTuple):
+    """What was so of a vehicle before an event."""
+
+    airborne: bool
+    recalled: bool
+    taken_over: bool
+    armed: bool
 
 
 def _on_its_way_home(vehicle: Vehicle, mode: str) -> Announce:
-    return say(vehicle, f"on its way home ({mode})", warning=True)
+    where = "on its way home" if mode != "land" else "landing where it is"
+    return say(vehicle, f"{where} ({mode})", warning=True)

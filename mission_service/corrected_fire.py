@@ -2,6 +2,8 @@
 
 The fire without corrections burns on beside the corrected one, so that an undo brings it back.
 Whatever changes, the corrected fire is begun again at that moment from arrival times set right.
+Of more than ``MAX_STEPS`` corrections and erasures the older half is settled: what holds of it is
+part of the fire without corrections from then on, and is neither listed nor undone any more.
 """
 
 import copy
@@ -13,7 +15,6 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.burning import burning_from_arrival
-from firemodel.errors import FireModelError
 from firemodel.fire import Burning, Fire
 from firemodel.landscape import Landscape
 from firemodel.rasterise import cells_of
@@ -32,6 +33,7 @@ Floats = NDArray[np.float64]
 
 AHEAD_S = 3600.0  # what the fire does so far ahead tells how marks there reach back
 MARKS_APART_CELLS = 1.0
+MAX_STEPS = 256  # a correction takes as long as there are marks to fit
 
 Begin = Callable[[Burning, WeatherStream], Fire]
 
@@ -59,31 +61,31 @@ class CorrectedFire:
         """
         match event:
             case WindTold():
+                # A fire begun again needs no weather of before: winds told for weeks do not add up.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
+                stream = stream.since(fire.time_s)
                 if self._base is None:
                     return self._begin(burning_now(fire), stream)
                 self._base.advance(fire.time_s)
-                self._base = self._begin(burning_now(self._base), stream)
-                return self._set_right(self._base)
+                base = self._begin(burning_now(self._base), stream)
+                found, self._base = self._set_right(base, self.log.held()), base
+                return found
             case Corrected() | Erased() | Undone() | Redone():
                 log = copy.deepcopy(self.log)
                 if not log.take(event):
                     return fire
-                kept, self.log = self.log, log
-                try:
-                    base = self.all_of(fire)[-1]
-                    found = self._set_right(base)
-                except FireModelError:
-                    self.log = kept
-                    raise
-                self._base = None if found is base else base
+                base = self.all_of(fire)[-1]
+                if len(log.steps) > MAX_STEPS:
+                    base = self._set_right(base, log.settle(MAX_STEPS // 2))
+                found = self._set_right(base, log.held())
+                self.log, self._base = log, None if found is base else base
                 return found
             case _:
                 return fire
 
-    def _set_right(self, base: Fire) -> Fire:
+    def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
+        """A fire with what holds of corrections; the same object where nothing does."""
         spacing_m = MARKS_APART_CELLS * self._landscape.cell_size_m
-        held = self.log.held()
         marks = marks_held(held, self._landscape, spacing_m)
         if not len(marks):
             return base

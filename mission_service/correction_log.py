@@ -63,6 +63,13 @@ class CorrectionLog:
                 found.append(Held(step, erasures))
         return tuple(reversed(found))
 
+    def settle(self, count: int) -> tuple[Held, ...]:
+        """Take the first ``count`` steps out for good; which of their corrections hold now."""
+        settled = {id(step) for step in self.steps[:count]}
+        found = tuple(each for each in self.held() if id(each.correction) in settled)
+        del self.steps[:count]
+        return found
+
     def status(self) -> list[dict[str, Any]]:
         """Each correction that holds: what, who, where from, when said, when marked."""
         return [

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_service.approvals import MissionApprovals
-from mission_service.commands import AnyCommand, Hold, Return, StartMission
+from mission_service.autopilot_reports import back_under_control
+from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config import Scenario
 from mission_service.events import (
+    SERVICE,
     Aborted,
     CrewEvent,
     MissionAccepted,
@@ -21,7 +23,6 @@ from mission_service.vehicle import Vehicle, say
 
 HOLD_AGAIN_S = 3.0
 START_AFTER_S = 2.0
-REFUSED_FOR_S = 30.0  # no other mission is proposed for so long
 
 Start = Callable[[Vehicle, float], list[AnyCommand]]
 
@@ -47,14 +48,9 @@ class CrewOrders:
         """Orders to vehicles that follow a front or fly in formation."""
         match event:
             case Ordered():
-                return self._to_each(
-                    event.vehicle,
-                    lambda vehicle: self._order(vehicle, event.order, event.by, event.at_us / 1e6),
-                )
+                return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
             case Aborted():
-                return self._to_each(
-                    "", lambda vehicle: self._hold(vehicle, event.by, event.at_us / 1e6, "aborted")
-                )
+                return self._to_each("", lambda vehicle: self._abort(vehicle, event))
             case MissionWanted():
                 return self._to_each(event.vehicle, lambda vehicle: self._want(vehicle, event.by))
             case MissionAccepted() | MissionRefused():
@@ -63,8 +59,33 @@ class CrewOrders:
                 return []
 
     def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
-        named = [self.vehicles[name]] if name else self.vehicles.values()
-        return [command for vehicle in named for command in order(vehicle)]
+        """Those that this process flies; others get their orders from their own."""
+        named = self.vehicles if not name else [name] if name in self.vehicles else []
+        return [command for each in named for command in order(self.vehicles[each])]
+
+    def _ordered(self, vehicle: Vehicle, event: Ordered) -> list[AnyCommand]:
+        """Carry out an order, or ask whether it may end what autopilot or pilot chose."""
+        was_taken_over = vehicle.presence.taken_over
+        if self.steering.admits(vehicle.name, event):
+            ended = back_under_control(vehicle) if was_taken_over else []
+            return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
+        if event.by == SERVICE:
+            return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
+        chosen = f"its autopilot or pilot chose mode {vehicle.presence.mode}"
+        words = (
+            f"{CONFIRM} {vehicle.name}: {chosen}; order {event.order} again, confirmed, to end that"
+        )
+        return [say(vehicle, words, warning=True)]
+
+    def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
+        """Hold; a vehicle in a mode that its autopilot or pilot chose holds when it leaves that."""
+        at_s, mode = event.at_us / 1e6, vehicle.presence.mode
+        if not vehicle.presence.needs_confirmation("hold"):
+            return self._hold(vehicle, event.by, at_s, "aborted")
+        vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
+        vehicle.end_intentions()
+        words = f"aborted by {event.by}; its autopilot or pilot chose mode {mode}: left in it"
+        return [say(vehicle, words, warning=True)]
 
     def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
         match order:
@@ -72,10 +93,13 @@ class CrewOrders:
                 return self._hold(vehicle, by, at_s, "told to hold")
             case "return":
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
+                vehicle.end_intentions()
+                vehicle.waits_for_crew = True
                 if not vehicle.presence.airborne:
-                    return [say(vehicle, f"told to return by {by}, but it is on the ground")]
+                    why = "it is on the ground: nothing is sent, and it waits until it is started"
+                    return [say(vehicle, f"told to return by {by}, but {why}", warning=True)]
                 self.steering.recall(vehicle.name, at_s)
-                vehicle.sent_home, vehicle.holding = True, False
+                vehicle.sent_home = True
                 vehicle.return_again_at_s = None if vehicle.presence.online else at_s
                 words = say(vehicle, f"told to return by {by}")
                 return [words, Return(vehicle.name)] if vehicle.presence.online else [words]
@@ -84,7 +108,7 @@ class CrewOrders:
             case "start":
                 if vehicle.ordered:
                     return [say(vehicle, "told to hold: resume it first", warning=True)]
-                vehicle.started = True
+                vehicle.started, vehicle.waits_for_crew, vehicle.refusal = True, False, None
                 if vehicle.flown_line is None or not vehicle.presence.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
                     return [say(vehicle, f"start by {by}: as soon as it has a mission")]
@@ -93,20 +117,27 @@ class CrewOrders:
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
         """Loiter until somebody says otherwise; told again until the autopilot has said yes."""
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
-        vehicle.start_again_at_s = vehicle.return_again_at_s = None
+        vehicle.end_intentions()
+        self._call_off_return(vehicle)
         words = say(vehicle, f"{why} by {by}", warning=True)
         if not vehicle.presence.online:
             vehicle.hold_again_at_s = at_s
             return [words]
         return [words, Hold(vehicle.name)]
 
+    def _call_off_return(self, vehicle: Vehicle) -> None:
+        vehicle.presence.recalled = vehicle.sent_home = vehicle.going_home = False
+        if vehicle.doubt is not None:
+            vehicle.doubt = replace(vehicle.doubt, recalled=False)
+
     def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         in_formation = self.scenario.planner.rule == FORMATION
         if in_formation and vehicle.presence.airborne and not vehicle.presence.online:
             return [say(vehicle, "not heard: resume it when it is", warning=True)]
         vehicle.ordered, vehicle.hold_again_at_s = "", None
-        vehicle.presence.recalled = vehicle.sent_home = vehicle.going_home = False
-        vehicle.return_again_at_s = None
+        self._call_off_return(vehicle)
+        vehicle.return_again_at_s, vehicle.refusal = None, None
+        vehicle.waits_for_crew = False
         if in_formation and vehicle.presence.airborne and vehicle.doubt is not None:
             vehicle.doubt = replace(vehicle.doubt, resumed=True)
             return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
@@ -121,22 +152,23 @@ class CrewOrders:
         return [say(vehicle, f"resumed by {by}")]
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
-        vehicle.due = f"asked for by {by}"
-        return []
+        vehicle.due, vehicle.refusal = f"asked for by {by}", None
+        if self._approvals is None:
+            return []
+        return [*self._approvals.withdraw(vehicle, f"{by} asked for another one")]
 
     def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)
         if self._approvals is None or vehicle is None:
             return []
         if isinstance(event, MissionAccepted):
-            mission = self._approvals.accepted(vehicle.name, event.mission_hash)
+            mission = self._approvals.accepted(vehicle, event.mission_hash)
             if mission is not None:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
                 return [say(vehicle, words), mission]
-        elif self._approvals.refused(vehicle.name, event.mission_hash):
-            vehicle.pending = None
-            vehicle.not_before_s = event.at_us / 1e6 + REFUSED_FOR_S
-            return [say(vehicle, f"mission refused by {event.by}")]
+        elif self._approvals.refused(vehicle, event.mission_hash, event.by):
+            words = "none like it is proposed until the front or the reason differs"
+            return [say(vehicle, f"mission refused by {event.by}: {words}")]
         return [say(vehicle, "no such mission is proposed; look again", warning=True)]
 
 

@@ -16,22 +16,26 @@ from mission_service.control import Desk, claimed, serve_control
 from mission_service.control_client import NAME
 from mission_service.core import Core
 from mission_service.ears import Ears
-from mission_service.events import CrewEvent, Ordered
+from mission_service.errors import UnhandledLineError
+from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire_setup import landscape_of
 from mission_service.formation_mqtt import Channel, Exchange
+from mission_service.freed_memory import give_back_freed
 from mission_service.gateway import MissionClock
 from mission_service.hub import Hub
 from mission_service.journal import Journal, header_of
 from mission_service.keeping import Keeping
-from mission_service.links import Link, Silence, open_links
+from mission_service.links import SEVERITIES, Link, Silence, alarms, connected, open_links
 from mission_service.picture import Picture
 from mission_service.planning import BURN, FORMATION
+from mission_service.private_files import refuse_links, written_by_others
 from mission_service.record import Record
 from mission_service.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
 from mission_service.resume import Unfinished, resumed, set_aside, unfinished
 from mission_service.service import Progress, Service, unheard, unshown
 from mission_service.service_config import ServiceSection
-from mission_service.state_file import Known
+from mission_service.shared_links import sharing
+from mission_service.state_file import Frozen, Known, thawed
 from mission_service.watchman import Watchman
 from mission_service.world import FireWorld, world_of
 
@@ -53,6 +57,7 @@ class Run:
     logs: bool = False  # news and alarms are logged
     channel: Channel | None = None  # over which vehicles talk to those of other processes
     goes_on: bool = True  # with a run that was cut off
+    skip_unreadable: bool = False  # lines of its journal
 
     @property
     def out(self) -> Path:
@@ -80,8 +85,12 @@ async def serve(
     they are told at the end. ``progress`` is called five times a second; ``watch`` may raise to end
     the run (a child process that died, say); ``address`` is told where the map is: it holds a
     token, and is for a person's eyes.
+
+    Raises ScenarioError for vehicles that cannot share their link.
     """
+    give_back_freed()
     scenario = run.scenario
+    sharing(scenario.flown)  # before anything is opened
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
     warm_up_for(scenario, landscape)
@@ -102,7 +111,10 @@ async def serve(
             stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, tell
         )
         known = Known(scenario, landscape)
-        cut_off = unfinished(run.journal_path, known, scenario) if run.goes_on else None
+        refuse_links(run.out, run.journal_path.stem)
+        cut_off = None
+        if run.goes_on:
+            cut_off = unfinished(run.journal_path, known, scenario, run.skip_unreadable)
         down_from_s = last_written_s(run.journal_path) if cut_off else 0.0
         journal = _journal_of(run, known, cut_off, tell)
         stack.callback(journal.close)
@@ -112,10 +124,15 @@ async def serve(
         say = unheard if exchange is None else exchange.say
         core, world, record, picture = _begun(scenario, landscape, clock, cut_off)
         service = Service(scenario, core, world, journal, record, gateways, say, picture)
-        keeping = Keeping(service, known, run.settings.keep)
         if cut_off is not None:
             await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
             tell("service", f"goes on with the run of {run.journal_path}; approvals are void")
+            for why in cut_off.skips_now.values():
+                tell("service", f"skipped: {why}")
+            core, world, record = service.core, service.world, service.record
+            assert service.picture is not None
+            picture = service.picture
+        keeping = Keeping(service, known, run.settings.keep)
         for name, text in early:
             tell(name, text)
         desk = desk_of(scenario, service, clock, links)
@@ -142,13 +159,15 @@ async def serve(
                 await exchange.join()
             else:
                 tasks = []
-            tasks += [group.create_task(_fly(link, service, hub)) for link in links.values()]
+            tasks += [group.create_task(_fly(on_it, service, hub)) for on_it in connected(links)]
             others = [group.create_task(serve_control(listening, desk))]
             others += [group.create_task(door(hub)) for door in doors]
             others.append(group.create_task(keeping.run(clock)))
             group.create_task(asyncio.to_thread(_load_for_corrections))
             while not stop.is_set() and clock.now_us < latest_us:
                 watch()
+                if service.defect is not None:
+                    raise service.defect
                 _look_around(hub, watchman, silence)
                 progress(record, world)
                 hub.ring()
@@ -166,6 +185,7 @@ async def serve(
             journal.end()
     world.advance(clock.now_us)
     progress(record, world)
+    record.alarms = picture.alarm_counts
     return record, world
 
 
@@ -188,10 +208,12 @@ def warm_up_for(scenario: Scenario, landscape: Landscape) -> None:
 def _journal_of(
     run: Run, known: Known, cut_off: Unfinished | None, tell: Callable[[str, str], None]
 ) -> Journal:
-    """The journal that is gone on with, or a new one; an earlier burn's is kept."""
-    kept = None if cut_off else set_aside(run.journal_path, run.scenario)
+    """The journal that is gone on with, or a new one; an earlier one is kept."""
+    kept = None if cut_off else set_aside(run.journal_path)
     if kept is not None:
-        tell("service", f"the journal of an earlier burn is kept as {kept.name}; this is a new one")
+        tell("service", f"the journal of an earlier run is kept as {kept.name}; this is a new one")
+    if written_by_others(run.out):
+        tell("service", f"{run.out} can be written by others on this machine; chmod 700 {run.out}")
     rest = None if cut_off is None else cut_off.rest()
     header = header_of(run.scenario, known.landscape, run.created)
     return Journal(run.journal_path, header, durable=True, rest=rest)
@@ -201,6 +223,9 @@ def _load_for_corrections() -> None:
     """What only the first correction needs, and takes long to load."""
     for name in ("firemodel.corrected_cells", "contourpy", "rasterio.features"):
         import_module(name)
+    from firemodel.corrected_cells import warm_up
+
+    warm_up()
 
 
 def _begun(
@@ -223,18 +248,33 @@ async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, dow
     if cut_off.objects is not None:
         service.restore(cut_off.objects)
     await asyncio.to_thread(replay, cut_off, service)
-    news = resumed(max(cut_off.last_us, service.record.at_us), down_s)
+    last_us = max(cut_off.last_us, service.record.at_us)
+    news = resumed(last_us, down_s)
     clock.go_on(news.at_us, began_us)
     if service.picture is not None:
         service.picture.clear_all_but("abort")
         service.picture.told_before = service.picture.news_id
-    service.go_on(cut_off.missing, news, clock_us())
+    service.go_on(cut_off.missing, news, clock_us(), cut_off.skips(last_us))
 
 
 def replay(cut_off: Unfinished, service: Service) -> None:
-    """Let a fresh core and all that follows it have the past; nothing is carried out."""
-    for event, commands in cut_off.turns(service.core.handle):
-        service.past(event, commands)
+    """Let a fresh core and all that follows it have the past; nothing is carried out.
+
+    Begins again where a line cannot be handled, without that line. Raises JournalError.
+    """
+    begun = Frozen(service.kept(), service.known)
+    while True:
+        try:
+            for event, commands in cut_off.turns(service.core.handle):
+                try:
+                    service.past(event, commands)
+                except Exception as error:
+                    raise cut_off.unhandled(error) from error
+        except UnhandledLineError as problem:
+            cut_off.skip_line(problem)
+            service.restore(thawed(begun))
+        else:
+            return
 
 
 def doors_of(
@@ -285,8 +325,8 @@ def desk_of(
         news = service.record.news
         before = len(news)
         service.tell(event, clock_us())
-        for link in links.values():
-            link.connection.flush()
+        for on_it in connected(links):
+            on_it[0].connection.flush()
         return [announced.text for _, announced in news[before:]]
 
     def status() -> dict[str, Any]:
@@ -303,9 +343,14 @@ def desk_of(
         landscape = service.world.landscape
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
+    def burned_ha() -> float:
+        service.world.advance(clock.now_us)
+        return service.world.fire.burned_ha
+
     words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
-    names = tuple(section.name for section in scenario.vehicles)
-    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words)
+    names = tuple(section.name for section in scenario.flown)
+    area = None if burn is not None else burned_ha  # in a burn it is what is believed that changes
+    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words, area)
 
 
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
@@ -320,10 +365,17 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
 def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
     """What shows only with time: who is silent or not believed, and how the fire burns on."""
     now_us = clock_us()
+    hub.service.clock_read(now_us)
     watchman.look(now_us)
     for name, line in silence.news(now_us):
         hub.service.announce(name, line)
         hub.picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
+    for name, kind, words in alarms(hub.links):
+        if words:
+            hub.service.announce(name, words)
+            hub.picture.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
+        else:
+            hub.picture.clear(f"{kind}/{name}")
     for name, line in _refusals(hub.links):
         hub.service.announce(name, line)
     hub.clock.wall_passed(now_us)
@@ -333,29 +385,34 @@ def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
 
 
 async def _told_to_stop(hub: Hub) -> None:
-    """Tell the vehicles what the settings have them do at the end; wait for their answers."""
+    """Order what the settings have vehicles do at the end; wait for their answers.
+
+    One in a mode that its autopilot or pilot chose is left in it (``Steering.admits``).
+    """
     settings = hub.settings
     if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
         return
     presence = hub.core.steering.presence
-    waiting = {name for name in hub.links if presence[name].online and presence[name].airborne}
+    waiting = {name for name in hub.links if presence[name].flies}
     at_us = hub.clock.now_us
-    hub.service.tell(Ordered(at_us, "service", "", "", settings.on_shutdown), clock_us())
-    for link in hub.links.values():
-        link.connection.flush()
+    hub.service.tell(Ordered(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
+    for on_it in connected(hub.links):
+        on_it[0].connection.flush()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(settings.shutdown_s):
             while waiting - hub.service.answered(settings.on_shutdown, at_us):
                 await hub.changed(hub.picture.version)
 
 
-async def _fly(link: Link, service: Service, hub: Hub) -> None:
-    """Hand on what one vehicle's link brings until cancelled."""
+async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
+    """Hand on what one connection brings of the vehicles on it until cancelled."""
+    connection = on_it[0].connection
     while True:
-        await link.connection.wait()
+        await connection.wait()
         now_us = clock_us()
-        service.take(link.gateway.events(now_us), now_us)
-        link.connection.flush()
+        for link in on_it:
+            service.take(link.gateway.events(now_us), now_us)
+        connection.flush()
         hub.ring()
 
 

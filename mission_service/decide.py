@@ -80,17 +80,21 @@ def decisions_alone(
     for _, entry in entries:
         content = entry.content
         if isinstance(content, Decided):
-            recorded.append((at_us, content))
+            if entry.sure:
+                recorded.append((at_us, content))
         elif isinstance(content, Return):
             steering.recall(content.vehicle, at_us / 1e6)
+            steering.sent(content, at_us / 1e6)
         elif isinstance(content, Crew):
             at_us = content.at_us
             _told(content, steering, silent)
+        elif not entry.is_event:
+            steering.sent(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
             event: VehicleEvent = content  # type: ignore[assignment]
             name, at_us = event.vehicle, event.at_us
             decision = steering.take(event)
-            if decision is not None and name not in silent.held | silent.doubted:
+            if decision is not None and entry.sure and name not in silent.held | silent.doubted:
                 found.append((at_us, decided(name, planners[name], decision)))
             if isinstance(event, MissionHeld | VehicleRebooted):
                 silent.doubted.discard(name)
@@ -147,9 +151,12 @@ def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
 
 def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> None:
     presence = steering.presence[name]
+    if not steering.admits(name, event):
+        return
     match event.order:
         case "hold":
             silent.held.add(name)
+            presence.recalled = False
         case "return":
             silent.held.discard(name)
             if presence.airborne and not presence.online:  # else a Return is recorded

@@ -13,7 +13,7 @@ from autopilot_bridge.link import other_end
 from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.approach import approach_mission, landing_of_vehicle
+from mission_service.approach import approach_mission
 from mission_service.config import Scenario, flying, load_scenario, scenario_path
 from mission_service.config_sections import VehicleSection
 from mission_service.daemon import Run, serve
@@ -21,6 +21,7 @@ from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire_setup import home_of, landscape_of
 from mission_service.formation_flight import waits_at
 from mission_service.formation_seats import Formation
+from mission_service.landing import Landing
 from mission_service.orbits import Circle, first_mission
 from mission_service.outputs import write_outputs
 from mission_service.planning import FORMATION
@@ -101,7 +102,7 @@ def _first_mission(
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
     circle = Circle(*place_m, -section.loiter_radius_m)
-    landing = landing_of_vehicle(scenario, section, landscape)
+    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
     return first_mission(landscape, circle, section, landing)
 
 

@@ -1,7 +1,6 @@
 """How what a replay gives differs from a journal, in words and field by field."""
 
-from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import Any
 
@@ -14,7 +13,7 @@ MOST_FIELDS = 8
 ABSENT = "(nothing)"
 
 
-def difference_of(entry: Entry, expected: deque[AnyCommand]) -> str | None:
+def difference_of(entry: Entry, expected: Sequence[AnyCommand]) -> str | None:
     """What is wrong with a line, if ``expected`` are the commands still to come; or None."""
     where = f"line {entry.line}"
     if entry.is_event:

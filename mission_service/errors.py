@@ -25,6 +25,14 @@ class StateError(MissionServiceError):
     """A state file cannot be used; the message says why. The journal tells the same."""
 
 
+class RefusedEventError(MissionServiceError):
+    """An event that cannot be journalled or handled: nothing of it is done or written down."""
+
+
+class UnhandledLineError(JournalError):
+    """A line of a journal that a restart cannot handle; the message names file and line."""
+
+
 class NotRecordedError(MissionServiceError):
     """Nothing was done, since it could not be written down."""
 

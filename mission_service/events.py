@@ -1,20 +1,38 @@
 """What can happen: the inputs of the core. Each is journalled before it is handled.
 
 ``at_us`` is mission time in integer microseconds; 0 is the time of ignition of the scenario.
+
+Limits of values are part of the types: the journal reads each line again before it writes it, so no
+event with a value beyond them, or with one that is no number, is journalled or handled.
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
+from msgspec import Meta
 
 from mission_service.formation.messages import AnyMessage
+
+MissionUs = Annotated[int, Meta(ge=-(10**15), le=10**15)]  # 30 years
+DurationS = Annotated[float, Meta(ge=0, le=1e9)]
+Latitude = Annotated[float, Meta(ge=-90, le=90)]
+Longitude = Annotated[float, Meta(ge=-180, le=180)]
+Altitude = Annotated[float, Meta(ge=-12_000, le=100_000)]  # m
+Velocity = Annotated[float, Meta(ge=-1000, le=1000)]  # m/s, one component
+WindSpeed = Annotated[float, Meta(ge=0, le=150)]  # m/s
+Bearing = Annotated[float, Meta(ge=0, le=360)]
+Percent = Annotated[float, Meta(ge=0, le=100)]
+Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
+Count = Annotated[int, Meta(ge=0, le=2**40)]
+CellIndex = Annotated[int, Meta(ge=-(2**31), lt=2**31)]
+Name = Annotated[str, Meta(min_length=1)]
 
 
 class Event(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """Something that happened to one vehicle at mission time ``at_us``."""
 
-    at_us: int
-    vehicle: str
+    at_us: MissionUs
+    vehicle: Name
 
 
 class VehicleConnected(Event, frozen=True, tag=True):
@@ -27,7 +45,7 @@ class VehicleConnected(Event, frozen=True, tag=True):
 class LinkLost(Event, frozen=True, tag=True):
     """No heartbeat for ``silent_s``."""
 
-    silent_s: float
+    silent_s: DurationS
 
 
 class LinkRestored(Event, frozen=True, tag=True):
@@ -41,19 +59,19 @@ class VehicleRebooted(Event, frozen=True, tag=True):
 class Telemetry(Event, frozen=True, tag=True):
     """Where the vehicle is (WGS84) and how it moves (GLOBAL_POSITION_INT)."""
 
-    lat_deg: float
-    lon_deg: float
-    altitude_amsl_m: float
-    altitude_relative_m: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    heading_deg: float
+    lat_deg: Latitude
+    lon_deg: Longitude
+    altitude_amsl_m: Altitude
+    altitude_relative_m: Altitude
+    velocity_north_m_s: Velocity
+    velocity_east_m_s: Velocity
+    heading_deg: Bearing
 
 
 class MissionProgress(Event, frozen=True, tag=True):
     """The item the vehicle flies now (index into the items of the last mission)."""
 
-    current_seq: int
+    current_seq: Count
 
 
 class Observed(Event, frozen=True, tag=True):
@@ -64,8 +82,8 @@ class Observed(Event, frozen=True, tag=True):
     no camera's: people have said what is there, and what was known of these cells was wrong.
     """
 
-    row: int
-    col: int
+    row: CellIndex
+    col: CellIndex
     cells: tuple[str, ...]
     corrects: bool = False
 
@@ -73,14 +91,14 @@ class Observed(Event, frozen=True, tag=True):
 class WindMeasured(Event, frozen=True, tag=True):
     """The autopilot's estimate of the wind at the vehicle; from true north."""
 
-    speed_m_s: float
-    from_deg: float
+    speed_m_s: WindSpeed
+    from_deg: Bearing
 
 
 class UploadFinished(Event, frozen=True, tag=True):
     """The outcome of one ``UploadMission``."""
 
-    mission_id: int
+    mission_id: Count
     outcome: str
     reason: str
 
@@ -92,8 +110,8 @@ class MissionHeld(Event, frozen=True, tag=True):
     it could not be read: then ``items`` is None.
     """
 
-    mission_id: int
-    items: int | None
+    mission_id: Count
+    items: Count | None
 
 
 class CommandFinished(Event, frozen=True, tag=True):
@@ -107,7 +125,7 @@ class CommandFinished(Event, frozen=True, tag=True):
 class ModeChanged(Event, frozen=True, tag=True):
     """The autopilot changed its flight mode or was armed or disarmed."""
 
-    custom_mode: int
+    custom_mode: Count
     armed: bool
     mode: str = ""  # the bridge's name of it
 
@@ -127,7 +145,7 @@ class Contact(Event, frozen=True, tag=True):
 class BatteryTold(Event, frozen=True, tag=True):
     """What is left of the battery, told when it changes."""
 
-    percent: float
+    percent: Percent
 
 
 class FixTold(Event, frozen=True, tag=True):
@@ -174,7 +192,7 @@ class DropFinished(Event, frozen=True, tag=True):
     """What became of one ``Drop``. Not ``done`` and not ``refused``: nobody knows."""
 
     plan_hash: str
-    number: int
+    number: Count
     done: bool
     refused: bool
     reason: str
@@ -185,22 +203,39 @@ class DropFinished(Event, frozen=True, tag=True):
         return "done" if self.done else "refused" if self.refused else "unknown"
 
 
-class Crew(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """What a person did or said; not of one vehicle. ``station`` is where they are."""
+class HostTime(Event, frozen=True, tag=True):
+    """The host's monotonic clock at this mission time; in burns, about once a second.
 
-    at_us: int
+    Mission time is the autopilot's, which may be slow or stand still: limits on what people have
+    approved hold by this clock as well.
+    """
+
+    monotonic_us: int
+
+
+class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
+    at_us: MissionUs
     by: str
     station: str
 
 
-Place = tuple[float, float]  # lat_deg, lon_deg
+class Crew(_ByUser, frozen=True, tag=True, kw_only=True):
+    """What a user did or reported; not of one vehicle. ``station`` is where they are.
+
+    ``may_approve``: by a user with the role approve, as the interface that took it has checked.
+    """
+
+    may_approve: bool = False
+
+
+Place = tuple[Latitude, Longitude]  # degrees
 
 
 class Lit(Crew, frozen=True, tag=True):
     """The crew has lit a point or a line, all of it at ``lit_at_us``."""
 
     points: tuple[Place, ...]
-    lit_at_us: int
+    lit_at_us: MissionUs
 
 
 class Corrected(Crew, frozen=True, tag=True):
@@ -212,15 +247,15 @@ class Corrected(Crew, frozen=True, tag=True):
     state: Literal["burned", "burning", "unburned"]
     shape: Literal["point", "line", "polygon"]
     points: tuple[Place, ...]
-    marked_at_us: int
+    marked_at_us: MissionUs
 
 
 class Erased(Crew, frozen=True, tag=True):
     """Marks within ``radius_m`` of a place are taken away."""
 
-    lat_deg: float
-    lon_deg: float
-    radius_m: float
+    lat_deg: Latitude
+    lon_deg: Longitude
+    radius_m: Radius
 
 
 class Undone(Crew, frozen=True, tag=True):
@@ -234,17 +269,17 @@ class Redone(Crew, frozen=True, tag=True):
 class WindTold(Crew, frozen=True, tag=True):
     """The wind 6.1 m above the vegetation, from true north, as the crew has it from now on."""
 
-    speed_m_s: float
-    from_deg: float
+    speed_m_s: WindSpeed
+    from_deg: Bearing
 
 
 class PersonTold(Crew, frozen=True, tag=True):
     """Somebody is at a place, with ``radius_m`` to be kept clear; 0: is no longer there."""
 
     name: str
-    lat_deg: float
-    lon_deg: float
-    radius_m: float
+    lat_deg: Latitude
+    lon_deg: Longitude
+    radius_m: Radius
 
 
 class UnitTold(Crew, frozen=True, tag=True):
@@ -290,17 +325,34 @@ class Present(Crew, frozen=True, tag=True):
 class Resumed(Crew, frozen=True, tag=True):
     """The service runs again after ``down_s``; whatever was approved before is in doubt."""
 
-    down_s: float
+    down_s: DurationS
+
+
+class LinesSkipped(Crew, frozen=True, tag=True):
+    """Lines of the journal that a restart has skipped, as (segment, line, why).
+
+    They could not be read or handled; the journal of before is gone on with as if they were not
+    there, by the commands that it has.
+    """
+
+    lines: tuple[tuple[Count, Count, str], ...]
 
 
 Order = Literal["hold", "resume", "return", "start"]
 
 
 class Ordered(Crew, frozen=True, tag=True):
-    """What a vehicle is to do by a person's word; all of them without a name."""
+    """What a vehicle is to do by a person's word; all of them without a name.
+
+    ``confirmed``: even if that ends what its autopilot or its pilot has chosen, a failsafe say.
+    """
 
     vehicle: str
     order: Order
+    confirmed: bool = False
+
+
+SERVICE = "service"  # ``by`` of what the service orders by itself; no interface takes it
 
 
 class MissionWanted(Crew, frozen=True, tag=True):
@@ -312,14 +364,14 @@ class MissionWanted(Crew, frozen=True, tag=True):
 class MissionAccepted(Crew, frozen=True, tag=True):
     """The mission of this hash, which was proposed, may go to the vehicle."""
 
-    vehicle: str
+    vehicle: Name
     mission_hash: str
 
 
 class MissionRefused(Crew, frozen=True, tag=True):
     """The mission of this hash, which was proposed, is not to be flown."""
 
-    vehicle: str
+    vehicle: Name
     mission_hash: str
 
 
@@ -361,6 +413,7 @@ CrewEvent = (
     | MissionRefused
     | SettingsTold
     | Resumed
+    | LinesSkipped
 )
 
 VehicleEvent = (
@@ -386,5 +439,6 @@ VehicleEvent = (
     | FenceStatusChanged
     | EstimatorStatusChanged
     | DropFinished
+    | HostTime
 )
 AnyEvent = VehicleEvent | CrewEvent

@@ -162,7 +162,7 @@ class FormationFlight:
                 self.formation.not_lost(vehicle.name, event.at_us)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
-                commands += self._mode_changed(vehicle, led, event, at_s)
+                self._mode_changed(vehicle, led, event, at_s)
             case Contact():
                 self._in_contact = event.there
             case Heard():
@@ -202,33 +202,27 @@ class FormationFlight:
             case _:
                 led.start_not_before_s = at_s + 2.0 * AGAIN_AFTER_S
 
-    def _mode_changed(
-        self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float
-    ) -> list[AnyCommand]:
+    def _mode_changed(self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float) -> None:
         if not event.armed:
             self.formation.seats[vehicle.name].agent.come_back()
             self.formation.not_lost(vehicle.name, event.at_us)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
-            return []
+            return
         if event.mode == led.mode and led.leads and event.mode != "mission":
-            return []  # told again after the service was down
+            return  # told again after the service was down
         if event.mode != led.mode:  # both stacks forget the speed with the mode
             led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":
             led.leads = True
             if led.loiter is None or led.loiter != led.circle:
                 led.circle = None
-            return []
+            return
         ordered = led.order == "orbit" or at_s - led.orbit_at_s < TAKES_EFFECT_S
         if not led.leads or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
-            return []
+            return
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
         self.formation.seats[vehicle.name].left(at_s)
         self.formation.not_lost(vehicle.name, event.at_us)
-        if vehicle.presence.recalled:
-            return []
-        words = f"mode {event.mode} is not ours: not led until it is back in its mission"
-        return [say(vehicle, words, warning=True)]
 
     def status(self) -> dict[str, Any]:
         """Nothing to tell."""
@@ -260,9 +254,9 @@ class FormationFlight:
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         led.sending = circle
         if not vehicle.presence.airborne:
-            return first_mission(self.landscape, circle, section, vehicle.landing)
+            return first_mission(self.landscape, circle, section, vehicle.landing.at(here.at_s))
         altitude_m = self._altitude(vehicle, circle, here)
-        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing)
+        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
 
     def _begin_again(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """The first mission for one that was in the air when this service began, and refused it."""
@@ -275,7 +269,7 @@ class FormationFlight:
     def _renew(self, vehicle: Vehicle, led: Led, here: Here) -> list[AnyCommand]:
         """The circle that is flown becomes the mission's loiter, if that is due."""
         circle = led.circle
-        if circle is None or vehicle.pending is not None or led.mode == "mission":
+        if circle is None or vehicle.awaits_mission or led.mode == "mission":
             return []
         if led.order == "orbit" or here.at_s < vehicle.not_before_s:
             return []
@@ -287,7 +281,9 @@ class FormationFlight:
         if circle == led.loiter:
             return []
         led.sending = circle
-        items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing)
+        items = loiter_mission(
+            self.landscape, circle, led.altitude_m, vehicle.landing.at(here.at_s)
+        )
         why = "settled: loiter here" if settled else "loiter not far from here"
         path_m = np.array([circle.centre_m])
         return [self._missions.upload(vehicle, path_m, items, here, why)]
@@ -301,7 +297,7 @@ class FormationFlight:
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Follow the agent; nothing before the vehicle is well on its way by its mission."""
         led = self._led[vehicle.name]
-        if not vehicle.started and vehicle.pending is None and vehicle.flown_line is None:
+        if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
             return self._begin_again(vehicle, here)
         if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, here)):
             return []

@@ -29,6 +29,7 @@ COMPARED_SHARE = 0.25
 # ... and a mission is extended when less than this share of the horizon is left.
 LEFT_SHARE = 0.4
 CHECK_EVERY_S = 2.0
+CLOSE_BELOW = "another flies close below"
 
 
 class FrontFlight:
@@ -65,9 +66,11 @@ class FrontFlight:
         if not isinstance(event, SettingsTold):
             return []
         commands: list[AnyCommand] = []
-        for name, planner in self.planners.items():
+        for planner in self.planners.values():
             if isinstance(planner, PerimeterPlanner):
                 planner.tune(event)
+        for name in (section.name for section in self.scenario.flown):
+            if isinstance(self.planners[name], PerimeterPlanner):
                 words = f"settings by {event.by}: {_in_words(event)}"
                 commands.append(Announce(name, words))
             else:
@@ -124,8 +127,10 @@ class FrontFlight:
         aside = self._out_of_the_way(vehicle, here)
         if aside is not None:
             return aside
-        if not vehicle.due and self.spacing.comes_too_low(vehicle.name):
-            vehicle.due = "another flies close below"
+        if vehicle.due != CLOSE_BELOW and self.spacing.comes_too_low(vehicle.name):
+            vehicle.due = CLOSE_BELOW
+        if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
+            return []  # until it is accepted, refused or withdrawn
         if vehicle.due == "turn back" and not self.spacing.may_turn_back(vehicle.name):
             return []
         if vehicle.due or here.at_s >= vehicle.not_before_s:
@@ -144,7 +149,7 @@ class FrontFlight:
         if other == waiting and not self.spacing.comes_too_low(vehicle.name):
             return []
         place = self.spacing.waits_at(vehicle.name)
-        return [self._upload(vehicle, place, here, f"give way to {other}")]
+        return [self._upload(vehicle, place, here, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """Renew the rolling mission when it is no longer what the vehicle should fly."""
@@ -192,26 +197,24 @@ class FrontFlight:
             if len(cells) < 2:
                 return None
             path = np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
-        return self._along(vehicle, path, here)
+        return self.items(vehicle, path, here)
 
-    def _upload(self, vehicle: Vehicle, path: Floats, here: Here, why: str) -> UploadMission:
+    def _upload(
+        self, vehicle: Vehicle, path: Floats, here: Here, why: str, keeps_apart: bool = False
+    ) -> UploadMission:
         items = self.items(vehicle, path, here)
-        return self._missions.upload(vehicle, path, items, here, why)
+        keeps_apart = keeps_apart or why == CLOSE_BELOW
+        return self._missions.upload(vehicle, path, items, here, why, keeps_apart)
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission along a path, above those of vehicles in lower layers."""
-        items = self._along(vehicle, path_m, here)
-        self.spacing.sends(vehicle.name, items)
-        return items
-
-    def _along(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         return mission_along(
             path_m,
             self.planners[vehicle.name].clockwise,
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.presence.airborne,
-            landing=vehicle.landing,
+            landing=vehicle.landing.at(here.at_s),
             least_at=self.spacing.least_altitudes(vehicle.name),
             start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
         )

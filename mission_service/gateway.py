@@ -182,6 +182,7 @@ class Gateway:
         self._recognise: Recognise | None = None
         self._reading: int | None = None  # the client's number of the download
         self._mode: tuple[int, bool, str] | None = None
+        self.link_alarms: deque[tuple[str, str]] = deque()  # kind and words, none where it ended
         self._connected = False  # and told so
         self._lost = False
 
@@ -310,6 +311,15 @@ class Gateway:
                 if self._recognise is not None and self._reading is None:
                     self._reading = self.client.download(link_us)
                 return LinkRestored(now_us, name)
+            case bridge.SameSystemId() | bridge.RemoteChanged() | bridge.Implausible():
+                self.link_alarms.append((event.kind, str(event)))
+                return None
+            case bridge.AlarmEnded():
+                self.link_alarms.append((event.kind, ""))
+                return None
+            case bridge.ClockChanged():
+                self._offset_us = None
+                return None
             case bridge.Rebooted():
                 self._offset_us = None
                 self._last.clear()  # all is to be told anew

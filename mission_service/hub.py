@@ -78,7 +78,9 @@ class Hub:
 
     def ready(self) -> list[str]:
         """What is still missing before the service does its work; empty: nothing."""
-        return [f"{what}: {why}" for what, why in self.not_ready.items()]
+        lacks = [f"{what}: {why}" for what, why in self.not_ready.items()]
+        trouble = self.service.recording.trouble
+        return [*lacks, f"journal: {trouble}"] if trouble else lacks
 
     def ring(self) -> None:
         """Wake those who wait for changes, if there are any."""

@@ -4,24 +4,29 @@ The first line is the header (versions, seed, scenario, landscape). Each further
 event or one command; the last one says that the run ended in order. Every line ends in a checksum
 that runs on from the line before (the header's stands alone), so that a line that was changed,
 lost, added or moved is found and named.
+
+What is written can be read: each line is decoded again before it is written, and refused if that is
+not the same event or command (msgspec writes NaN as null) or if a value is beyond the limits of its
+type. A journal and its states are for their user alone, and never behind a symbolic link.
 """
 
 import contextlib
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 
 from mission_service import __version__
 from mission_service.commands import AnyCommand
 from mission_service.config import Scenario
-from mission_service.errors import JournalError
+from mission_service.errors import JournalError, RefusedEventError
 from mission_service.events import AnyEvent, Crew
+from mission_service.private_files import in_words, opened
 
 FORMAT = 1
 _EVENT, _COMMAND, _HEADER = b'{"event":', b'{"command":', b'{"header":'
@@ -74,6 +79,8 @@ class Journal:
         self._header = {**header, "live": durable}
         self._waiting = bytearray()
         self._torn = False
+        if rest is None:
+            _refuse_live(path)
         try:
             self._file = _opened(path, new=rest is None)
             if rest is not None:
@@ -81,7 +88,7 @@ class Journal:
             else:
                 self._put([_line(_HEADER + _encode(self._header), 0)[0]], 0)
         except OSError as error:
-            raise JournalError(f"{path}: cannot be written: {error.strerror}") from None
+            raise JournalError(f"{path}: {in_words(error)}") from None
 
     def event(self, event: AnyEvent) -> None:
         """Write down an input; call it before the input is handled.
@@ -105,8 +112,12 @@ class Journal:
 
     def take_back(self, before: Rest) -> None:
         """Have what was written after a place never have been; nothing may have come of it."""
-        self.rest, self._torn = before, True
-        self._mend()
+        unwritten = max(len(self._waiting) - (self.rest.at_byte - before.at_byte), 0)
+        del self._waiting[unwritten:]
+        self.rest = before
+        if not self._waiting:
+            self._torn = True
+            self._mend()
 
     def end(self) -> None:
         """Write down that the run ended in order; nothing may follow."""
@@ -183,7 +194,20 @@ class Journal:
 
 
 def _opened(path: Path, new: bool) -> int:
-    return os.open(path, os.O_WRONLY | os.O_APPEND | (os.O_CREAT | os.O_TRUNC if new else 0), 0o644)
+    return opened(path, os.O_WRONLY | os.O_APPEND | (os.O_CREAT | os.O_TRUNC if new else 0))
+
+
+def _refuse_live(path: Path) -> None:
+    """Raise JournalError for what a live run has left: nothing is written over it."""
+    if not begins_journal(path):
+        return
+    with path.open("rb") as file:
+        body, intact, _ = _checked(file.readline().rstrip(b"\n"), 0)
+    if not intact or msgspec.json.decode(body[len(_HEADER) :]).get("live"):
+        raise JournalError(
+            f"{path}: is the journal of a live run, and is not written over; move it away, or "
+            "choose another folder"
+        )
 
 
 def _write(file: int, data: bytes | bytearray) -> None:
@@ -204,13 +228,24 @@ def begins_journal(path: Path) -> bool:
 
 
 def event_body(event: AnyEvent) -> bytes:
-    """The line of an event without its checksum."""
-    return _EVENT + _encode(event)
+    """The line of an event without its checksum. Raises RefusedEventError: it cannot be read."""
+    return _EVENT + _readable(event, _decode_event)
 
 
 def command_body(command: AnyCommand) -> bytes:
-    """The line of a command without its checksum."""
-    return _COMMAND + _encode(command)
+    """The line of a command without its checksum. Raises RefusedEventError: it cannot be read."""
+    return _COMMAND + _readable(command, _decode_command)
+
+
+def _readable(thing: AnyEvent | AnyCommand, decode: Callable[[bytes], object]) -> bytes:
+    try:
+        body = _encode(thing)
+        again = decode(body)
+    except (msgspec.MsgspecError, UnicodeError, OverflowError, TypeError, ValueError) as error:
+        raise RefusedEventError(f"{type(thing).__name__} refused: {error}") from None
+    if again != thing:
+        raise RefusedEventError(f"{type(thing).__name__} refused: a journal cannot hold all of it")
+    return body
 
 
 def next_path(path: Path) -> Path:
@@ -230,12 +265,24 @@ def _line(body: bytes, crc: int) -> tuple[bytes, int]:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of a journal: an event or a command, and whether its checksum holds."""
+    """One line of a journal: an event or a command, and whether its checksum holds.
+
+    Not ``sure``: a line before it was skipped, so the commands may not be those of the core.
+    """
 
     line: int
     content: AnyEvent | AnyCommand
     is_event: bool
     intact: bool
+    sure: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A line that is neither an event nor a command, or was altered; ``why`` in words."""
+
+    line: int
+    why: str
 
 
 class JournalReader:
@@ -270,16 +317,28 @@ class JournalReader:
         return self.after(self.begin)
 
     def after(self, place: Rest) -> Iterator[Entry]:
-        """What follows a place; lines are counted from there if it is not the beginning."""
+        """What follows a place. Raises JournalError for a line that is no event or command."""
         for number, body, intact in self.lines(place):
             yield self.entry(number, body, intact)
 
+    def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
+        """What follows a place; lines that were altered or cannot be read as such."""
+        for number, body, intact in self.lines(place):
+            if not intact:
+                why = "was altered: its checksum does not match"
+                yield Unreadable(number, f"{self.path}: line {number} {why}")
+                continue
+            try:
+                yield self.entry(number, body, intact)
+            except JournalError as error:
+                yield Unreadable(number, str(error))
+
     def lines(self, place: Rest) -> Iterator[tuple[int, bytes, bool]]:
         """What follows a place, not decoded: number, body, and whether the checksum holds."""
-        self.rest, first = place, 2 if place == self.begin else 1
+        self.rest = place
         self.cut_at_line, self.ended = None, False
         with self.path.open("rb") as file:
-            file.seek(place.at_byte)
+            first = 1 + _lines_in(file, place.at_byte)
             for number, raw in enumerate(file, start=first):
                 if not raw.endswith(b"\n"):
                     self.cut_at_line = number
@@ -303,6 +362,15 @@ class JournalReader:
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise JournalError(f"{self.path}: line {number} cannot be read: {error}") from None
         raise JournalError(f"{self.path}: line {number} is neither an event nor a command")
+
+
+def _lines_in(file: BinaryIO, first_bytes: int) -> int:
+    """How many lines end in the first bytes of a file, which are read."""
+    count = 0
+    while first_bytes > 0 and (piece := file.read(min(first_bytes, 1 << 20))):
+        count += piece.count(b"\n")
+        first_bytes -= len(piece)
+    return count
 
 
 def _checked(line: bytes, crc: int) -> tuple[bytes, bool, int]:

@@ -12,8 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
+from mission_service.config import Scenario
 from mission_service.config_sections import VehicleSection
 from mission_service.errors import ScenarioError
+from mission_service.fire_setup import weather_of
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +29,29 @@ COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 def needs_landing(section: VehicleSection) -> bool:
     """Whether missions of this vehicle must end with a landing."""
     return section.landing and (section.stack, section.kind) == ("px4", "plane")
+
+
+class Landing:
+    """The landing that missions of a vehicle end with, if they must: by the scenario's weather."""
+
+    def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
+        """Raises ScenarioError if no approach is clear."""
+        self._section = section
+        self._landscape = landscape
+        self._weather = weather_of(scenario) if needs_landing(section) else None
+        self._items: tuple[MissionItem, ...] = ()
+        self._wind_from_deg = math.nan  # that these are laid for
+        self.at(scenario.start_s)
+
+    def at(self, at_s: float) -> tuple[MissionItem, ...]:
+        """As a mission that is made at a mission time has it: into the wind of then."""
+        if self._weather is None:
+            return ()
+        wind_from_deg = self._weather.at(at_s).wind_from_deg
+        if wind_from_deg != self._wind_from_deg:
+            self._items = landing_of(self._section, self._landscape, wind_from_deg)
+            self._wind_from_deg = wind_from_deg
+        return self._items
 
 
 def landing_of(

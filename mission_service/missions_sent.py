@@ -27,8 +27,12 @@ class MissionsSent:
         items: tuple[MissionItem, ...],
         here: Here,
         why: str,
+        keeps_apart: bool = False,
     ) -> UploadMission:
-        """The upload of a mission along a path (n, 2), of which one is under way from now on."""
+        """The upload of a mission along a path (n, 2), of which one is under way from now on.
+
+        ``keeps_apart``: it keeps the vehicle clear of another one, and waits for no approval.
+        """
         mission_id = self._next_id
         self._next_id += 1
         if len(path_m) == 1:  # a place to loiter at
@@ -39,7 +43,8 @@ class MissionsSent:
             mission_id,
             shapely.LineString(shapely.get_coordinates(line)),
             takes_off,
+            vehicle.due,
         )
         vehicle.uploaded_at_s = here.at_s
         vehicle.due = ""
-        return UploadMission(vehicle.name, mission_id, why, items)
+        return UploadMission(vehicle.name, mission_id, why, items, keeps_apart)

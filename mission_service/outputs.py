@@ -43,12 +43,16 @@ def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]
         "observations": record.observations,
         "closest_pair_m": None if closest is None else round(closest.distance_m, 1),
         "separation_m": scenario.mission.separation_m,
+        "requests": dict(sorted(record.requests.items())),
+        "service_restarts": record.restarts,
+        "alarms": dict(sorted(record.alarms.items())),
         "planner": {"rule": scenario.planner.rule, "alpha": scenario.planner.alpha},
         "vehicles": [
             {
                 "name": name,
+                **vehicle.sortie.figures(),
                 "decisions": vehicle.decisions,
-                "reversals": len(vehicle.reversals),
+                "reversals": vehicle.reversal_count,
                 "uploads": dict(sorted(vehicle.uploads.items())),
                 "upload_reasons": dict(sorted(vehicle.upload_reasons.items())),
                 "orders": dict(sorted(vehicle.orders.items())),
@@ -171,7 +175,7 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None
         VEHICLE_COLOURS * len(record.vehicles), record.vehicles.items(), strict=False
     ):
         _draw_vehicle(axes, vehicle, land, colour)
-        label = f"{name}: track, {len(vehicle.reversals)} reversals"
+        label = f"{name}: track, {vehicle.reversal_count} reversals"
         if vehicle.plans:
             label = f"{name}: {len(vehicle.drops)} drops"
         elif vehicle.orders:

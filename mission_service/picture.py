@@ -7,7 +7,7 @@ slowly misses what has passed and never what is. States are flat JSON with units
 
 import hashlib
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 from typing import Any, Literal
 
@@ -17,16 +17,21 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.burn.plan import IgnitionPlan
 from mission_service.commands import (
+    CONFIRM,
     Announce,
     AnyCommand,
     ChangeSpeed,
+    ClearAlarm,
     Decided,
     Drop,
     Orbit,
     Propose,
     ProposeMission,
+    RaiseAlarm,
+    Severity,
     UploadMission,
     Withdraw,
+    WithdrawMission,
 )
 from mission_service.config import Scenario
 from mission_service.events import (
@@ -62,9 +67,11 @@ MOST_NEWS = 500
 MOST_CLEARED = 50
 FIRE_EVERY_US = 30_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
-Severity = Literal["warning", "severe"]
 # What alarms that follow from the flight begin with; others are of the service itself.
-OF_FLIGHT = ("link", "silent", "position", "battery", "mission", "order", "abort", "near")
+OF_FLIGHT = (
+    *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
+    *("mode", "state", "fence", "estimator", "autopilot", "front"),
+)
 
 
 class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
@@ -224,6 +231,12 @@ def item_state(item: MissionItem) -> ItemState:
     )
 
 
+def questioned(commands: Iterable[AnyCommand]) -> set[str]:
+    """The vehicles whose order was not carried out: it is to be confirmed first."""
+    lines = [command for command in commands if isinstance(command, Announce)]
+    return {line.vehicle for line in lines if line.text.startswith(CONFIRM)}
+
+
 def _of_flight(alarm: str) -> bool:
     return alarm.partition("/")[0] in OF_FLIGHT
 
@@ -261,6 +274,7 @@ class Picture:
         self.telemetry_count = 0
         self.observations = 0
         self.decisions = 0
+        self.alarm_counts: Counter[str] = Counter()  # raised, by kind
         self._landscape = landscape
         self._view_width_m = {
             section.name: round(2.0 * camera_of(section).radius_m(section.altitude_agl_m), 1)
@@ -276,8 +290,9 @@ class Picture:
     def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
         """Take in one event and what it led to."""
         self.at_us = max(self.at_us, event.at_us)
+        commands = list(commands)
         if isinstance(event, Crew):
-            self._asked(event)
+            self._asked(event, questioned(commands))
         elif event.vehicle in self.vehicles:
             self._happened(self.vehicles[event.vehicle], event)
         for command in commands:
@@ -296,6 +311,8 @@ class Picture:
             return
         since_us = self.at_us if before is None else before.at_us
         self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
+        if before is None:
+            self.alarm_counts[key.partition("/")[0]] += 1
         self._touch("alarms")
 
     def clear(self, key: str) -> None:
@@ -349,7 +366,8 @@ class Picture:
         for key in keys:
             self.changed[key] = self.version
 
-    def _asked(self, event: CrewEvent) -> None:
+    def _asked(self, event: CrewEvent, not_ordered: set[str]) -> None:
+        """What an operator did; ``not_ordered``: vehicles whose order is to be confirmed first."""
         if isinstance(event, Present):
             return
         self._touch("burn")
@@ -359,11 +377,11 @@ class Picture:
                 self.fire_changed()
             case Ordered():
                 for name, vehicle in self.vehicles.items():
-                    if event.vehicle in ("", name):
+                    if event.vehicle in ("", name) and name not in not_ordered:
                         vehicle.order = event.order if event.order in ("hold", "return") else ""
                         vehicle.orbit = None if vehicle.order else vehicle.orbit
                         self._touch(f"vehicle/{name}")
-                if event.order in ("resume", "start"):
+                if event.order in ("resume", "start") and not not_ordered:
                     self.clear("abort")
             case Aborted():
                 self.alarm("abort", f"aborted by {event.by or 'somebody'}", "severe")
@@ -526,6 +544,19 @@ class Picture:
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
             case Announce():
                 self.tell(name, command.text, command.level)
+                return
+            case RaiseAlarm():
+                text = f"{name}: {command.text}"
+                self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
+                return
+            case ClearAlarm():
+                self.clear(f"{command.alarm}/{name}")
+                return
+            case WithdrawMission():
+                mission = self.missions[name]
+                if mission.proposed and mission.proposed.mission_id == command.mission_id:
+                    mission.proposed = None
+                    self._touch(f"mission/{name}")
                 return
             case Propose():
                 self.plan, self.plan_hash = command.plan, command.plan_hash

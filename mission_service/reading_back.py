@@ -13,7 +13,8 @@ def doubt(vehicle: Vehicle) -> None:
     """
     was = vehicle.doubt  # down again before it was heard
     pending = vehicle.pending or (was.pending if was else None)
-    recalled = vehicle.presence.recalled or bool(was and was.recalled)
+    sent_home = vehicle.presence.recalled and vehicle.sent_home
+    recalled = sent_home or bool(was and was.recalled)
     starting = vehicle.start_under_way or bool(was and was.starting)
     vehicle.doubt = Doubt(pending, recalled, starting, bool(was and was.resumed))
     vehicle.presence.online = vehicle.start_under_way = False

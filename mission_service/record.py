@@ -1,7 +1,7 @@
 """What a run leaves to show: tracks, decisions, uploads. Kept in memory, thinned to 1 Hz."""
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from mission_service.burn.plan import IgnitionPlan
@@ -21,13 +21,18 @@ from mission_service.events import (
     Crew,
     DropFinished,
     Observed,
+    Resumed,
     Telemetry,
     UploadFinished,
     VehicleEvent,
 )
+from mission_service.sortie import Sortie
 from mission_service.steering import AIRBORNE_M
 from mission_service.track import Track
 
+MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
+MAX_REASONS = 100  # told apart, of missions: they may name people; all others are OTHER
+OTHER = "other"
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
 
 
@@ -53,7 +58,10 @@ class VehicleRecord:
     """One vehicle's run. A track point is (at_us, lat_deg, lon_deg, altitude_amsl_m)."""
 
     track: Track = field(default_factory=Track)
-    reversals: list[tuple[int, float, float]] = field(default_factory=list)
+    reversals: deque[tuple[int, float, float]] = field(  # at_us, lat_deg, lon_deg
+        default_factory=lambda: deque(maxlen=MAX_REVERSALS)
+    )
+    reversal_count: int = 0
     decisions: int = 0
     direction: str = ""
     uploads: Counter[str] = field(default_factory=Counter)
@@ -62,6 +70,7 @@ class VehicleRecord:
     here: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed, by their hashes
     drops: list[DropRecord] = field(default_factory=list)
+    sortie: Sortie = field(default_factory=Sortie)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,16 +93,24 @@ class Record:
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
         self.news: list[tuple[int, Announce]] = []
+        self.requests: Counter[str] = Counter()  # of people, by the event's name
+        self.restarts = 0  # of the service
+        self.alarms: Counter[str] = Counter()  # raised, by kind; where there is a picture
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Take in one event and what it led to."""
         self.at_us = max(self.at_us, event.at_us)
-        if not isinstance(event, Crew):
+        if isinstance(event, Resumed):
+            self.restarts += 1
+        elif isinstance(event, Crew):
+            self.requests[type(event).__name__] += 1
+        else:
             self._happened(self.vehicles[event.vehicle], event)
         for command in commands:
             self._commanded(self.vehicles[command.vehicle], command)
 
     def _happened(self, vehicle: VehicleRecord, event: VehicleEvent) -> None:
+        vehicle.sortie.happened(event)
         match event:
             case Telemetry():
                 self.telemetry += 1
@@ -129,14 +146,18 @@ class Record:
         self._in_air[here.vehicle] = here
 
     def _commanded(self, vehicle: VehicleRecord, command: AnyCommand) -> None:
+        vehicle.sortie.commanded(command)
         match command:
             case Decided():
                 vehicle.decisions += 1
                 vehicle.direction = command.direction
                 if command.reversed and vehicle.here is not None:
                     vehicle.reversals.append(vehicle.here[:3])
+                    vehicle.reversal_count += 1
             case UploadMission():
-                vehicle.upload_reasons[command.why] += 1
+                reasons = vehicle.upload_reasons
+                known = command.why in reasons or len(reasons) < MAX_REASONS
+                reasons[command.why if known else OTHER] += 1
             case Orbit() | ChangeSpeed():
                 vehicle.orders[type(command).__name__] += 1
             case Propose():

@@ -1,6 +1,7 @@
 """A journal to be read again: its segments as one, its scenario, and what it begins with."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,15 @@ from firemodel.landscape import Landscape
 from mission_service.config import Scenario, parse_scenario
 from mission_service.core import Core
 from mission_service.errors import JournalError, StateError
+from mission_service.events import LinesSkipped
 from mission_service.fire_setup import landscape_of
 from mission_service.journal import Entry, JournalReader
 from mission_service.segments import Chain, begin_state, journal_of
 from mission_service.state_file import Known, read
 from mission_service.watched_fire import WatchedFire
 from mission_service.world import world_of
+
+SKIPPED = b'{"event":{"type":"LinesSkipped"'
 
 
 class Recorded:
@@ -30,6 +34,7 @@ class Recorded:
         self.readers = [JournalReader(path)] if self._chain is None else self._chain.readers
         self.at: tuple[JournalReader, Entry] | None = None  # what was read last
         self.damaged = False
+        self.skipped = self._lines_skipped()
 
     @property
     def segment(self) -> int:
@@ -66,10 +71,34 @@ class Recorded:
             yield found
 
     def _entries(self) -> Iterator[tuple[JournalReader, Entry]]:
+        """Without the lines that a restart has skipped; what follows them is not sure."""
+        sure = True
+        for reader, number, body, intact in self._lines():
+            if (reader.segment, number) in self.skipped:
+                sure = False
+                continue
+            entry = reader.entry(number, body, intact)
+            sure = sure or isinstance(entry.content, LinesSkipped)
+            yield reader, entry if sure else replace(entry, sure=False)
+
+    def _lines(self) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
         if self._chain is not None:
-            yield from self._chain.after(self._chain.begin)
+            yield from self._chain.lines(self._chain.begin)
         else:
-            yield from ((self.last, entry) for entry in self.last)
+            yield from ((self.last, *line) for line in self.last.lines(self.last.begin))
+
+    def _lines_skipped(self) -> dict[tuple[int, int], str]:
+        """The lines that restarts have skipped, by (segment, line), and why."""
+        found: dict[tuple[int, int], str] = {}
+        try:
+            for reader, number, body, intact in self._lines():
+                if intact and SKIPPED in body[:200]:
+                    content = reader.entry(number, body, intact).content
+                    if isinstance(content, LinesSkipped):
+                        found |= {(each[0], each[1]): each[2] for each in content.lines}
+        except JournalError:  # told when it is read
+            pass
+        return found
 
     def intact(self) -> Iterator[tuple[JournalReader, Entry]]:
         """As ``entries``; raises JournalError where a line was altered, too."""

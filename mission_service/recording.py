@@ -24,10 +24,15 @@ class Recording:
         self._waiting: list[bytes] = []
         self._urgent = False  # the event being handled is an abort
         self._before = journal.rest
+        self._before_waiting = 0
 
     def event(self, event: AnyEvent) -> bool:
-        """Write down an input; whether it may be handled. Call it before that."""
+        """Write down an input; whether it may be handled. Call it before that.
+
+        Raises RefusedEventError for one that could not be read again.
+        """
         self._urgent = isinstance(event, Aborted) and len(self._waiting) < MOST_WAITING
+        self._before_waiting = len(self._waiting)
         if not self.trouble:
             try:
                 self._before = self.journal.rest
@@ -52,6 +57,9 @@ class Recording:
 
     def take_back(self) -> None:
         """Have the last input never have been written: it is refused, and nothing came of it."""
+        if self.trouble:  # then only an abort is handled, and it waits
+            del self._waiting[self._before_waiting :]
+            return
         try:
             self.journal.take_back(self._before)
         except OSError as error:

@@ -17,6 +17,7 @@ from mission_service.commands import AnyCommand
 from mission_service.decide import decisions_alone, first_difference
 from mission_service.differences import cut, difference_of, fields_that_differ
 from mission_service.errors import JournalError, MissionServiceError
+from mission_service.events import LinesSkipped
 from mission_service.planning import BURN, FORMATION
 from mission_service.recorded import Recorded
 from mission_service.replay_fire import fire_stage
@@ -153,8 +154,13 @@ def file_stage(recorded: Recorded) -> Stage:
     except JournalError as error:
         counts["altered"] += 1
         difference = difference or str(error)
-        return Stage("file", counts, difference, note="nothing can be read from there on")
-    return Stage("file", counts, difference)
+        note = "nothing can be read from there on; run --skip-unreadable goes on without that line"
+        return Stage("file", counts, difference, note=note)
+    if not recorded.skipped:
+        return Stage("file", counts, difference)
+    counts["skipped"] = len(recorded.skipped)
+    why = "; ".join(recorded.skipped.values())
+    return Stage("file", counts, difference, note=f"skipped by a restart, as asked: {why}")
 
 
 def planner_stage(recorded: Recorded) -> Stage:
@@ -173,6 +179,14 @@ def core_stage(recorded: Recorded) -> Stage:
     expected: deque[AnyCommand] = deque()
     counts = {"events": 0, "commands": 0, "decisions": 0}
     for reader, entry in recorded.readable():
+        if not entry.sure:  # nobody knows what the core was
+            expected.clear()
+            if entry.is_event:
+                counts["events"] += 1
+                core.handle(entry.content)  # type: ignore[arg-type]
+            continue
+        if isinstance(entry.content, LinesSkipped):
+            expected.clear()
         difference = difference_of(entry, expected)
         if difference is not None:
             words = difference.replace(f"line {entry.line}", recorded.place(reader, entry), 1)

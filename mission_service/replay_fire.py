@@ -35,7 +35,11 @@ def fire_stage(recorded: Recorded) -> Stage:
 
     for reader, entry in recorded.readable():
         content = entry.content
+        if not entry.sure:  # it may have burned otherwise
+            seen = None
         match content:
+            case Observed() if not entry.sure:
+                without += not content.corrects
             case Observed(corrects=False):
                 if seen is not None:
                     differs(f"{seen[0]}: no position of {seen[1].vehicle} follows at its time")

@@ -29,7 +29,7 @@ def status_lines(record: Record, world: FireWorld) -> list[str]:
         accepted = vehicle.uploads["accepted"]
         other = vehicle.uploads.total() - accepted
         way = vehicle.direction or ("in formation" if vehicle.orders else "under way")
-        done = f"{len(vehicle.reversals):3d} reversals"
+        done = f"{vehicle.reversal_count:3d} reversals"
         if vehicle.orders:
             done = f"{vehicle.orders['Orbit']:3d} orbits"
         lines.append(

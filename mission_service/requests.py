@@ -31,6 +31,7 @@ Name = Annotated[
     ),
 ]
 VehicleName = Annotated[str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)")]
+OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -139,28 +140,31 @@ class Present(Request, frozen=True):
     """Somebody watches."""
 
 
-class Hold(Request, frozen=True):
+class OrderRequest(Request, frozen=True):
+    """An order to a vehicle; to all vehicles without a name.
+
+    ``confirmed``: even if that ends what its autopilot or pilot has chosen, a failsafe say.
+    Without it such an order is answered with a line that begins with ``confirm:``.
+    """
+
+    vehicle: VehicleName = ""
+    confirmed: bool = False
+
+
+class Hold(OrderRequest, frozen=True):
     """Loiter where it is until somebody says otherwise; all vehicles without a name."""
 
-    vehicle: VehicleName = ""
 
-
-class Resume(Request, frozen=True):
+class Resume(OrderRequest, frozen=True):
     """Fly on by the planner, after hold, return or abort."""
 
-    vehicle: VehicleName = ""
 
-
-class Return(Request, frozen=True):
+class Return(OrderRequest, frozen=True):
     """Fly home."""
 
-    vehicle: VehicleName = ""
 
-
-class Start(Request, frozen=True):
+class Start(OrderRequest, frozen=True):
     """Arm and fly the mission on board."""
-
-    vehicle: VehicleName = ""
 
 
 class Renew(Request, frozen=True):
@@ -172,14 +176,14 @@ class Renew(Request, frozen=True):
 class Accept(Request, frozen=True):
     """Let the mission of this hash go to the vehicle."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
 class Refuse(Request, frozen=True):
     """Want the mission of this hash not flown."""
 
-    vehicle: VehicleName
+    vehicle: OneVehicle
     hash: Hash
 
 
@@ -228,6 +232,7 @@ ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", 
 OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
 NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
 KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
+OF_APPROVERS = ("approve", "reject", "go", "no-go", "present", "unit")  # take the role approve
 REPLAY = "replay"
 ORDERS: dict[type[Request], events.Order] = {
     Hold: "hold",
@@ -246,8 +251,12 @@ def event_of(
     on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
     vehicles: Collection[str] | None = None,
     words: Collection[str] = KNOWN,
+    may_approve: bool | None = None,
 ) -> CrewEvent:
     """The event that a request stands for, at mission time ``at_us``.
+
+    ``may_approve``: whether its user has the role approve; None where an interface checks no names:
+    then whatever takes that role is by such a user, and nothing else.
 
     ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
     those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and
@@ -272,7 +281,7 @@ def event_of(
         raise RequestError("status is answered, it is no event")
     try:
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
-    except (msgspec.ValidationError, OverflowError) as error:
+    except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
@@ -285,7 +294,8 @@ def event_of(
     for place in _places(asked):
         if not on_map(*place):
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
-    return _event(asked, at_us)
+    approver = do in OF_APPROVERS if may_approve is None else may_approve
+    return msgspec.structs.replace(_event(asked, at_us), may_approve=approver)
 
 
 def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
@@ -336,7 +346,7 @@ def _event(asked: AnyRequest, at_us: int) -> CrewEvent:
         case Present():
             return events.Present(*who)
         case Hold() | Resume() | Return() | Start():
-            return events.Ordered(*who, asked.vehicle, ORDERS[type(asked)])
+            return events.Ordered(*who, asked.vehicle, ORDERS[type(asked)], asked.confirmed)
         case Renew():
             return events.MissionWanted(*who, asked.vehicle)
         case Accept():
@@ -371,7 +381,7 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
 def _told(request: dict[str, Any], key: str) -> str:
     try:
         return msgspec.convert(request.get(key), Name)
-    except msgspec.ValidationError:
+    except (msgspec.ValidationError, UnicodeError):
         return "unknown"
 
 

@@ -12,7 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mission_service.errors import JournalError
-from mission_service.journal import Entry, JournalReader, Rest, next_path, segment_path
+from mission_service.journal import (
+    Entry,
+    JournalReader,
+    Rest,
+    Unreadable,
+    next_path,
+    segment_path,
+)
 
 NEVER_DELETED = 2  # segments: the one being written, and the one before
 
@@ -75,18 +82,16 @@ def complete(path: Path) -> None:
         half.unlink()
 
 
-def remove(path: Path) -> None:
-    """Remove what belongs to the journal at ``path``, and that itself."""
-    everything = [*closed_segments(path).values(), *states(path), path, next_path(path)]
-    for each in everything:
-        each.unlink(missing_ok=True)
-
-
 def move(path: Path, to: Path) -> None:
-    """Give a journal another name, with all its segments. Its states are worth nothing there."""
-    for number, each in closed_segments(path).items():
+    """Give a journal another name, with all its segments and the states these begin with.
+
+    Its newest states are worth nothing there.
+    """
+    closed = closed_segments(path)
+    for number in (*closed, max(closed, default=0) + 1):
         if begin_state(path, number).exists():
             begin_state(path, number).rename(begin_state(to, number))
+    for number, each in closed.items():
         each.rename(segment_path(to, number))
     for state in states(path):
         state.unlink()
@@ -147,15 +152,30 @@ class Chain:
 
     def after(self, place: Rest) -> Iterator[tuple[JournalReader, Entry]]:
         """Each line after a place, with the segment it is in."""
+        for reader, number, body, intact in self.lines(place):
+            yield reader, reader.entry(number, body, intact)
+
+    def lines(self, place: Rest) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
+        """As ``after``, not decoded: number, body, and whether the checksum holds."""
+        for reader, here in self._places(place):
+            for line in reader.lines(here):
+                yield reader, *line
+
+    def trusted(self, place: Rest) -> Iterator[tuple[JournalReader, Entry | Unreadable]]:
+        """As ``after``; lines that were altered or cannot be read as such."""
+        for reader, here in self._places(place):
+            for entry in reader.trusted(here):
+                yield reader, entry
+
+    def _places(self, place: Rest) -> Iterator[tuple[JournalReader, Rest]]:
+        """Each segment from a place on, and where in it to begin."""
         before: JournalReader | None = None
         for reader in self.readers:
             if reader.segment < place.segment:
                 continue
             if before is not None:
                 _refuse_other(before, reader)
-            here = place if reader.segment == place.segment else reader.begin
-            for entry in reader.after(here):
-                yield reader, entry
+            yield reader, place if reader.segment == place.segment else reader.begin
             before = reader
 
 

@@ -1,12 +1,23 @@
 """One turn of the loop, the same for simulation and live flight.
 
-Journal the event, let the core handle it, journal the commands, carry them out; and let the
-camera look at the fire whenever a position arrives.
+Journal the event, let the core and all other folds have it, journal the commands, carry them out;
+and let the camera look at the fire whenever a position arrives.
+
+**Nothing in the journal can make a restart fail.** Three things see to that, for events are of two
+kinds. What people ask for is rare, and may be anything: it is tried on a copy of all folds (core,
+record, picture, interlock, missions) first, as a restart would tell it, and written down only if
+none of them raises; the copy takes some milliseconds, tens of them for a formation's maps. The fire
+is too large to be copied: it takes in what people say before anything else, wholly or not at all.
+Events of vehicles come too often to be tried: what they may say is limited by their types
+(``events.py``), and the journal refuses anything else before it is handled. If one still raises,
+that is a defect: it is taken out of the journal again, nothing of it is carried out, and the run
+ends with one line, for memory is no longer what the journal tells; started again it goes on.
 """
 
+import copy
 from collections import deque
 from collections.abc import Callable, Iterable
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -17,18 +28,22 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.burn.interlock import Interlock
 from mission_service.burn.mission import has_drop
-from mission_service.commands import Announce, AnyCommand, Drop, Level, Say, UploadMission
+from mission_service.commands import Announce, AnyCommand, Drop, Hold, Level, Say, UploadMission
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
 from mission_service.core import Core
-from mission_service.errors import NotRecordedError
+from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
+    Aborted,
     AnyEvent,
     CommandFinished,
     Contact,
+    Crew,
     CrewEvent,
     DropFinished,
     Heard,
+    HostTime,
+    LinesSkipped,
     Observed,
     Resumed,
     Telemetry,
@@ -37,15 +52,17 @@ from mission_service.events import (
 )
 from mission_service.formation.messages import AnyMessage
 from mission_service.gateway import Gateway
-from mission_service.journal import Journal
+from mission_service.journal import Journal, command_body, event_body
 from mission_service.missions_held import MissionsHeld
 from mission_service.picture import Picture
 from mission_service.record import Record
 from mission_service.recording import Recording
+from mission_service.state_file import Known, copied
 from mission_service.watched_fire import OF_FIRE, WatchedFire
 from mission_service.world import FireWorld, Window
 
 NO_BURN = "the scenario has no burn"
+HOST_TIME_EVERY_US = 1_000_000
 # What a state holds of a service; all else follows from the scenario.
 KEPT = (
     "core",
@@ -57,7 +74,7 @@ KEPT = (
     "_interlock",
     "_said_yes",
 )
-
+TRIED = tuple(name for name in KEPT if name != "fire")  # on a copy
 
 Progress = Callable[[Record, FireWorld], None]
 
@@ -101,6 +118,7 @@ class Service:
         picture: Picture | None = None,
     ) -> None:
         """``say`` tells other processes; ``picture`` is what interfaces show, if there are any."""
+        self._scenario = scenario
         self.core = core
         self.fire = WatchedFire(scenario, world)
         self.record = record
@@ -109,26 +127,45 @@ class Service:
         self._missions = MissionsHeld()
         self._owed: dict[str, Window] = {}  # corrections of the fire that a vehicle is to be told
         self._down_since_us = 0
+        self._host_time_due_us = -(2**63)
         self._gateways = gateways
         self._say = say
         self._said_yes: dict[tuple[str, str], int] = {}
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = interlock_of(scenario.burn, world.landscape)
+        self._refusals: set[str] = set()  # alarms of events that were refused
+        self.defect: RefusedEventError | None = None  # memory is not what the journal tells
 
     @property
     def world(self) -> FireWorld:
         """What burns."""
         return self.fire.world
 
+    @cached_property
+    def known(self) -> Known:
+        """What copies share."""
+        return Known(self._scenario, self.world.landscape)
+
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle what a gateway reports; ``now_us`` is the link's clock."""
+        self.clock_read(now_us)
         for event in events:
-            if isinstance(event, Telemetry):
+            if not isinstance(event, Telemetry):
+                self._handle(event, now_us)
+            elif self._is_good(event):  # before the fire burns on until then
                 observed = self.fire.look(event)
                 if observed is not None:
                     self._handle(observed, now_us)
-            if not self._handle(event, now_us) and isinstance(event, Telemetry) and self.picture:
-                self.picture.take(event, [])
+                if not self._handle(event, now_us) and self.picture:
+                    self.picture.take(event, [])
+
+    def clock_read(self, now_us: int) -> None:
+        """Handle the host's monotonic clock where people approve things: now and then."""
+        if self._interlock is None or now_us < self._host_time_due_us:
+            return
+        self._host_time_due_us = now_us + HOST_TIME_EVERY_US
+        for name in self._gateways:
+            self._handle(HostTime(self.record.at_us, name, now_us), now_us)
 
     def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
         """Handle what a vehicle of another process has said; all here hear it."""
@@ -138,19 +175,40 @@ class Service:
     def tell(self, event: CrewEvent, now_us: int) -> None:
         """Handle what a person did or said; it is in the journal, on the disk, when this returns.
 
-        Raises NotRecordedError if it cannot be, and FireModelError for what cannot be true of the
-        fire; nothing was done then. An abort is carried out whatever happens.
+        Raises NotRecordedError if it cannot be, FireModelError for what cannot be true of the fire,
+        and RefusedEventError for what cannot be handled; nothing was done then. An abort is carried
+        out whatever happens.
         """
+        self.clock_read(now_us)
+        self._try(event, now_us)
         if not self._written(event):
             raise NotRecordedError(f"not recorded: {self.recording.trouble}; nothing was done")
         try:
             window = self._told_of_fire(event)
-        except FireModelError:
+        except Exception as error:
             self.recording.take_back()
-            raise
+            if isinstance(error, FireModelError):
+                raise
+            raise _cannot(event, error) from error
         self._follow(event, now_us)
         self._owe(window)
         self._pay(event.at_us, now_us)
+
+    def _try(self, event: CrewEvent, now_us: int) -> None:
+        """Raise RefusedEventError for what would raise, here or at a restart."""
+        trial = copy.copy(self)
+        try:
+            trial.restore(copied({name: getattr(self, name) for name in TRIED}, self.known))
+            for command in trial._folded(event):
+                command_body(command)
+                trial._refused(command)
+                if trial._interlock is not None:
+                    trial._interlock.sent([command])
+        except Exception as error:
+            if isinstance(event, Aborted):  # without the core, which would lead them on
+                for name, gateway in self._gateways.items():
+                    gateway.execute(Hold(name), now_us)
+            raise _cannot(event, error) from error
 
     def _told_of_fire(self, event: CrewEvent) -> Window | None:
         """What people say of the fire, before it is written down: what cannot be is refused."""
@@ -166,21 +224,33 @@ class Service:
 
     def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """What a journal tells of before: all that follows from it but the orders."""
-        self._show(event, commands)
         self.world.advance(event.at_us)
-        self._owe(self.fire.past(event, commands))
+        window = self.fire.past(event, commands)
         if isinstance(event, OF_FIRE) and self.picture is not None:
             self.picture.fire_changed()
-        elif isinstance(event, Observed) and event.corrects:
+        self._show(event, commands)
+        self._owe(window)
+        if isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
         if self._interlock is not None:
             self._interlock.take(event)
             self._interlock.sent(commands)
 
-    def go_on(self, missing: Iterable[AnyCommand], event: Resumed, now_us: int) -> None:
-        """After the past: write down the last commands that the journal lacks, and handle this."""
+    def go_on(
+        self,
+        missing: Iterable[AnyCommand],
+        event: Resumed,
+        now_us: int,
+        skipped: LinesSkipped | None = None,
+    ) -> None:
+        """After the past: write down the last commands that the journal lacks, and handle this.
+
+        ``skipped`` are lines of the journal that were left out of the past.
+        """
         self.recording.commands(list(missing))
         self.record.news.clear()  # told before
+        if skipped is not None:
+            self._handle(skipped, now_us)
         self._begin_again(event, now_us)
 
     def _begin_again(self, event: Resumed, now_us: int) -> None:
@@ -204,7 +274,7 @@ class Service:
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Have a state again."""
-        for name in KEPT:
+        for name in kept:
             setattr(self, name, kept[name])
 
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
@@ -234,23 +304,52 @@ class Service:
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
         """One turn; whether there was one. What is not written down did not happen."""
-        if not self._written(event):
+        if not self._is_good(event) or not self._written(event):
             return False
         self._follow(event, now_us)
         return True
 
+    def _is_good(self, event: AnyEvent) -> bool:
+        """Whether an event may be written down; else there is an alarm until one of its kind is."""
+        try:
+            event_body(event)
+        except RefusedEventError as error:
+            self._refuse(event, str(error))
+            return False
+        if self._refusals and self.picture is not None:
+            key = _alarm_of(event)
+            self._refusals.discard(key)
+            self.picture.clear(key)
+        return True
+
+    def _refuse(self, event: AnyEvent, why: str) -> None:
+        key = _alarm_of(event)
+        if key in self._refusals:
+            return
+        name = "service" if isinstance(event, Crew) else event.vehicle
+        self._refusals.add(key)
+        self.announce(name, f"not used: {why}")
+        if self.picture is not None:
+            self.picture.alarm(key, f"{name}: {why}", "warning", name)
+
     def _written(self, event: AnyEvent) -> bool:
+        if self.defect is not None:
+            raise self.defect
         if not self.recording.trouble:
             self._down_since_us = event.at_us
         return self.recording.event(event)
 
     def _follow(self, event: AnyEvent, now_us: int) -> None:
-        commands = self.core.handle(event)
-        may_act = self.recording.commands(commands)
-        self._show(event, commands)
-        self.fire.happened(event)
-        if self._interlock is not None:
-            self._interlock.take(event)
+        try:
+            commands = self._folded(event)
+            self.fire.happened(event)
+            may_act = self.recording.commands(commands)
+        except OSError:  # the journal of a simulation
+            raise
+        except Exception as error:
+            self.recording.take_back()
+            self.defect = _cannot(event, error)
+            raise self.defect from error
         for command in commands if may_act else ():
             if isinstance(command, Say):
                 self._say(command.message)
@@ -263,6 +362,14 @@ class Service:
                 self._interlock.sent([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
+
+    def _folded(self, event: AnyEvent) -> list[AnyCommand]:
+        """All folds but the fire take in an event; the commands that the core answers with."""
+        commands = self.core.handle(event)
+        self._show(event, commands)
+        if self._interlock is not None:
+            self._interlock.take(event)
+        return commands
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         if isinstance(event, CommandFinished) and event.accepted:
@@ -285,3 +392,19 @@ class Service:
             reason = "interlock: something in it may drop"
             return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
         return None
+
+
+def _alarm_of(event: AnyEvent) -> str:
+    name = "" if isinstance(event, Crew) else event.vehicle
+    return f"refused/{name}/{type(event).__name__}"
+
+
+def _cannot(event: AnyEvent, error: Exception) -> RefusedEventError:
+    if isinstance(error, RefusedEventError):
+        return error
+    at_s, what = event.at_us / 1e6, type(event).__name__
+    why = " ".join(f"{type(error).__name__}: {error}".split())
+    return RefusedEventError(
+        f"{what} at {at_s:.3f} s cannot be handled, and was not: {why}; "
+        "this is a defect, please report it"
+    )

@@ -15,7 +15,7 @@ import platform
 import zlib
 from collections.abc import Iterator
 from dataclasses import fields
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from firemodel.landscape import Landscape
 from mission_service.config import Scenario
 from mission_service.errors import StateError
 from mission_service.journal import Rest
+from mission_service.private_files import opened
 
 FORMAT = 1
 OURS = ("mission_service", "firemodel", "autopilot_bridge")
@@ -66,8 +67,17 @@ class Known:
             **dict(_parts("scenario", scenario)),
         }
         self.name_of = {id(thing): name for name, thing in self.by_name.items()}
-        self.scenario = digest_of(scenario)
-        self.landscape = landscape.digest()
+        self._of = (scenario, landscape)
+
+    @cached_property
+    def scenario(self) -> str:
+        """The digest of the scenario."""
+        return digest_of(self._of[0])
+
+    @cached_property
+    def landscape(self) -> str:
+        """The digest of the landscape."""
+        return self._of[1].digest()
 
 
 def _parts(name: str, thing: object) -> Iterator[tuple[str, object]]:
@@ -194,8 +204,7 @@ def write(path: Path, frozen: Frozen, rest: Rest) -> None:
     )
     half = path.with_name(f"{path.name}.half")
     try:
-        half.touch(0o600)
-        with half.open("wb") as file:
+        with os.fdopen(opened(half, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as file:
             file.write(msgspec.json.encode(header) + b"\n")
             file.write(packed)
             file.flush()
@@ -218,7 +227,7 @@ def _sync_folder(folder: Path) -> None:
 def header_of(path: Path, known: Known) -> Header:
     """What a state says of itself. Raises StateError if it cannot be used here."""
     try:
-        with path.open("rb") as file:
+        with os.fdopen(opened(path, os.O_RDONLY), "rb") as file:
             _refuse_others(path, os.fstat(file.fileno()))
             header = msgspec.json.decode(file.readline(), type=Header)
     except OSError as error:
@@ -255,6 +264,16 @@ def read(path: Path, known: Known) -> dict[str, Any]:
         at += length
     objects: dict[str, Any] = _Unpickler(io.BytesIO(parts[0]), known, parts[1:]).load()
     return objects
+
+
+def copied(objects: dict[str, Any], known: Known) -> dict[str, Any]:
+    """Deep copies; what is known is shared. What they share stays shared."""
+    pickled, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
+    _Pickler(pickled, known, buffers).dump(objects)
+    pickled.seek(0)
+    copies = [bytearray(each.raw()) for each in buffers]
+    again: dict[str, Any] = _Unpickler(pickled, known, copies).load()
+    return again
 
 
 def thawed(frozen: Frozen) -> dict[str, Any]:

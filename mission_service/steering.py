@@ -5,19 +5,37 @@ The core flies by this, and ``decide`` runs it alone on a journal.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from firemodel.landscape import Landscape
-from mission_service.commands import Decided
+from mission_service.commands import (
+    AnyCommand,
+    ClimbAndHold,
+    Decided,
+    Hold,
+    Orbit,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config import Scenario
 from mission_service.events import (
+    SERVICE,
+    CommandFinished,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    FixTold,
     LinkLost,
     LinkRestored,
     ModeChanged,
     Observed,
+    Order,
+    Ordered,
+    SystemStateChanged,
     Telemetry,
+    UploadFinished,
     VehicleConnected,
     VehicleEvent,
     VehicleRebooted,
@@ -27,6 +45,28 @@ from mission_service.planners.protocol import Decision, Planner, Steered
 
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")  # by the bridge's names of modes
+MISSION = "mission"
+# Modes that our commands lead to, by the bridge's names: any other change of mode in flight was
+# made by the autopilot or by its pilot. During an upload ArduPilot is ordered to hold, and PX4
+# holds when it finds the new mission unfit.
+LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
+    StartMission: (MISSION, "guided", "takeoff", "ready"),
+    UploadMission: (MISSION, "hold"),
+    Hold: ("hold", "guided"),
+    Return: ("return",),
+    Orbit: ("guided", "orbit", "hold"),
+    ClimbAndHold: ("guided", "hold"),
+}
+ANSWERS: dict[str, type[AnyCommand]] = {
+    "start mission": StartMission,
+    "hold": Hold,
+    "return": Return,
+    "orbit": Orbit,
+    "climb and hold": ClimbAndHold,
+}
+UNANSWERED_S = 60.0  # an unanswered command may still change the mode for so long
+TAKES_EFFECT_S = 5.0  # and an answered one for so long after its answer
+FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +93,68 @@ class Presence:
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
     mode: str = ""  # as told last
+    armed: bool = False
+    mode_is_ordered: bool = True  # False: its autopilot or its pilot chose the mode
+    held_by_upload: bool = False  # nothing but an upload explains why it holds
+    system_state: str = ""  # HEARTBEAT.system_status
+    fence_breached: bool = False
+    fix_good: bool = True
+    estimator_healthy: bool = True
     here: Here | None = None
+    expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
+
+    @property
+    def position_good(self) -> bool:
+        """Whether its positions are measured: a fix in three dimensions, a healthy estimator."""
+        return self.fix_good and self.estimator_healthy
+
+    @property
+    def in_failsafe(self) -> bool:
+        """Whether its autopilot reports a failsafe or a breached fence."""
+        return self.system_state in FAILSAFE_STATES or self.fence_breached
+
+    @property
+    def taken_over(self) -> bool:
+        """Its autopilot or its pilot chose the mode: only an operator's order may change it."""
+        return self.armed and not self.mode_is_ordered
 
     @property
     def flies(self) -> bool:
-        """Heard, in the air and not on its way home."""
-        return self.online and self.airborne and not self.recalled
+        """Online, in the air at a measured position, in a mode that was ordered, not homebound."""
+        counted_on = self.online and self.airborne and not self.recalled
+        return counted_on and self.position_good and not self.taken_over
+
+    def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
+        """The kinds of commands under way that lead to this mode."""
+        kinds = [kind for kind in self.expected_until_s if self.is_expected(kind, at_s)]
+        return {kind for kind in kinds if mode in LEADS_TO[kind]}
+
+    def is_expected(self, kind: type[AnyCommand], at_s: float) -> bool:
+        """Whether a command of this kind may still take effect."""
+        return at_s <= self.expected_until_s.get(kind, -math.inf)
+
+    def answered(self, kind: type[AnyCommand], at_s: float) -> None:
+        """A command was answered: its change of mode comes soon or not at all."""
+        if kind in self.expected_until_s:
+            self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
+
+    def restart(self) -> None:
+        """Its autopilot was restarted: what it does now it has chosen itself.
+
+        Its mode is the one it had until it reports another; a watchdog restarts it in flight too.
+        """
+        ordered = self.mode_is_ordered and not self.airborne
+        fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
+        fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
+        for each in fields(self):
+            setattr(self, each.name, getattr(fresh, each.name))
+
+    def needs_confirmation(self, order: Order) -> bool:
+        """Whether an order would take the vehicle out of what its autopilot or pilot chose."""
+        if not (self.armed and self.airborne):
+            return False
+        chosen = self.taken_over or (self.in_failsafe and self.mode in GOING_HOME)
+        return chosen and (order != "return" or self.mode == "land")
 
 
 class Steering:
@@ -94,11 +190,24 @@ class Steering:
                 presence.online = False
                 self.planners[name].left(at_s)
             case VehicleRebooted():
-                presence.airborne = presence.recalled = False
-                presence.mode = ""
+                self.presence[name].restart()
                 self.planners[name].left(at_s)
             case ModeChanged():
-                self._mode_changed(name, event.mode, event.armed, at_s)
+                self._mode_changed(presence, event)
+            case CommandFinished() if event.command in ANSWERS:
+                presence.answered(ANSWERS[event.command], at_s)
+            case UploadFinished():
+                presence.answered(UploadMission, at_s)
+            case SystemStateChanged():
+                presence.system_state = event.state
+                self._look_for_failsafe(name, at_s)
+            case FenceStatusChanged():
+                presence.fence_breached = event.breached
+                self._look_for_failsafe(name, at_s)
+            case FixTold():
+                self._measured(name, at_s, fix_good=event.good)
+            case EstimatorStatusChanged():
+                self._measured(name, at_s, estimator_healthy=event.healthy)
             case _:
                 pass
         return None
@@ -108,16 +217,76 @@ class Steering:
         self.presence[name].recalled = True
         self.planners[name].left(at_s)
 
-    def _mode_changed(self, name: str, mode: str, armed: bool, at_s: float) -> None:
+    def sent(self, command: AnyCommand, at_s: float) -> None:
+        """Note a command that leaves: the modes that it leads to are expected from now on."""
+        if type(command) in LEADS_TO:
+            presence = self.presence[command.vehicle]
+            presence.expected_until_s[type(command)] = at_s + UNANSWERED_S
+
+    def admits(self, name: str, event: Ordered) -> bool:
+        """Whether an order is carried out; if so, it ends what autopilot or pilot chose."""
         presence = self.presence[name]
-        presence.mode = mode
-        if not armed:
-            presence.airborne = presence.recalled = False
+        if event.by == SERVICE and not presence.flies:
+            return False
+        if presence.needs_confirmation(event.order) and not event.confirmed:
+            return False
+        presence.mode_is_ordered = True
+        return True
+
+    def _mode_changed(self, presence: Presence, event: ModeChanged) -> None:
+        at_s, before = event.at_us / 1e6, (presence.mode, presence.armed)
+        presence.mode, presence.armed = event.mode, event.armed
+        if not event.armed:
+            presence.airborne = presence.recalled = presence.held_by_upload = False
+            presence.mode_is_ordered = True
+            presence.expected_until_s.clear()
+            self.planners[event.vehicle].left(at_s)
+        elif event.mode == MISSION:  # from here on it is led again, whoever sent it there
+            presence.recalled = presence.held_by_upload = False
+            presence.mode_is_ordered = True
+        else:
+            changed = (event.mode, event.armed) != before
+            if changed:
+                self._mode_chosen(presence, event, armed_now=not before[1])
+            if event.mode in GOING_HOME and presence.airborne:
+                self.recall(event.vehicle, at_s)
+            elif changed and presence.taken_over:
+                self.planners[event.vehicle].left(at_s)
+
+    def _mode_chosen(self, presence: Presence, event: ModeChanged, armed_now: bool) -> None:
+        """The mode of an armed vehicle, other than its mission: one that was ordered, or not."""
+        at_s = event.at_us / 1e6
+        leading = presence.leading_to(event.mode, at_s)
+        arms = armed_now and not presence.airborne and event.mode not in GOING_HOME
+        if arms and presence.is_expected(StartMission, at_s):
+            leading.add(StartMission)  # it arms first, in the mode in which it stands
+        presence.held_by_upload = leading == {UploadMission}
+        presence.mode_is_ordered = bool(leading)
+        self._look_for_failsafe(event.vehicle, at_s)
+
+    def _look_for_failsafe(self, name: str, at_s: float) -> None:
+        """A vehicle that holds during an upload, and reports a failsafe, holds because of that."""
+        presence = self.presence[name]
+        if presence.held_by_upload and presence.in_failsafe:
+            presence.mode_is_ordered = presence.held_by_upload = False
             self.planners[name].left(at_s)
-        elif mode in GOING_HOME and presence.airborne:
-            self.recall(name, at_s)
-        elif mode == "mission":  # somebody has sent it back to its mission
-            presence.recalled = False
+
+    def _measured(
+        self,
+        name: str,
+        at_s: float,
+        fix_good: bool | None = None,
+        estimator_healthy: bool | None = None,
+    ) -> None:
+        """Whether positions are measured from now on; dead reckoning is nothing to decide by."""
+        presence = self.presence[name]
+        was_good = presence.position_good
+        if fix_good is not None:
+            presence.fix_good = fix_good
+        if estimator_healthy is not None:
+            presence.estimator_healthy = estimator_healthy
+        if was_good and not presence.position_good:
+            self.planners[name].left(at_s)
 
     def _moved(self, presence: Presence, told: Telemetry) -> Decision | None:
         x_m, y_m = self._landscape.xy_of_lat_lon(told.lat_deg, told.lon_deg)

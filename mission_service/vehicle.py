@@ -11,6 +11,7 @@ from autopilot_bridge.items import MissionItem
 from mission_service.commands import Announce, AnyCommand
 from mission_service.config_sections import VehicleSection
 from mission_service.events import CrewEvent, VehicleEvent
+from mission_service.landing import Landing
 from mission_service.planners.protocol import Decision
 from mission_service.steering import Here, Presence
 
@@ -24,6 +25,16 @@ class Pending:
     mission_id: int
     line: shapely.LineString
     takes_off: bool = False  # whether it begins with a takeoff
+    due: str = ""  # why it was due at once, when it was planned
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A proposed mission that an operator has refused: none like it is proposed again."""
+
+    by: str
+    due: str  # why it was due at once, if it was
+    line: shapely.LineString
 
 
 @dataclass
@@ -31,7 +42,7 @@ class Doubt:
     """What was so when the service went down, and may be otherwise now."""
 
     pending: Pending | None
-    recalled: bool
+    recalled: bool  # it was ordered home
     starting: bool
     resumed: bool = False  # by a person, since: it is started when its mission is known
 
@@ -43,18 +54,22 @@ class Vehicle:
     section: VehicleSection
     presence: Presence
     home_m: tuple[float, float]
-    landing: tuple[MissionItem, ...] = ()
+    landing: Landing  # of its missions
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
     holding: bool = False
     ordered: Literal["", "hold"] = ""  # by a person
     hold_again_at_s: float | None = None  # until its autopilot has said yes
+    waits_for_crew: bool = False  # it has flown: on the ground only an operator's order starts it
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
     going_home: bool = False  # led there, because its time in the air is nearly over
     sent_home: bool = False
     pending: Pending | None = None
+    proposed: Pending | None = None  # waits for an operator's approval
+    refusal: Refusal | None = None
+    text_at_s: float | None = None  # its autopilot's last warning that stands as an alarm
     flown_line: shapely.LineString | None = None  # of the mission on board that can be trusted
     takes_off: bool = False  # by its mission, and has not gone on to the next item
     uploaded_at_s: float = -1e9
@@ -63,6 +78,7 @@ class Vehicle:
     mode: str = ""  # as told last
     accepted: Pending | None = None  # the mission that its autopilot has said yes to last
     start_under_way: bool = False
+    start_told: bool = False  # that its mission was started, and nothing has ended that since
     doubt: Doubt | None = None  # since the service was down, until its mission was read back
     read_back: Literal["", "same", "new", "unknown"] = ""
 
@@ -70,6 +86,16 @@ class Vehicle:
     def name(self) -> str:
         """By the scenario."""
         return self.section.name
+
+    @property
+    def awaits_mission(self) -> bool:
+        """Whether a mission is on its way to it, or waits for an operator's approval."""
+        return self.pending is not None or self.proposed is not None
+
+    def end_intentions(self) -> None:
+        """What was to be ordered again, or once something else is done, is not any more."""
+        self.start_again_at_s = self.return_again_at_s = None
+        self.holding = self.start_under_way = False
 
 
 class Leader(Protocol):

@@ -15,11 +15,14 @@ from mission_service.events import (
     CrewEvent,
     DropFinished,
     Erased,
+    EstimatorStatusChanged,
+    FixTold,
     Lit,
     Observed,
     Redone,
     Telemetry,
     Undone,
+    VehicleRebooted,
     WindTold,
 )
 from mission_service.world import FireWorld, Window, camera_of
@@ -37,15 +40,23 @@ class WatchedFire:
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
         }
         self._due_us = dict.fromkeys(self._cameras, 0)
+        self._lacking: dict[str, set[str]] = {name: set() for name in self._cameras}
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def look(self, here: Telemetry) -> Observed | None:
-        """What a vehicle's camera sees from here, if it takes a picture now."""
-        if here.at_us < self._due_us[here.vehicle]:
-            return None
+        """What a vehicle's camera sees from here, if it takes a picture now.
+
+        Nothing while the vehicle's position is not measured: what it saw would be put elsewhere.
+        """
+        return self.seen_from(here) if self._is_due(here) else None
+
+    def _is_due(self, here: Telemetry) -> bool:
+        """Whether a picture is taken from here; the next one is due a while later."""
+        if self._lacking[here.vehicle] or here.at_us < self._due_us[here.vehicle]:
+            return False
         self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
-        return self.seen_from(here)
+        return True
 
     def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
         """What a vehicle's camera would see from here, its footprint so much wider."""
@@ -61,8 +72,14 @@ class WatchedFire:
         return self.world.told(event)
 
     def happened(self, event: AnyEvent) -> None:
-        """What people light and spheres that fell burn in the simulated fire too."""
-        if isinstance(event, Lit):
+        """Follow an event: ground that is lit, spheres that fell, positions no longer measured."""
+        if isinstance(event, FixTold):
+            self._note(event.vehicle, "fix", event.good)
+        elif isinstance(event, EstimatorStatusChanged):
+            self._note(event.vehicle, "estimator", event.healthy)
+        elif isinstance(event, VehicleRebooted):
+            self._lacking[event.vehicle].clear()
+        elif isinstance(event, Lit):
             self.world.advance(event.at_us)  # else it would burn from when somebody last looked
             self.world.light(event.points, event.lit_at_us / 1e6)
         elif isinstance(event, DropFinished):
@@ -70,12 +87,21 @@ class WatchedFire:
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
 
+    def _note(self, vehicle: str, what: str, good: bool) -> None:
+        lacking = self._lacking[vehicle]
+        if good:
+            lacking.discard(what)
+        else:
+            lacking.add(what)
+
     def past(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
         """What a journal tells of before; the window that burns otherwise."""
         found = None
         if isinstance(event, OF_FIRE):
             with contextlib.suppress(FireModelError):  # killed before it was taken back
                 found = self.told(event)
+        elif isinstance(event, Telemetry):
+            self._is_due(event)
         self.happened(event)
         for command in commands:
             self.ordered(command)

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from mission_service.commands import Severity
 from mission_service.distance import M_PER_DEG
-from mission_service.picture import Picture, Severity, TelemetryState
+from mission_service.picture import Picture, TelemetryState
 from mission_service.steering import AIRBORNE_M
 
 LATE_US, LATE_SEVERE_US = 500_000, 3_000_000

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot_bridge.link import parse_link
 from autopilot_bridge.signing import read_key
 from firemodel.fire import Fire
 from firemodel.landscape import Landscape
@@ -22,6 +21,7 @@ from mission_service.corrected_fire import CorrectedFire
 from mission_service.errors import ScenarioError
 from mission_service.events import CrewEvent, Observed, Telemetry
 from mission_service.fire_setup import begun_again, cells_lit, fire_of, landscape_of
+from mission_service.shared_links import sharing
 
 AROUND_CELLS = 3  # of a change that people are told of, so that its edge is seen
 
@@ -184,8 +184,8 @@ def check(scenario: Scenario) -> dict[str, object]:
     """Everything a scenario names, loaded; raises what is wrong with it."""
     landscape = landscape_of(scenario)
     fire_of(scenario, landscape)
+    sharing(scenario.vehicles)
     for vehicle in scenario.vehicles:
-        parse_link(vehicle.link)
         if vehicle.signing_key is not None:
             read_key(vehicle.signing_key)
         x_m, y_m = landscape.xy_of_lat_lon(vehicle.home_lat_deg, vehicle.home_lon_deg)

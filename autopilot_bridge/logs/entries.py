@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from autopilot_bridge.client_events import (
+    ClockChanged,
     Connected,
     ItemReached,
     LinkLost,
@@ -66,6 +67,7 @@ LogEvent = (
     | LinkLost
     | LinkRestored
     | Rebooted
+    | ClockChanged
     | TelemetryEvent
     | MissionProgress
     | ItemReached

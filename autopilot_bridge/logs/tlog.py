@@ -3,20 +3,24 @@
 Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
 ``autopilot_bridge/tlog.py`` write them; MAVProxy keeps the number of the link in the lowest two
 bits. Only frames whose checksum is right are believed. Of other dialects' messages the length is,
-if another record follows.
+if another record follows. Where a simulator was faster or slower than the recorder's clock, time
+goes on as the autopilots' time since boot (``boot_time.py``).
 """
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import ClientEvent
+from autopilot_bridge.bounds import list_out_of_bounds, out_of_bounds
+from autopilot_bridge.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.codec import Codec, Message, item_of
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.framing import STARTS, frame_length, is_known, message_id_of, source_of
 from autopilot_bridge.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
@@ -39,6 +43,8 @@ LINK_BITS = 3
 NO_RECORD = "no record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
 MOST_FILE_BYTES = 4_000_000
+POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+MOST_SURVEYED = 30_000  # records, for the rate of the autopilots' clocks
 _OTHERS = (
     "HEARTBEAT",
     "MISSION_CURRENT",
@@ -77,6 +83,23 @@ class TlogLog:
         """From the beginning; a vehicle that is not heard for three seconds has lost its link."""
         codec, seen = Codec(255, 0), dict[int, _Seen]()
         missions = _Missions()
+        time = FlightTime(rate_of(TlogLog(self.path)._samples()))
+        for frame, stamp_us in self._frames():
+            decoded = codec.decode_frames([frame])
+            if not decoded:
+                continue
+            message, (system_id, component_id) = decoded[0], source_of(frame)
+            own = component_id == AUTOPILOT
+            at_us = time.at(stamp_us, system_id, _boot_us(message) if own else None)
+            yield from missions.receive(message, at_us, seen)
+            if own:
+                if system_id not in seen:
+                    seen[system_id] = _Seen()
+                for event in seen[system_id].receive(message, at_us):
+                    yield Entry(system_id, event)
+
+    def _frames(self) -> Iterator[tuple[bytes, int]]:
+        """Frames of messages that are wanted, with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
@@ -88,16 +111,22 @@ class TlogLog:
             if latest_us is None or not -LEAP_US <= at_us - latest_us <= LEAP_US:
                 at_us = _steady(at_us, latest_us, data[at + length : at + length + STAMP_BYTES])
             latest_us = at_us
-            decoded = codec.decode_frames([frame])
-            if not decoded:
+            yield frame, at_us
+
+    def _samples(self) -> Iterator[Sample]:
+        """Where autopilots' clocks are, in the first records; it ends where they say little."""
+        codec = Codec(255, 0)
+        for frame, stamp_us in islice(self._frames(), MOST_SURVEYED):
+            system_id, component_id = source_of(frame)
+            if message_id_of(frame) != POSITION or component_id != AUTOPILOT:
                 continue
-            message, (system_id, component_id) = decoded[0], source_of(frame)
-            yield from missions.receive(message, at_us, seen)
-            if component_id == AUTOPILOT:
-                if system_id not in seen:
-                    seen[system_id] = _Seen()
-                for event in seen[system_id].receive(message, at_us):
-                    yield Entry(system_id, event)
+            for message in codec.decode_frames([frame]):
+                yield system_id, stamp_us, message.time_boot_ms * 1000
+
+
+def _boot_us(message: Message) -> int | None:
+    boot_ms: int | None = getattr(message, "time_boot_ms", None)
+    return None if boot_ms is None else boot_ms * 1000
 
 
 def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
@@ -166,7 +195,7 @@ class _Seen:
                 events += self.watch.receive(whole, at_us)
         else:
             events += self.watch.receive(message, at_us)
-        return events  # type: ignore[return-value]
+        return [event for event in events if not isinstance(event, LinkAlarm | AlarmEnded)]  # type: ignore[misc]
 
 
 def _outputs(message: Message, at_us: int) -> Outputs:
@@ -197,7 +226,7 @@ class _Missions:
             case "MISSION_COUNT":
                 self._coming[ways], self._count[ways] = {}, message.count
             case "MISSION_ITEM_INT" | "MISSION_ITEM" if ways in self._coming:
-                if message.seq < self._count[ways]:
+                if message.seq < self._count[ways] and out_of_bounds(message) is None:
                     self._coming[ways][message.seq] = _item(message)
             case "MISSION_ACK" if message.type == mavlink.MAV_MISSION_ACCEPTED:
                 return self._complete(ways[::-1], at_us, seen)
@@ -223,6 +252,8 @@ class _Missions:
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
             except BridgeError:  # broken off: the vehicle has not taken it either
+                return []
+            if list_out_of_bounds(items):
                 return []
             hidden = seen[ways[0]].watch.hidden_items
             return [Entry(ways[0], MissionLoaded(at_us, tuple(items[hidden:])))]

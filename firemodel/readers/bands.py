@@ -13,6 +13,7 @@ from pyproj import CRS
 
 from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape, check_crs, crs_label
+from firemodel.readers.formats import OFFLINE, raster_driver
 
 Mask = NDArray[np.bool_]
 
@@ -90,7 +91,7 @@ def bands_of(path: Path) -> tuple[Band, ...]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # told by ``grid_problem``
-            with rasterio.open(path) as file:
+            with rasterio.Env(**OFFLINE), rasterio.open(path, driver=raster_driver(path)) as file:
                 crs = file.crs.to_string() if file.crs else None  # slow: looks for a code
                 return tuple(
                     Band(
@@ -149,7 +150,7 @@ def values_of(band: Band) -> NDArray[Any]:
     from rasterio.errors import RasterioError
 
     try:
-        with rasterio.open(band.path) as file:
+        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
             values: NDArray[Any] = file.read(band.number)
     except RasterioError as error:
         raise FireModelError(f"{band.path}: cannot be read as a raster ({_line(error)})") from None
@@ -168,7 +169,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
         if value is not None and not math.isnan(value):
             missing |= values == values.dtype.type(value) if _fits(value, values) else False
     if band.masked:
-        with rasterio.open(band.path) as file:
+        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
             missing |= file.read_masks(band.number) == 0
     return missing
 

@@ -18,6 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape, crs_label
 from firemodel.readers.bands import check_file, refuse
+from firemodel.readers.formats import OFFLINE, check_shapes
 
 Record = dict[str, Any]
 
@@ -59,6 +60,8 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
             f"{path}: the .shx file that belongs to it is missing; copy all files of the "
             "Shapefile (.shp, .shx, .dbf, .prj) into one folder"
         )
+    check_shapes(path)
+    pyogrio.set_gdal_config_options(OFFLINE)
     shapes: list[BaseGeometry] = []
     names: set[str | None] = set()
     try:

@@ -100,7 +100,7 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
     _serve_page(app, page)
     http = hub.settings.http
     hosts = () if http is None else (http.host, *http.hosts)
-    return Application(Guard(app, tokens, hosts, api.streams.now_s), app, api)
+    return Application(Guard(app, tokens, hosts, api.streams.now_s, api.abort), app, api)
 
 
 def routes_of(app: FastAPI) -> list[APIRoute]:

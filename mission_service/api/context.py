@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from typing import Any, TypeVar
+from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
@@ -18,7 +19,6 @@ from mission_service.planning import BURN
 from mission_service.requests import NOT_OF_BURNS, OF_BURNS, REPLAY
 
 MOST_THREADS = 2  # at once: those who look must not slow down those who fly
-ABORT_WAITS_S = 0.5  # for a body that says who it is
 
 Result = TypeVar("Result")
 
@@ -35,6 +35,7 @@ class Api:
         self.forecasts = forecasts_of(hub)
         self.tiles = TerrainTiles(hub.landscape)
         self._threads = asyncio.Semaphore(MOST_THREADS)
+        self.uploads = asyncio.Semaphore(1)  # read at once
 
     def close(self) -> None:
         """Give up what is being worked out."""
@@ -61,14 +62,12 @@ class Api:
                 raise ApiError(422, f"{do}: unknown key {key}: the address says it")
         return answer(self.desk(request.state.who, {**wanted, **named, "do": do}))
 
-    async def abort(self, request: Request) -> Response:
-        """Stop at once, whatever else the request says."""
-        try:
-            async with asyncio.timeout(ABORT_WAITS_S):
-                wanted = await asked(request)
-        except (ApiError, TimeoutError):
-            wanted = {}
-        who: Who = request.state.who
+    def abort(self, who: Who, query_string: bytes) -> dict[str, Any]:
+        """Stop at once; the answer. Nothing is waited for, so a body cannot say who asks.
+
+        ``query_string``: ``by`` and ``station``, where a token leaves them open. Raises ApiError.
+        """
+        wanted = dict(parse_qsl(query_string.decode("latin-1")))
         by = who.name if self.tokens.named else wanted.get("by", who.name)
         station = who.station or wanted.get("station", "") or self._only_station()
         found = self.hub.desk.ask({"do": "abort", "by": by, "station": station})
@@ -77,12 +76,13 @@ class Api:
             if self.hub.replay is not None:
                 raise ApiError(409, str(found["error"]))
             raise ApiError(507, str(found["error"]))  # an abort is refused for nothing else
-        return answer(found)
+        return found
 
     def desk(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:
         """The desk's answer. Raises ApiError for what it refuses."""
         given = {**wanted, **self._who_asks(who, wanted)}
-        found = self.hub.desk.ask(given)
+        may_approve = who.may("approve") if self.tokens.named else None
+        found = self.hub.desk.ask(given, may_approve)
         self.hub.ring()
         if not found["ok"]:
             if self.hub.service.recording.trouble:

@@ -46,7 +46,7 @@ class Needs:
     def __init__(self, role: Role | None) -> None:
         self.role = role
 
-    def __call__(self, request: Request) -> None:
+    async def __call__(self, request: Request) -> None:
         if self.role is None:
             return
         who = request.state.who

@@ -11,10 +11,12 @@ from mission_service.api import examples
 from mission_service.api.answers import ApiError, answer, body_of, encode
 from mission_service.api.context import Api
 from mission_service.api.described import V1, body, file, json, route, struct
-from mission_service.api.perimeter import corrections_of
+from mission_service.api.perimeter import read_aside
 from mission_service.api.states import Told
 from mission_service.maps import fronts, overlay, perimeters_out
-from mission_service.maps.perimeters_in import LARGEST_BYTES, read_perimeter
+from mission_service.maps.mercator import outline_of
+from mission_service.maps.perimeter_worker import Job
+from mission_service.maps.perimeters_in import LARGEST_BYTES
 from mission_service.planning import BURN
 
 GEOJSON = "application/geo+json"
@@ -174,7 +176,8 @@ def _pictures(routes: APIRouter, api: Api) -> None:
 
 def _words(routes: APIRouter, api: Api) -> None:
     """What people say of fire and wind."""
-    corrected = struct(Told, {**examples.TOLD, "event": "Corrected"})
+    areas = {"burned_ha_before": 329.4, "burned_ha_after": 331.2}
+    corrected = struct(Told, {**examples.TOLD, "event": "Corrected", "said": [], **areas})
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(
@@ -234,19 +237,19 @@ def _words(routes: APIRouter, api: Api) -> None:
         request: Request, file_name: Annotated[str, Query(max_length=200)] = "the upload"
     ) -> Response:
         data = await body_of(request, LARGEST_BYTES)
-        read = partial(read_perimeter, data, file_name, api.hub.landscape)
-        found = await api.aside(read)
-        wanted = await api.aside(partial(corrections_of, found))
+        outline = [(float(lon), float(lat)) for lon, lat in outline_of(api.hub.landscape)]
+        async with api.uploads:
+            found = await read_aside(Job(data, file_name, outline))
         told: list[dict[str, Any]] = []
-        for each in wanted:
+        for each in found.wanted:
             try:
                 told.append(api.desk(request.state.who, each))
             except ApiError as error:
-                place = f"outline {len(told) + 1} of {len(wanted)}"
+                place = f"outline {len(told) + 1} of {len(found.wanted)}"
                 words = f"{place}: {error}; those before it were taken"
                 raise ApiError(error.status, words if told else str(error)) from None
             await asyncio.sleep(0)  # others have their turn
-        return answer({"perimeter": await api.aside(found.geojson), "told": told})
+        return answer({"perimeter": found.perimeter, "told": told})
 
     @routes.post(
         f"{V1}/wind",

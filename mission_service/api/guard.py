@@ -1,7 +1,10 @@
 """What stands before all routes: who calls from where, how often, how much, how slowly.
 
 Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
-tokens, rates, numbers at once. An abort of a valid token passes all limits.
+tokens, rates, numbers at once. Those without a token share a few places, so that they take none
+from others. An abort of a valid token passes all limits and is done here, on its headers; whether
+the service lives is told to anybody at any time. Bodies are read here too, before anything else is
+waited for: a request that came whole is done though its client has closed the connection meanwhile.
 """
 
 import asyncio
@@ -12,15 +15,25 @@ from typing import Any
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from mission_service.api.answers import MOST_PERIMETER_BYTES, ApiError, error_body
+from mission_service.api.answers import (
+    MOST_BODY_BYTES,
+    MOST_PERIMETER_BYTES,
+    ApiError,
+    error_body,
+)
 from mission_service.api.auth import LONGEST_TOKEN, Tokens, Who
-from mission_service.api.limits import Buckets
+from mission_service.api.callers import client_at
+from mission_service.api.limits import Buckets, Places
 from mission_service.api.live import MOST_STREAMS, TooSlowError
 
-ABORT = "/api/v1/abort"
+ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
+BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
-MOST_AT_ONCE = 64 + MOST_STREAMS  # requests under way, live streams among them
-SEND_WITHIN_S = 30.0  # who does not read for so long is cut off
+HEALTH = ("/healthz", "/readyz")
+# Requests under way: of those with a token what reads (live streams among them) and what changes.
+MOST_READING, MOST_CHANGING = 64 + MOST_STREAMS, 64
+MOST_STRANGERS, MOST_OF_A_STRANGER = 32, 16  # without a token: the page
+SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # who does not read for so long is cut off
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "font-src 'self'; media-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
@@ -45,8 +58,11 @@ class Guard:
         tokens: Tokens,
         hosts: Collection[str],
         now_s: Callable[[], float],
+        abort: Callable[[Who, bytes], Any],
     ) -> None:
-        """``hosts``: the names it may be called by, without ports; addresses are always right.
+        """``abort`` is done at once, for somebody and with a query string; it may raise ApiError.
+
+        ``hosts``: the names it may be called by, without ports; addresses are always right.
 
         A page of another site can have its own name lead here, but never an address. By these
         names a proxy that speaks TLS may stand before the service.
@@ -56,7 +72,10 @@ class Guard:
         self._hosts = {host.lower() for host in (*hosts, "localhost")}
         self._by_proxy = {f"https://{host.lower()}" for host in hosts}
         self._now_s = now_s
-        self._at_once = 0
+        self._abort = abort
+        self._readers = Places(MOST_READING, MOST_READING)
+        self._changers = Places(MOST_CHANGING, MOST_CHANGING)
+        self._strangers = Places(MOST_STRANGERS, MOST_OF_A_STRANGER)
         self._reading = Buckets(rate_s=100.0, burst=400.0)
         self._changing = Buckets(rate_s=10.0, burst=40.0)
         self._failing = Buckets(rate_s=1.0, burst=20.0)
@@ -66,39 +85,55 @@ class Guard:
             return
         bounded = _Bounded(scope, send)
         try:
-            self._let_in(scope)
+            client = self._let_in(scope)
+            if scope["path"] == ABORT and scope["method"] == "POST":
+                who, words = scope["state"]["who"], scope["query_string"]
+                scope["state"]["aborted"] = self._abort(who, words)
+            places = self._places(scope)
+            if places is not None and not places.enter(client):
+                text = f"{places.most} requests are under way already"
+                raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
             await _refuse(bounded, error)
             return
-        aborts = scope["path"] == ABORT
-        if self._at_once >= MOST_AT_ONCE and not aborts:
-            text = f"{MOST_AT_ONCE} requests are under way already"
-            await _refuse(bounded, ApiError(503, text, {"retry-after": "1"}))
-            return
-        self._at_once += 1
         try:
+            if places is self._changers:
+                receive = await _whole(scope, receive)
             await self._app(scope, receive, bounded)
+        except _GoneError:
+            return
+        except ApiError as error:  # of its body
+            await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
         finally:
-            self._at_once -= 1
+            if places is not None:
+                places.leave(client)
 
-    def _let_in(self, scope: Scope) -> None:
-        """Raises ApiError unless the request may go on; says in its state whose it is."""
+    def _places(self, scope: Scope) -> Places | None:
+        """Among how many a request is counted; None for what always gets through."""
+        if scope["path"] == ABORT or scope["path"] in HEALTH:
+            return None
+        if scope["state"]["who"] is None:
+            return self._strangers
+        return self._readers if _reads(scope) else self._changers
+
+    def _let_in(self, scope: Scope) -> str:
+        """The client. Raises ApiError unless it may go on; says in its state whose it is."""
         headers = _headers(scope)
         host = self._right_host(headers.get(b"host", []))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
-        path, client = scope["path"], scope["client"][0] if scope.get("client") else ""
+        path, client = scope["path"], client_at(scope.get("client"))
         scope.setdefault("state", {})["who"] = None
         if path.startswith(PREFIXES_WITH_TOKEN):
             who = self._whose(headers.get(b"authorization", []), client)
             scope["state"]["who"] = who
             client = f"token {who.name}"
             scope["state"].get("proven", _nothing)()
-        reads = scope["method"] in ("GET", "HEAD")
-        if path != ABORT:
-            self._refuse_often(self._reading if reads else self._changing, client)
-        _refuse_long(headers.get(b"content-length", []))
+        if path != ABORT and path not in HEALTH:
+            self._refuse_often(self._reading if _reads(scope) else self._changing, client)
+            _refuse_long(headers.get(b"content-length", []))
+        return client
 
     def _right_host(self, given: list[bytes]) -> str:
         host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
@@ -127,18 +162,51 @@ class Guard:
             raise ApiError(429, f"too many requests; ask again in {math.ceil(wait_s)} s", again)
 
 
+class _GoneError(Exception):
+    """The connection ended before the whole request was there."""
+
+
+async def _whole(scope: Scope, receive: Receive) -> Receive:
+    """The body of a request, read to its end; what gives it to the routes as one message.
+
+    Raises ApiError 413 if it is too long, 408 if it does not come in time; _GoneError.
+    """
+    most_bytes = MOST_PERIMETER_BYTES if scope["path"] == PERIMETER else MOST_BODY_BYTES
+    body, more = bytearray(), True
+    try:
+        async with asyncio.timeout(BODY_WITHIN_S):
+            while more:
+                message = await receive()
+                if message["type"] != "http.request":
+                    raise _GoneError
+                body += message.get("body", b"")
+                more = message.get("more_body", False)
+                if len(body) > most_bytes:
+                    raise ApiError(413, f"the body has more than {most_bytes} bytes")
+    except TimeoutError:
+        raise ApiError(408, f"the body did not come within {BODY_WITHIN_S:g} s") from None
+    left = [{"type": "http.request", "body": bytes(body), "more_body": False}]
+
+    async def again() -> Message:
+        return left.pop() if left else await receive()
+
+    return again
+
+
 class _Bounded:
     """``send`` with the headers of all answers, and an end for who does not read."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._send = send
         self._path = scope["path"]
+        self._scope = scope
 
     async def __call__(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", []), *self._headers(message)]}
         try:
-            async with asyncio.timeout(SEND_WITHIN_S):
+            known = self._scope.get("state", {}).get("who") is not None
+            async with asyncio.timeout(SEND_WITHIN_S if known else STRANGER_WITHIN_S):
                 await self._send(message)
         except TimeoutError:
             raise TooSlowError from None
@@ -150,6 +218,10 @@ class _Bounded:
             kept = b"no-store" if self._path.startswith(PREFIXES_WITH_TOKEN) else b"no-cache"
             added.append((b"cache-control", kept))
         return added
+
+
+def _reads(scope: Scope) -> bool:
+    return scope["method"] in ("GET", "HEAD")
 
 
 def _nothing() -> None:

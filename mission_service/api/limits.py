@@ -1,6 +1,6 @@
-"""How often a client may ask: token buckets. Pure; ``now_s`` is any clock that goes forward."""
+"""How often a client may ask, and how many at once. Pure; ``now_s``: a clock that goes forward."""
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 
 MOST_CLIENTS = 1024  # remembered; whoever asked longest ago is forgotten first
 
@@ -31,3 +31,25 @@ class Buckets:
             if len(self._left) > MOST_CLIENTS:
                 self._left.popitem(last=False)
         return wait_s
+
+
+class Places:
+    """Requests under way: ``most`` in all, ``most_each`` of one client."""
+
+    def __init__(self, most: int, most_each: int) -> None:
+        self.most = most
+        self._most_each = most_each
+        self._inside: Counter[str] = Counter()
+
+    def enter(self, client: str) -> bool:
+        """Whether there is a place, which is taken then until ``leave``."""
+        if self._inside.total() >= self.most or self._inside[client] >= self._most_each:
+            return False
+        self._inside[client] += 1
+        return True
+
+    def leave(self, client: str) -> None:
+        """Give a place back."""
+        self._inside[client] -= 1
+        if self._inside[client] <= 0:
+            del self._inside[client]

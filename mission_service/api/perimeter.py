@@ -1,30 +1,49 @@
-"""A perimeter that others drew becomes corrections, a ring each."""
+"""Perimeters that others drew are read in a process of their own (``maps/perimeter_worker.py``)."""
 
-from typing import Any
+import asyncio
+import signal
+import sys
 
-import shapely
+import msgspec
 
 from mission_service.api.answers import ApiError
-from mission_service.maps.perimeters_in import Perimeter
+from mission_service.maps.perimeter_worker import Done, Failed, Job
 
-MOST_RINGS = 50
-MOST_POINTS = 900  # of a correction; less than requests may have
-
-
-def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
-    """A request for each outline: the fire burns along it now. Raises ApiError for too many."""
-    rings = perimeter.rings()
-    if len(rings) > MOST_RINGS:
-        raise ApiError(422, f"it has {len(rings)} outlines; at most {MOST_RINGS} can be taken")
-    asked = {"do": "correct", "state": "burning", "shape": "polygon"}
-    return [{**asked, "points": thinned(ring)} for ring in rings]
+WORKER = (sys.executable, "-P", "-m", "mission_service.maps.perimeter_worker")
+WITHIN_S = 60.0  # of wall-clock time; its own limit is one of computing time
+_decode = msgspec.json.Decoder(Done | Failed).decode
 
 
-def thinned(ring: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """A ring (lat, lon) with as many corners as a request may have, its shape kept at best."""
-    tolerance_deg, kept = 1e-6, ring
-    while len(kept) > MOST_POINTS:
-        polygon = shapely.Polygon(ring).simplify(tolerance_deg)
-        kept = [(float(lat), float(lon)) for lat, lon in shapely.get_coordinates(polygon)[:-1]]
-        tolerance_deg *= 2.0
-    return kept
+async def read_aside(job: Job) -> Done:
+    """A perimeter and the corrections that it stands for.
+
+    Raises ApiError 422 in one line: for what the file is, or if its reader died or took too long.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *WORKER,
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    try:
+        async with asyncio.timeout(WITHIN_S):
+            told, _ = await process.communicate(msgspec.msgpack.encode(job))
+    except TimeoutError:
+        raise ApiError(422, f"reading it takes more than {WITHIN_S:g} s; simplify it") from None
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    if process.returncode != 0:
+        raise ApiError(
+            422, f"reading it ended with {_end(process.returncode or 0)}; simplify it, or send less"
+        )
+    answer: Done | Failed = await asyncio.to_thread(_decode, told)
+    if isinstance(answer, Failed):
+        raise ApiError(422, answer.error)
+    return answer
+
+
+def _end(code: int) -> str:
+    """How a process ended, as SIGSEGV or status 1."""
+    return signal.Signals(-code).name if code < 0 else f"status {code}"

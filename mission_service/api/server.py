@@ -1,7 +1,8 @@
 """uvicorn inside the daemon: its tasks and signals are the daemon's, and so is its end.
 
 Of uvicorn there is the protocol (h11) and the loop around it. What is ours: the listening socket,
-TLS, when a connection has taken too long, which one goes when there are too many, and the end.
+TLS, when a connection has taken too long, which one goes when there are too many (``callers.py``),
+and the end. That reaches into uvicorn, so pyproject.toml names the versions it was written for.
 """
 
 import asyncio
@@ -11,6 +12,7 @@ import logging
 import socket
 import ssl
 from collections.abc import AsyncIterator, Iterator
+from functools import partial
 from typing import Any
 
 import uvicorn
@@ -19,14 +21,15 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mission_service.api.answers import error_body
+from mission_service.api.callers import Caller, Callers, client_at
 from mission_service.api.guard import HEADERS
 from mission_service.errors import MissionServiceError
 from mission_service.service_config import HttpSection
 
-MOST_CONNECTIONS = 256
 REQUEST_WITHIN_S = 10.0  # from its first byte, or the connection's, to the end of its headers
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
+NO_ROOM_S = 0.05  # until the next attempt to accept a connection
 STOP_WITHIN_S = 1  # then what is left is cut off
 MOST_HEADER_BYTES = 16 * 1024
 SEND_BUFFER_BYTES = 128 * 1024  # more in the kernel would only be older news
@@ -67,6 +70,9 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
+    # Tickets are written before the request is read. To a client that has sent it and is gone that
+    # write fails, and with it asyncio drops what it has not read.
+    context.num_tickets = 0
     try:
         # Else a key with a password would have OpenSSL ask on the terminal.
         context.load_cert_chain(certificate, key, password=_no_password)
@@ -116,6 +122,11 @@ async def serving(
             connection.transport.abort()
 
 
+def _shut(there: socket.socket) -> None:
+    with contextlib.suppress(OSError):  # it is closed already
+        there.shutdown(socket.SHUT_RDWR)
+
+
 class _Server(uvicorn.Server):
     """uvicorn's server on our socket, without its signals, its exit and its ten ticks a second."""
 
@@ -125,6 +136,8 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._listening = listening
         self._tls = tls
+        self._callers = Callers()
+        self._beginning: set[asyncio.Task[None]] = set()
         self.ready = asyncio.Event()
         self.stop = asyncio.Event()
 
@@ -133,19 +146,55 @@ class _Server(uvicorn.Server):
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        loop = asyncio.get_running_loop()
-
-        def connection() -> asyncio.Protocol:
-            return Connection(self.config, self.server_state, {})
-
-        limit = None if self._tls is None else HANDSHAKE_WITHIN_S
-        self.servers = [
-            await loop.create_server(
-                connection, sock=self._listening, ssl=self._tls, ssl_handshake_timeout=limit
-            )
-        ]
+        self.servers = []
+        self._accepting = asyncio.create_task(self._accept())
         self.started = True
         self.ready.set()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        for task in (self._accepting, *self._beginning):
+            task.cancel()
+        await asyncio.gather(self._accepting, *self._beginning, return_exceptions=True)
+        await super().shutdown(sockets)
+
+    async def _accept(self) -> None:
+        """Connections one by one, each counted before anything is read of it."""
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                there, address = await loop.sock_accept(self._listening)
+            except OSError:  # no file left for it, or it is gone already
+                self._callers.cut_one()
+                await asyncio.sleep(NO_ROOM_S)
+                continue
+            caller = Caller(client_at(address), partial(_shut, there))
+            self._callers.come(caller)
+            task = asyncio.create_task(self._begin(there, caller))
+            self._beginning.add(task)
+            task.add_done_callback(self._beginning.discard)
+
+    async def _begin(self, there: socket.socket, caller: Caller) -> None:
+        """A protocol for a connection, after the handshake of TLS where there is one."""
+        loop = asyncio.get_running_loop()
+        begun = False
+
+        def connection() -> asyncio.Protocol:
+            return Connection(self._callers, caller, self.config, self.server_state, {})
+
+        try:
+            await loop.connect_accepted_socket(
+                connection,
+                there,
+                ssl=self._tls,
+                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_WITHIN_S,
+            )
+            begun = True
+        except OSError:  # it went in the middle of its handshake
+            pass
+        finally:
+            if not begun:
+                self._callers.leave(caller)
+                there.close()
 
     async def main_loop(self) -> None:
         while not self.stop.is_set():
@@ -155,15 +204,15 @@ class _Server(uvicorn.Server):
 
 
 class Connection(H11Protocol):
-    """One connection, which may not dawdle over its headers; of too many the unproven goes.
+    """One connection, which may not dawdle over its headers.
 
-    ``proven``: a request of it had a valid token. Its requests can cut it off (``state``).
+    Its requests can cut it off, and say that they have shown a token (``state``).
     """
 
-    def __init__(self, *args: Any, **keywords: Any) -> None:
-        super().__init__(*args, **keywords)
-        self.proven = False
-        self.made_at_s = self.loop.time()
+    def __init__(self, callers: Callers, caller: Caller, *args: Any) -> None:
+        super().__init__(*args)
+        self._callers = callers
+        self._caller = caller
         self._too_late: asyncio.TimerHandle | None = None
         routes = self.app
 
@@ -174,17 +223,13 @@ class Connection(H11Protocol):
         self.app = app
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        others = [each for each in self.connections if isinstance(each, Connection)]
         super().connection_made(transport)  # type: ignore[arg-type]
+        self._caller.cut = self.transport.abort
         self._expect_request()
-        if len(others) >= MOST_CONNECTIONS:
-            # Anybody can open connections; those that had a token stay.
-            unproven = (each for each in others if not each.proven)
-            oldest = min(unproven, key=lambda each: each.made_at_s, default=self)
-            oldest.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._expect_nothing()
+        self._callers.leave(self._caller)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -213,7 +258,7 @@ class Connection(H11Protocol):
         return self.cycle is None or self.cycle.response_complete
 
     def _prove(self) -> None:
-        self.proven = True
+        self._callers.prove(self._caller)
 
     def _expect_request(self) -> None:
         self._too_late = self.loop.call_later(REQUEST_WITHIN_S, self.transport.abort)

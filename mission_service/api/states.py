@@ -25,12 +25,19 @@ class Error(msgspec.Struct):
 
 
 class Told(msgspec.Struct):
-    """What was done: mission time, the event it became, and what the service said to it."""
+    """What was done: mission time, the event it became, and what the service said to it.
+
+    Of a correction of the fire (correct, erase, undo, redo) also the area burned before and after;
+    not in a burn, where it corrects what is believed.
+    """
 
     ok: bool
     at_s: float
     event: str
     said: list[str]
+    confirm: bool = False  # not ordered: ask the person, then send it again with ``confirmed``
+    burned_ha_before: float | None = None
+    burned_ha_after: float | None = None
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):

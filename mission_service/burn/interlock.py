@@ -34,6 +34,7 @@ from mission_service.events import (
     Crew,
     DropFinished,
     FixTold,
+    HostTime,
     LinkLost,
     LinkRestored,
     ModeChanged,
@@ -78,7 +79,11 @@ class _Plan:
     """A plan that was proposed, and what became of it."""
 
     plan: IgnitionPlan
+    proposed_host_us: int | None = None  # by the host's clock
     approved: Approved | None = None
+    approved_host_us: int | None = None
+    attended_us: int = 0  # the last input that shows an approver's presence
+    attended_host_us: int | None = None
     why_not: str = "nobody has approved it"
     over: bool = False  # withdrawn or rejected: not to be approved unless it is proposed anew
 
@@ -87,9 +92,10 @@ class Interlock:
     """Asked right before each drop. Feed it with all events and commands in their order.
 
     An approval counts only for a plan proposed before, from a station of the scenario, with a
-    complete GO list; a NO-GO ends it. An abort, a restart of service or autopilot, a return home
-    and a landing end it too and open the whole list: nothing is dropped until all is GO and a plan
-    approved anew.
+    complete GO list; a NO-GO ends it. It holds while the user that gave it, or another with the
+    role approve, is active at that station. Its limits run on mission time and on the host's clock.
+    An abort, a restart of service or autopilot, a return home and a landing end it too and open the
+    whole list: nothing is dropped until all is GO and a plan approved anew.
     A drop that was ordered once is never let out again, whatever became of it.
     """
 
@@ -109,7 +115,7 @@ class Interlock:
             self._areas["burn unit"] = unit
         self._go: set[str] = set()
         self._plans: dict[str, _Plan] = {}
-        self._heard_us: dict[str, int] = {}
+        self._host_us: int | None = None
         self._vehicles: dict[str, _Vehicle] = {}
         self._ordered: dict[str, set[int]] = {}
         self._dropped_us: deque[int] = deque()
@@ -143,8 +149,9 @@ class Interlock:
                     pass
 
     def _told(self, event: Crew) -> None:
-        if event.station in self._stations:
-            self._heard_us[event.station] = event.at_us
+        for known in self._plans.values():
+            if known.approved is not None and _attends(event, known.approved):
+                known.attended_us, known.attended_host_us = event.at_us, self._host_us
         match event:
             case Approved():
                 self._approve(event)
@@ -154,6 +161,9 @@ class Interlock:
                 self._begin_anew(f"aborted by {event.by} since")
             case Resumed():
                 self._begin_anew("the service was restarted since")
+                self._host_us = None  # its clock may have begun anew
+                for known in self._plans.values():
+                    known.proposed_host_us = None
                 for name in self._vehicles:
                     self._forget(name)
             case Answered():
@@ -185,6 +195,8 @@ class Interlock:
                 vehicle.battery_pct = event.percent
             case FixTold():
                 vehicle.fix_good = event.good
+            case HostTime():
+                self._host_us = event.monotonic_us
             case DropFinished() if event.refused:
                 vehicle.used = max(0, vehicle.used - 1)
             case _:
@@ -212,7 +224,7 @@ class Interlock:
             self._go.add(event.item)
 
     def _propose(self, command: Propose) -> None:
-        self._plans[command.plan_hash] = _Plan(command.plan)
+        self._plans[command.plan_hash] = _Plan(command.plan, self._host_us)
 
     def _approve(self, event: Approved) -> None:
         known = self._plans.get(event.plan_hash)
@@ -226,7 +238,8 @@ class Interlock:
         elif self.open_items:
             known.why_not = "approved before the GO list was complete; approve again"
         else:
-            known.approved = event
+            known.approved, known.approved_host_us = event, self._host_us
+            known.attended_us, known.attended_host_us = event.at_us, self._host_us
 
     def _end(self, plan_hash: str, why: str) -> None:
         if plan_hash in self._plans:
@@ -266,6 +279,7 @@ class Interlock:
                     "plan": msgspec.to_builtins(known.plan),
                     "approved": msgspec.to_builtins(known.approved),
                     "why_not": None if known.approved else known.why_not,
+                    "attended_at_s": known.attended_us / 1e6 if known.approved else None,
                     "ordered": sorted(self._ordered.get(name, ())),
                 }
                 for name, known in self._plans.items()
@@ -284,7 +298,6 @@ class Interlock:
                 }
                 for name, vehicle in self._vehicles.items()
             },
-            "heard_at_s": {name: heard / 1e6 for name, heard in self._heard_us.items()},
         }
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
@@ -309,7 +322,8 @@ class Interlock:
             return f"{name} is for {plan.vehicle}, not for {drop.vehicle}"
         if known.approved is None:
             return f"{name}: {known.why_not}"
-        if at_us > plan.valid_until_us:
+        passed_us = self._passed_us(known.proposed_host_us)
+        if at_us > plan.valid_until_us or passed_us > plan.valid_until_us - plan.made_at_us:
             return f"{name} was good until {plan.valid_until_us / 1e6:.0f} s of mission time"
         if all(planned.number != drop.number for planned in plan.drops):
             return f"{name} has no drop {drop.number}"
@@ -320,14 +334,19 @@ class Interlock:
     def _crew_refuses(self, name: str, known: _Plan, at_us: int) -> str | None:
         approved, burn = known.approved, self._burn
         assert approved is not None
-        if at_us - approved.at_us > burn.approval_s * 1e6:
+        given_us = max(at_us - approved.at_us, self._passed_us(known.approved_host_us))
+        if given_us > burn.approval_s * 1e6:
             return f"{name}: its approval is older than {burn.approval_s:g} s"
         if self.open_items:
             return f"GO list: {len(self.open_items)} open, the first: {self.open_items[0]}"
-        silent_us = at_us - self._heard_us[approved.station]
+        silent_us = max(at_us - known.attended_us, self._passed_us(known.attended_host_us))
         if silent_us > burn.crew_silent_s * 1e6:
-            return f"nobody heard at {approved.station} for {silent_us / 1e6:.0f} s"
+            return f"no input of an approver at {approved.station} for {silent_us / 1e6:.0f} s"
         return None
+
+    def _passed_us(self, since_us: int | None) -> float:
+        """Time by the host's clock; endless where it is not known."""
+        return math.inf if self._host_us is None or since_us is None else self._host_us - since_us
 
     def _vehicle_refuses(self, name: str, at_us: int) -> str | None:
         vehicle = self._vehicles.get(name, _Vehicle())
@@ -388,6 +407,13 @@ class Interlock:
         if of_minute >= burn.most_drops_per_min:
             return f"{of_minute} drops in a minute; at most {burn.most_drops_per_min:g}"
         return None
+
+
+def _attends(event: Crew, approved: Approved) -> bool:
+    """Whether an event shows that an approver is there."""
+    if isinstance(event, Resumed) or event.station != approved.station:
+        return False
+    return event.by == approved.by or event.may_approve
 
 
 def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:

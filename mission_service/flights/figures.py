@@ -84,7 +84,7 @@ def _vehicle(run: RunStory, vehicle: VehicleStory) -> dict[str, Any]:
     flown = vehicle.flown.figures()
     errors = [] if fire is None else fire.errors_m.get(name, [])
     led = fire is not None and fire.follows_front
-    decided = len(fire.record.vehicles[name].reversals) if fire is not None and led else None
+    decided = fire.record.vehicles[name].reversal_count if fire is not None and led else None
     heights_m = above_terrain_m(vehicle)
     return {
         **flown,

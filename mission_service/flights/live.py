@@ -72,7 +72,7 @@ class ReplayDesk(Desk):
             "replay": msgspec.to_builtins(state),
         }
 
-    def ask(self, request: Any) -> Answer:
+    def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
         """The answer to one request; never raises for anything that it may say."""
         do = request.get("do") if isinstance(request, dict) else None
         if do != REPLAY:

@@ -18,6 +18,7 @@ HANDED_ON = (
     | bridge.LinkLost
     | bridge.LinkRestored
     | bridge.Rebooted
+    | bridge.ClockChanged
     | bridge.Position
     | bridge.Wind
     | bridge.Battery

@@ -84,13 +84,17 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
     Features that are no polygons or not on the landscape are left out, and those not valid are
     repaired; ``notes`` tell of each. Raises FireModelError, one line, naming file and feature.
     """
+    return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
+
+
+def read_perimeter_in(data: bytes, file_name: str, here: BaseGeometry) -> Perimeter:
+    """The same, with the landscape as a polygon in longitude and latitude."""
     name = _printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
     features = features_in(data, name)
     if pairs_near([drawn.shape for drawn in features], MOST_PAIRS) > MOST_PAIRS:
         raise FireModelError(f"{name}: its lines cross or overlap too often; simplify it")
-    here = shapely.Polygon(outline_of(landscape))
     for number, drawn in enumerate(features, start=1):
         area, odd = _polygons_of(drawn, number, name)
         notes += odd

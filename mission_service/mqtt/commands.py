@@ -161,6 +161,7 @@ class Doorkeeper:
             answer.get("error", ""),
             answer.get("event", ""),
             tuple(answer.get("said", ())),
+            confirm=answer.get("confirm", False),
         )
 
 

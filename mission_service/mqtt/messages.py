@@ -57,4 +57,5 @@ class Reply(msgspec.Struct, tag="reply/1", tag_field="schema"):
     error: str = ""
     event: str = ""  # what it is in the journal
     said: tuple[str, ...] = ()
+    confirm: bool = False  # not ordered: send it again with ``confirmed`` if it is meant
     again: bool = False  # answered from memory: it was not done a second time

@@ -8,6 +8,7 @@ import contextlib
 import logging
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import aiomqtt
@@ -72,7 +73,7 @@ class Publisher:
         self._takes_commands = settings.commands
         self._outgoing = Outgoing(settings.telemetry_hz)
         self._forecasts = forecasts_of(hub)
-        self._doorkeeper = Doorkeeper(hub.desk.ask)
+        self._doorkeeper = Doorkeeper(partial(hub.desk.ask, may_approve=False))
         self._inbox = Inbox()
         self._replies: deque[Reply] = deque(maxlen=MOST_REPLIES)
         self._reply_waits = asyncio.Event()
@@ -101,6 +102,14 @@ class Publisher:
 
     async def _use(self, client: aiomqtt.Client) -> None:
         """Until the broker is gone; raises what ends it."""
+        try:
+            await self._talk(client)
+        except Exception:
+            while not self._inbox.empty():  # it has come; that the broker is gone changes nothing
+                self._take(self._inbox.get_nowait())
+            raise
+
+    async def _talk(self, client: aiomqtt.Client) -> None:
         if self._takes_commands:
             await self._subscribe(client)
         self._outgoing.begin()

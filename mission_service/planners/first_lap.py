@@ -10,6 +10,7 @@ from mission_service.fire_map import BEARINGS, FireMap
 from mission_service.planners.following import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
+MAX_SEEN = 10_000  # windows of a lap that are remembered: 20 minutes of four cameras, some 4 MB
 
 Seen = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
 
@@ -27,6 +28,13 @@ class Lap:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
         self.bearing_deg = bearing_deg
         return counts and self.swept_deg >= ROUND_AGAIN_DEG
+
+
+def remember(seen: list[Seen], one: Seen) -> None:
+    """Add what a camera saw on a lap; of a lap that does not end every other one is dropped."""
+    if len(seen) >= MAX_SEEN:
+        del seen[1::2]
+    seen.append(one)
 
 
 def recentred(fire_map: FireMap, seen: Sequence[Seen]) -> tuple[FireMap, NDArray[np.bool_]]:

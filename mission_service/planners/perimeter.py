@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed, SettingsTold
 from mission_service.fire_map import BEARINGS, FireMap, window_codes
-from mission_service.planners.first_lap import Lap, Seen, recentred
+from mission_service.planners.first_lap import Lap, Seen, recentred, remember
 from mission_service.planners.following import (
     PathSettings,
     bearing_deg,
@@ -89,7 +89,7 @@ class PerimeterPlanner:
         if self.phase == "approach" and self._in_view.any():
             self.phase = "initial circle"
         if self.phase == "initial circle" and not self.settings.ignition_known:
-            self._observations.append((observed.row, observed.col, window, at_s))
+            remember(self._observations, (observed.row, observed.col, window, at_s))
 
     def correct(self, told: Observed) -> None:
         """Take in what people say of a window of the fire."""

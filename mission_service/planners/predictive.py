@@ -22,7 +22,7 @@ from firemodel.weather import Weather, WeatherStream
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.planners.belief import Belief, FrontModel
-from mission_service.planners.first_lap import Lap, Seen, recentred
+from mission_service.planners.first_lap import Lap, Seen, recentred, remember
 from mission_service.planners.following import PathSettings, bearing_deg, continued, path_along
 from mission_service.planners.hedge import hedged
 from mission_service.planners.protocol import Decision, Phase
@@ -98,7 +98,7 @@ class PredictivePlanner:
                 self.phase = "initial circle"
             if not self.settings.ignition_known:
                 if self.phase == "initial circle":
-                    self._observations.append(seen)
+                    remember(self._observations, seen)
                 return
         self.belief.see(*seen)
 

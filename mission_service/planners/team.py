@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mission_service.events import Observed
 from mission_service.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
 from mission_service.planners.dead_reckoning import Heard, fleet_of
-from mission_service.planners.first_lap import Lap, Seen, recentred
+from mission_service.planners.first_lap import Lap, Seen, recentred, remember
 from mission_service.planners.following import (
     PathSettings,
     bearing_deg,
@@ -85,7 +85,7 @@ class Team:
         window = window_codes(observed.cells)
         seen = (observed.row, observed.col, window, observed.at_us / 1e6)
         if not self.surveyed and not self.settings.ignition_known:
-            self._observations.append(seen)
+            remember(self._observations, seen)
         return self.map.observe(*seen)
 
     def end_survey(self) -> None:

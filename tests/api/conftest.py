@@ -1,5 +1,6 @@
 """A run in the air, for all tests that only look at it or do not mind what others have done."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -19,3 +20,20 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> World:
 def standing(tmp_path: Path) -> World:
     """A run that has not begun."""
     return world_in(tmp_path, scenario_of())
+
+
+@pytest.fixture(scope="session")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A certificate of our own for 127.0.0.1, and its key."""
+    folder = tmp_path_factory.mktemp("tls")
+    certificate, key = folder / "cert.pem", folder / "key.pem"
+    line = [
+        *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"),
+        *("-nodes", "-days", "2", "-subj", "/CN=localhost", "-keyout", str(key)),
+        *("-addext", "subjectAltName=IP:127.0.0.1", "-out", str(certificate)),
+    ]
+    try:
+        subprocess.run(line, check=True, capture_output=True)
+    except FileNotFoundError:
+        pytest.skip("no openssl to make a certificate with")
+    return certificate, key

@@ -13,10 +13,12 @@ from mission_service.api import guard
 from mission_service.api.answers import MOST_BODY_BYTES
 from mission_service.api.app import role_of, routes_of
 from mission_service.api.auth import ROLES
+from mission_service.api.burn import WORDS
 from mission_service.api.guard import Guard
 from mission_service.errors import MissionServiceError
 from mission_service.events import Aborted
-from tests.api.worlds import HOST, Call, Served, World, calls, client, served
+from mission_service.requests import OF_APPROVERS
+from tests.api.worlds import HOST, Call, Served, World, calls, client, scenario_of, served, world_in
 
 V1 = "/api/v1"
 
@@ -291,15 +293,17 @@ def test_wrong_tokens_are_slowed_down_and_right_ones_are_not(flying: World) -> N
     asked(flying, ask)
 
 
-def test_with_too_many_at_once_only_an_abort_is_taken(
+def test_with_too_many_that_read_what_changes_and_health_get_through(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard, "MOST_AT_ONCE", 0)
+    monkeypatch.setattr(guard, "MOST_READING", 0)
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         busy = await http.get(f"{V1}/state", headers=service.headers())
         assert busy.status_code == 503
         assert busy.headers["retry-after"] == "1"
+        assert (await http.post(f"{V1}/fire/undo", headers=service.headers())).status_code == 200
+        assert (await http.get("/healthz")).status_code == 200
         stop = await http.post(f"{V1}/abort", headers=service.headers("look"))
         assert stop.status_code == 200
 
@@ -332,3 +336,30 @@ def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -
             assert flying.told[-1].by == "correct"
 
     asyncio.run(go())
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
+    """The role of a token that is a user's own; without names what takes the role shows it."""
+    world = world_in(tmp_path, scenario_of("burn", ()))
+    item = world.hub.burn()["go_items"][0]  # type: ignore[index]
+
+    async def go() -> None:
+        service = served(world, named)
+        async with client(service.app) as http:
+            for name, path, body in (
+                ("correct", "wind", {"speed_m_s": 2.0, "from_deg": 0.0}),
+                ("all", "wind", {"speed_m_s": 2.0, "from_deg": 0.0}),
+                ("all", "burn/present", {}),
+                ("approve", "burn/go", {"item": item}),
+            ):
+                headers = service.headers(name)
+                answer = await http.post(f"{V1}/{path}", json=body, headers=headers)
+                assert answer.status_code == 200
+
+    asyncio.run(go())
+    assert [event.may_approve for event in world.told] == [False, named, True, True]
+
+
+def test_what_takes_the_role_approve_is_the_same_for_all_interfaces() -> None:
+    assert {do for do, (role, *_) in WORDS.items() if role == "approve"} == set(OF_APPROVERS)

@@ -11,7 +11,8 @@ from mission_service.api import guard, live
 from mission_service.api.live import MOST_STREAMS, LiveStream
 from mission_service.api.server import Connection
 from mission_service.picture import TelemetryState
-from tests.api.worlds import Served, World, client, eventually, listened_to, served, stream_of
+from tests.api.worlds import Served, World, client, listened_to, served, stream_of
+from tests.patience import PATIENCE_S, until
 
 
 def events_of(text: bytes) -> list[tuple[str, int, Any]]:
@@ -57,7 +58,7 @@ class Reader:
 
     async def until(self, count: int) -> None:
         """Wait until so many batches have come."""
-        await eventually(lambda: len(self.batches) >= count)
+        await until(lambda: len(self.batches) >= count)
 
 
 def moves(world: World, lat_deg: float) -> None:
@@ -95,15 +96,15 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
 def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World) -> None:
     async def go() -> None:
         reader = Reader(served(flying), flying.hub.picture.version)
-        await asyncio.sleep(0.01)
+        moves(flying, 35.9)
+        await reader.until(1)
         reader.reads.clear()
         for step in range(100):
             moves(flying, 36.0 + step / 1000.0)
             await asyncio.sleep(0.0005)
         reader.reads.set()
-        await reader.until(2)
-        await asyncio.sleep(0.02)
-        places = [told["lat_deg"] for _, _, told in reader.events]
+        await until(lambda: reader.events[-1][2]["lat_deg"] == 36.099)
+        places = [told["lat_deg"] for _, _, told in reader.events[1:]]
         assert len(places) <= 3  # the one that was under way, and the newest
         assert places[-1] == 36.099
         reader.gone.set()
@@ -147,7 +148,7 @@ def test_a_silent_stream_is_heard_and_ends_with_its_token(
         await reader.until(3)
         assert set(reader.batches) == {b": \n\n"}
         service.app.api.tokens._known = ()
-        await asyncio.wait_for(reader.task, 1.0)
+        await asyncio.wait_for(reader.task, PATIENCE_S)
         assert reader.ended
         assert service.app.api.streams.count == 0
 
@@ -163,10 +164,12 @@ def test_a_busy_stream_ends_with_its_token_too(
         service = served(flying)
         reader = Reader(service, flying.hub.picture.version)
         service.app.api.tokens._known = ()
-        for step in range(60):
-            moves(flying, 36.0 + step / 1000.0)
-            await asyncio.sleep(0.005)
-        assert reader.ended
+        async with asyncio.timeout(PATIENCE_S):
+            step = 0
+            while not reader.ended:
+                step += 1
+                moves(flying, 36.0 + step % 100 / 1000.0)
+                await asyncio.sleep(0.005)
 
     asyncio.run(go())
 
@@ -185,7 +188,7 @@ def test_states_are_encoded_once_for_all(flying: World, monkeypatch: pytest.Monk
 
         monkeypatch.setattr(frames, "_state", counted)
         readers = [Reader(service, flying.hub.picture.version) for _ in range(5)]
-        await asyncio.sleep(0.01)
+        await until(lambda: service.app.api.streams.count == 5)
         moves(flying, 36.7)
         for reader in readers:
             await reader.until(1)
@@ -214,26 +217,25 @@ def test_there_are_so_many_streams_and_no_more(flying: World) -> None:
     asyncio.run(go())
 
 
-def test_telemetry_is_there_within_milliseconds(flying: World) -> None:
-    took_ms = []
+def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(flying: World) -> None:
+    took_s = []
 
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address:
             reader, writer = await stream_of(service, address)
-            await asyncio.sleep(0.05)
             loop = asyncio.get_running_loop()
             for step in range(40):
                 await reader.read(2**20)
                 began_s = loop.time()
                 moves(flying, 36.0 + step / 1000.0)
                 await reader.readuntil(b"telemetry/1")
-                took_ms.append(1e3 * (loop.time() - began_s))
+                took_s.append(loop.time() - began_s)
                 await asyncio.sleep(0.002)
             writer.close()
 
     asyncio.run(go())
-    assert sorted(took_ms)[len(took_ms) // 2] < 20.0
+    assert sorted(took_s)[len(took_s) // 2] < live.TOLD_EVERY_S / 2  # benchmarks.load has the time
 
 
 def test_who_does_not_read_is_cut_off_and_holds_no_memory(
@@ -254,7 +256,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
                 return sum(each.transport.get_write_buffer_size() for each in found)
 
             writer.transport.pause_reading()  # type: ignore[attr-defined]
-            async with asyncio.timeout(15.0):
+            async with asyncio.timeout(PATIENCE_S):
                 while streams.count:
                     for _ in range(20):
                         news.tell("hawk", "x" * 5000)
@@ -262,7 +264,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
                     await asyncio.sleep(0.002)
                     most = max(most, buffered())
             assert streams.count == 0
-            await eventually(lambda: buffered() == 0)  # what it did not read is forgotten
+            await until(lambda: buffered() == 0)  # what it did not read is forgotten
             writer.close()
 
     asyncio.run(go())
@@ -276,6 +278,6 @@ def test_who_is_gone_is_noticed(flying: World) -> None:
             _, writer = await stream_of(service, address)
             assert service.app.api.streams.count == 1
             writer.transport.abort()
-            await eventually(lambda: service.app.api.streams.count == 0)
+            await until(lambda: service.app.api.streams.count == 0)
 
     asyncio.run(go())

@@ -301,6 +301,38 @@ def test_what_people_say_becomes_events(tmp_path: Path) -> None:
     asked(world, ask)
 
 
+def test_a_correction_is_answered_with_the_area_before_and_after(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(3700.0)
+
+    def area() -> float:
+        return float(world.hub.world.fire.burned_ha)
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        before = area()
+        drawn = {"state": "burned", "shape": "polygon", "points": SQUARE}
+        told: list[dict[str, float]] = []
+        for path, body in (
+            ("/fire/corrections", drawn),
+            ("/fire/erase", {"lat_deg": SQUARE[0][0], "lon_deg": SQUARE[0][1], "radius_m": 9.0}),
+            ("/fire/undo", {}),
+            ("/fire/undo", {}),
+            ("/fire/redo", {}),
+        ):
+            answer = await http.post(f"{V1}{path}", json=body)
+            assert answer.status_code == 200, answer.text
+            told.append(answer.json())
+            assert told[-1]["burned_ha_before"] == pytest.approx(before)
+            assert told[-1]["burned_ha_after"] == pytest.approx(area())
+            before = area()
+        assert told[0]["burned_ha_after"] > told[0]["burned_ha_before"]
+        assert told[3]["burned_ha_after"] == told[0]["burned_ha_before"]
+        wind = await http.post(f"{V1}/wind", json={"speed_m_s": 3.0, "from_deg": 200.0})
+        assert "burned_ha_before" not in wind.json()
+
+    asked(world, ask)
+
+
 def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
     ring = [[lon, lat] for lat, lon in [*SQUARE, SQUARE[0]]]

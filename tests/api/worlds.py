@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import ssl
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,6 +72,10 @@ def world_in(out: Path, scenario: Scenario) -> World:
     def on_map(lat_deg: float, lon_deg: float) -> bool:
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
+    def burned_ha() -> float:
+        simulation.world.advance(clock.now_us)
+        return simulation.world.fire.burned_ha
+
     burn = scenario.burn if scenario.planner.rule == BURN else None
     desk = Desk(
         tell,
@@ -82,6 +86,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         on_map,
         tuple(section.name for section in scenario.vehicles),
         (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS)),
+        None if burn is not None else burned_ha,
     )
     settings = ServiceSection(http=HttpSection())
     hub = Hub(scenario, settings, service, picture, desk, clock, {}, out, out / "journal.jsonl")
@@ -144,15 +149,6 @@ def calls(app: Application) -> list[Call]:
             body = told.get("application/json", {}).get("example")
             found.append(Call(method, path, role_of(route), body))
     return found
-
-
-async def eventually(condition: Callable[[], bool], within_s: float = 3.0) -> None:
-    """Wait until something is so."""
-    for _ in range(round(within_s * 1e3)):
-        if condition():
-            return
-        await asyncio.sleep(0.001)
-    raise AssertionError(f"not within {within_s:g} s")
 
 
 @contextlib.asynccontextmanager

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
+from tests.patience import PATIENCE_S
 
 HOME = (36.3, -84.2, 300.0)
 
@@ -37,7 +38,7 @@ def mock_process(
         yield process
     finally:
         process.kill()
-        process.wait(timeout=10)
+        process.wait(timeout=PATIENCE_S)
 
 
 def short_mission(legs: int = 3) -> tuple[MissionItem, ...]:

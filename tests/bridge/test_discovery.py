@@ -14,18 +14,20 @@ from autopilot_bridge.client_events import (
     LinkLost,
     LinkRestored,
     Position,
+    SameSystemId,
     TransferFinished,
 )
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.fleet import Fleet, FleetEvent, FleetLink, SameSystemId, VehicleKey
+from autopilot_bridge.fleet import Fleet, FleetEvent, FleetLink, VehicleKey
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.fleet import Fleet as Mocks
 from autopilot_bridge.stacks import STACKS, stack_named, stack_of
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.wire_helpers import clock_us, free_port
+from tests.patience import PATIENCE_S
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
 COPTER = stack_named("ardupilot", "copter")
@@ -248,7 +250,7 @@ def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
             Connection(f"udpin:127.0.0.1:{port}", link, clock_us, rate=1.0) as here,
             Connection(f"udpout:127.0.0.1:{port}", mocks[0], clock_us),
             Connection(f"udpout:127.0.0.1:{port}", mocks[1], clock_us),
-            asyncio.timeout(8.0),
+            asyncio.timeout(PATIENCE_S),
         ):
             while not any(isinstance(event, SameSystemId) for _, event in events):
                 await here.wait()
@@ -288,7 +290,7 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
             Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as here,
             Connection(f"udpout:127.0.0.1:{port}", spy(1), clock_us),
             Connection(f"udpout:127.0.0.1:{port}", spy(2), clock_us),
-            asyncio.timeout(8.0),
+            asyncio.timeout(PATIENCE_S),
         ):
             while min(len(kinds) for kinds in heard.values()) < 8:
                 await here.wait()

@@ -216,6 +216,48 @@ READERS: dict[str, tuple[Callable[[Path], Log], Callable[[], bytes]]] = {
 }
 
 
+def tlog_at(path: Path, frames: list[tuple[int, bytes]], rate: float) -> Path:
+    """Frames of a simulation that ran so much faster than the recorder's clock."""
+    now = [0]
+    with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
+        for at_us, frame in frames:
+            now[0] = round(at_us / rate)
+            tlog.record([frame])
+    return path
+
+
+@pytest.mark.parametrize("rate", [10.0, 0.2])
+def test_a_flight_of_a_fast_simulator_goes_on_by_the_autopilots_clock(
+    tmp_path: Path, rate: float
+) -> None:
+    frames: list[tuple[int, bytes]] = []
+    pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=Recorded(frames))
+    pair.run_for(48.0)
+    frames = [each for each in frames if not 20_000_000 < each[0] < 28_000_000]  # lost
+    as_flown = list(TlogLog(tlog_at(tmp_path / "real.tlog", frames, 1.0)).entries())
+    fast = list(TlogLog(tlog_at(tmp_path / "fast.tlog", frames, rate)).entries())
+    assert [type(entry.event) for entry in fast] == [type(entry.event) for entry in as_flown]
+    assert of(fast, LinkLost)
+    began_us, fast_began_us = (each[0].event.at_us for each in (as_flown, fast))
+    for one, other in zip(as_flown, fast, strict=True):
+        flown_us = other.event.at_us - fast_began_us
+        assert flown_us == pytest.approx(one.event.at_us - began_us, abs=1_000_000)
+    at_us = [entry.event.at_us for entry in fast]
+    assert at_us == sorted(at_us)
+    positions = of(fast, Position)
+    assert len({each.at_us - each.boot_us for each in positions}) == 1
+    assert len(positions) > 150
+
+
+def test_stamps_hold_where_the_autopilots_clock_is_only_inexact(tmp_path: Path) -> None:
+    frames: list[tuple[int, bytes]] = []
+    pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=Recorded(frames))
+    pair.run_for(20.0)
+    log = TlogLog(tlog_at(tmp_path / "late.tlog", frames, 1.05))
+    stamps = {BEGIN_US + (round(at_us / 1.05) & ~3) for at_us, _ in frames}
+    assert {each.at_us for each in of(list(log.entries()), Position)} <= stamps
+
+
 @pytest.fixture(scope="module", params=["tlog", "bin", "ulg"])
 def written(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes, Any]:
     """A log's path, its bytes and its reader."""

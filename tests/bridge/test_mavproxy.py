@@ -14,6 +14,7 @@ import pytest
 from autopilot_bridge.items import Items, Plan
 from autopilot_bridge.wpl import write_wpl
 from tests.bridge.mock_process import HOME, free_port, mock_process, short_mission
+from tests.patience import PATIENCE_S
 
 MODULES = "wp,mode,arm,misc,cmdlong,ftp"
 
@@ -40,7 +41,7 @@ class Prompt:
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
 
-    def wait(self, words: str, within_s: float = 15.0) -> None:
+    def wait(self, words: str, within_s: float = PATIENCE_S) -> None:
         """Return when the words are printed."""
         end = time.monotonic() + within_s
         while words not in self._text[self._seen :]:
@@ -69,7 +70,7 @@ def mavproxy(port: int, folder: Path) -> Iterator[Prompt]:
         yield Prompt(process)
     finally:
         process.kill()
-        process.wait(timeout=10)
+        process.wait(timeout=PATIENCE_S)
         process.stdin.close()
         process.stdout.close()
 

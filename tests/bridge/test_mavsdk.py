@@ -24,7 +24,7 @@ from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
 link, first, items = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
 
-def until(what, within_s=20.0):
+def until(what, within_s=60.0):
     end = time.monotonic() + within_s
     while not what():
         assert time.monotonic() < end, "it did not happen"

@@ -19,6 +19,7 @@ from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.transfer import TransferResult
 from tests.bridge.mock_process import free_port, mock_process, short_mission
+from tests.patience import PATIENCE_S
 
 STACKS = ("px4", "ardupilot")
 SPEEDUP = 10.0
@@ -42,7 +43,7 @@ class Seat:
         self, kind: type[Event], what: Callable[[Event], bool] = lambda event: True
     ) -> Event:
         """The next event of a kind, after the last one that was waited for."""
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(PATIENCE_S):
             while True:
                 while (event := self.vehicle.next_event()) is not None:
                     self.seen.append(event)
@@ -148,7 +149,7 @@ async def loses_its_link_and_gets_it_back() -> None:
             assert ended == ["superseded", "accepted"] or ended == ["accepted"] * 2
         number = vehicle.upload(mission, clock_us())
         lost = await here.next(events.LinkLost)
-        assert 3_000_000 <= lost.silent_us < 3_500_000
+        assert lost.silent_us >= 3_000_000
         result = await here.transfer(number)
         assert (result.outcome, result.holds) == ("unknown", "one of both")
         assert "TIMEOUT" in result.reason
@@ -158,7 +159,7 @@ async def loses_its_link_and_gets_it_back() -> None:
         vehicle.upload(mission, clock_us())
         await asyncio.sleep(0.2)
         began = time.monotonic()
-    assert time.monotonic() - began < 6.0  # a call to MAVSDK is under way, and is waited for
+    assert time.monotonic() - began < PATIENCE_S  # a call that is under way is waited for
 
 
 def test_a_lost_link_is_told_and_taken_up_again() -> None:

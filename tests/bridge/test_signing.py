@@ -33,6 +33,7 @@ from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.tlog import Tlog
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.patience import PATIENCE_S
 
 NOW_US = 1_790_000_000_000_000
 NOW = ticks_of(NOW_US)
@@ -272,7 +273,7 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
         port, ear = free_port(), Ear()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", port))
-            vehicle.settimeout(2.0)
+            vehicle.settimeout(PATIENCE_S)
             with Tlog(path, lambda: NOW_US) as tlog:
                 link = f"udpout:127.0.0.1:{port}"
                 async with Connection(link, ear, clock_us, tlog=tlog) as connection:
@@ -326,7 +327,7 @@ def test_a_mission_goes_up_between_two_who_share_a_key(key: Key, accepted: bool)
         down = Connection(f"udpout:127.0.0.1:{port}", mock, clock_us, signing=signing(key=key))
         asked = False
         with contextlib.suppress(TimeoutError):
-            async with up, down, asyncio.timeout(4.0 if accepted else 0.5):
+            async with up, down, asyncio.timeout(PATIENCE_S if accepted else 0.5):
                 while True:
                     await up.wait()
                     if client.stack is not None and not asked:

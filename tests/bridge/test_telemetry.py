@@ -165,7 +165,7 @@ def test_arducopter_is_asked_again_after_a_restart() -> None:
     pair.run_for(10.0)
     pair.mock.reboot(pair.now_us)
     pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # something tells of it
-    pair.run_for(1.5)
+    pair.run_for(4.5)
     assert len(pair.of(Rebooted)) == 1
     before = len(pair.of(Position))
     pair.run_for(5.0)

@@ -24,6 +24,7 @@ from autopilot_bridge.tlog import Tlog
 from mission_service.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.patience import PATIENCE_S
 
 BEGIN_US = 1_790_000_000_000_000
 
@@ -120,7 +121,7 @@ def autopilot_on(link: str) -> Iterator[Any]:
         yield mock
     finally:
         loop.call_soon_threadsafe(flight.cancel)
-        thread.join(timeout=5.0)
+        thread.join(timeout=PATIENCE_S)
         loop.close()
 
 

@@ -64,8 +64,9 @@ def test_states_are_told_when_they_change_and_anew_after_a_restart() -> None:
     position = mavlink.MAVLink_global_position_int_message
     place = (363000000, -842000000, 300000, 0, 0, 0, 0, 0)
     watch.receive(position(60_000, *place), 3)
-    watch.receive(position(1_000, *place), 4)
-    assert watch.receive(heartbeat("px4", 4), 5) == [SystemState(5, "active")]
+    for quarter in range(5):  # it is a restart when all goes on from zero for a second
+        watch.receive(position(1_000 + 250 * quarter, *place), 4 + 250_000 * quarter)
+    assert watch.receive(heartbeat("px4", 4), 1_000_005) == [SystemState(1_000_005, "active")]
 
 
 def test_a_state_without_a_name_is_told_by_its_number() -> None:

@@ -15,6 +15,7 @@ from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.wires import MOST_UNSENT_BYTES
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.patience import PATIENCE_S
 
 NOISE = b"\x00noise\xfd\x40\x00\x01 and \xfe more"
 
@@ -110,7 +111,7 @@ def test_udpout_lives_through_a_port_where_nobody_listens_yet() -> None:
                 await asyncio.sleep(0.01)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
                 other.bind(("127.0.0.1", port))
-                other.settimeout(2.0)
+                other.settimeout(PATIENCE_S)
                 ear.to_say = [text("hello")]
                 connection.flush()
                 data, where = other.recvfrom(300)

@@ -10,8 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.connection import Connection
+from tests.patience import PATIENCE_S
 
-WITHIN_S = 8.0
+WITHIN_S = 2 * PATIENCE_S
 
 
 def clock_us() -> int:
@@ -64,7 +65,7 @@ def run(test: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
 async def heard(connection: Connection, ear: Ear, *expected: str) -> None:
     """Wait until the peer has heard exactly this."""
     try:
-        async with asyncio.timeout(WITHIN_S / 2):
+        async with asyncio.timeout(PATIENCE_S):
             while len(ear.heard) < len(expected):
                 await connection.wait()
     except TimeoutError:
@@ -76,5 +77,5 @@ def udp_socket() -> socket.socket:
     """A remote of one's own."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", 0))
-    sock.settimeout(2.0)
+    sock.settimeout(PATIENCE_S)
     return sock

@@ -5,9 +5,15 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.anyangle import AnyAngleFire
-from firemodel.corrected_cells import ArrivalRaster, burning_corrected, corrected_arrival
+from firemodel.corrected_cells import (
+    ArrivalRaster,
+    burning_corrected,
+    corrected_arrival,
+    warm_up,
+)
 from firemodel.corrections import PaperCorrected
 from firemodel.errors import FireModelError
+from firemodel.gaussian import GaussianCorrected
 from firemodel.marks import BURNED, BURNING, UNBURNED
 from tests.firemodel.grids import CELL_M, landscape, steady
 
@@ -91,3 +97,29 @@ def test_a_spot_where_fire_never_comes_burns_if_it_is_marked_so() -> None:
 def test_a_raster_off_the_landscape_is_refused() -> None:
     with pytest.raises(FireModelError, match=r"arrival is \(3, 3\) cells"):
         corrected_arrival(np.zeros((3, 3)), LAND, np.empty((0, 4)))
+
+
+def test_a_correction_costs_what_burns_and_not_what_is_mapped() -> None:
+    early = burned(250.0, MARKED_S).arrival_time_s
+    come = np.isfinite(early)
+    assert come.sum() < 0.5 * come.size
+    asked = []
+
+    class Counted(GaussianCorrected):
+        def ignition_time_s(self, points_m: Floats) -> Floats:
+            asked.append(len(points_m))
+            return super().ignition_time_s(points_m)
+
+    marks = marks_on(TRUTH, MARKED_S, 12)
+    found = corrected_arrival(early, LAND, marks, Counted)
+    assert asked == [come.sum()]
+    # Bit for bit what asking of all cells gives.
+    row, col = np.indices(early.shape)
+    centres = np.column_stack([axis.ravel() for axis in LAND.xy_of(row, col)])
+    every = GaussianCorrected(ArrivalRaster(early, LAND), marks).ignition_time_s(centres)
+    assert np.array_equal(found[come], every.reshape(early.shape)[come])
+    assert np.isinf(every.reshape(early.shape)[~come]).all()
+
+
+def test_the_kernels_of_corrections_can_be_compiled_ahead() -> None:
+    warm_up()

@@ -23,6 +23,12 @@ def test_a_line_is_marked_at_its_corners_and_between() -> None:
     assert (marks[:, 2:] == (30.0, BURNING)).all()
 
 
+def test_a_line_that_is_one_place_is_one_mark() -> None:
+    for count in (2, 3):
+        marks = marks_of("line", CORNERS[[1] * count], 30.0, BURNED, 10.0)
+        assert marks.tolist() == [[100.0, 0.0, 30.0, -1.0]]
+
+
 def test_a_polygon_that_burns_is_its_outline_another_is_all_of_it() -> None:
     outline = shapely.LinearRing(CORNERS)
     burning = marks_of("polygon", CORNERS, 30.0, BURNING, 10.0)

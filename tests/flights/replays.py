@@ -12,6 +12,8 @@ from typing import Any
 
 import httpx
 
+from tests.patience import PATIENCE_S
+
 V1 = "/api/v1"
 
 
@@ -44,7 +46,7 @@ class Replay:
 
     def until(self, **wanted: Any) -> Any:
         """The state of the replay, once it is so."""
-        until_s = time.monotonic() + 30.0
+        until_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < until_s:
             state = self.get("/replay")
             if all(state[key] == value for key, value in wanted.items()):
@@ -55,7 +57,7 @@ class Replay:
     def end(self, number: int = signal.SIGINT) -> int:
         self.http.close()
         self.process.send_signal(number)
-        return self.process.wait(timeout=20)
+        return self.process.wait(timeout=PATIENCE_S)
 
 
 @contextmanager
@@ -68,4 +70,4 @@ def replayed(out: Path, *words: str) -> Iterator[Replay]:
         replay.http.close()
         if replay.process.poll() is None:
             replay.process.kill()
-        replay.process.communicate(timeout=10)
+        replay.process.communicate(timeout=PATIENCE_S)

@@ -3,7 +3,6 @@
 import asyncio
 import functools
 import json
-import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from mission_service.picture import Picture
 from mission_service.record import Record
 from mission_service.service import Service
 from mission_service.service_config import MqttSection, ServiceSection
+from tests.patience import PATIENCE_S
 
 ROOT = "test/v1/default"
 
@@ -91,7 +91,7 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
     broker = f"127.0.0.1:{broker}" if isinstance(broker, int) else broker
     asked: list[dict[str, Any]] = []
 
-    def ask(request: dict[str, Any]) -> dict[str, Any]:
+    def ask(request: dict[str, Any], may_approve: bool | None = None) -> dict[str, Any]:
         asked.append(request)
         if request.get("vehicle") == "nobody":
             return {"ok": False, "error": "no vehicle 'nobody'"}
@@ -107,7 +107,7 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
         assert not stage.task.done(), stage.task
     finally:
         stage.task.cancel()
-        _, left = await asyncio.wait([stage.task], timeout=10.0)
+        _, left = await asyncio.wait([stage.task], timeout=PATIENCE_S)
         assert not left, "it does not end"
 
 
@@ -147,10 +147,3 @@ async def listening(port: int, **more: Any) -> AsyncIterator[Listener]:
             yield listener
         finally:
             task.cancel()
-
-
-async def until(what: Callable[[], bool], within_s: float = 10.0) -> None:
-    end_s = time.monotonic() + within_s
-    while not what():
-        assert time.monotonic() < end_s, "it did not come about"
-        await asyncio.sleep(0.01)

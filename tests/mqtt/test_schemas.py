@@ -15,7 +15,8 @@ from benchmarks.mqtt_schemas import EXAMPLES, FOLDER, command_file, documents, f
 from mission_service.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.mqtt.topics import COMMAND, TOPICS
 from mission_service.requests import REPLAY, Replay, event_of
-from tests.mqtt.stage import ROOT, listening, telling, until
+from tests.mqtt.stage import ROOT, listening, telling
+from tests.patience import until
 
 PAGE = (FOLDER.parent / "mqtt.md").read_text("utf-8")
 MADE_ANEW = "run .venv/bin/python -m benchmarks.mqtt_schemas"

@@ -13,6 +13,7 @@ import pytest
 from mission_service import hidden, logs
 from mission_service.hub import Hub
 from tests.ops.hubs import hub_after_a_flight
+from tests.patience import until
 
 KEY = bytes(range(32))
 TOKEN = "mst_1234567890abcdefgh"
@@ -96,7 +97,7 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
         await asyncio.sleep(0)
         hub.picture.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
         hub.ring()
-        await asyncio.sleep(2 * logs.LOG_EVERY_S)
+        await until(lambda: "link lost" in stream.getvalue())
         hub.picture.clear("link/hawk")
         hub.picture.tell("hawk", "the last word")
         task.cancel()

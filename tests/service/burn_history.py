@@ -13,6 +13,7 @@ from mission_service.events import (
     Approved,
     BatteryTold,
     FixTold,
+    HostTime,
     ModeChanged,
     Telemetry,
     VehicleConnected,
@@ -92,6 +93,7 @@ class Sent:
 Happening = AnyEvent | Sent
 
 GOOD: tuple[Happening, ...] = (
+    HostTime(0, NAME, 0),
     VehicleConnected(1_000_000, NAME, "ardupilot copter", False),
     FixTold(1_000_000, NAME, True, "3D"),
     BatteryTold(1_000_000, NAME, 90.0),

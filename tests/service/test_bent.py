@@ -1,7 +1,7 @@
 """Bent's planners and negotiations, each on its own and flown around a ring."""
 
 from itertools import pairwise
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pytest
@@ -305,9 +305,9 @@ def test_a_decision_on_2000_cells_takes_less_than_a_millisecond(planner: str) ->
     took_s = []
     for number in range(200):
         which, at_s = number % uavs, NOW_S + 0.5 * number
-        began_s = perf_counter()
+        began_s = process_time()
         fleet.clockwise[which] = rule.decide(ring, fleet, which, at_s)
-        took_s.append(perf_counter() - began_s)
+        took_s.append(process_time() - began_s)
         fleet.cell[which] = (fleet.cell[which] + (1 if fleet.clockwise[which] else -1)) % cells
         ring.visited_at_s[fleet.cell[which]] = at_s
     assert np.median(took_s) < 1e-3

@@ -1,9 +1,11 @@
 """Whose word counts for which plan, and how long."""
 
+import pytest
+
 from mission_service.burn.approval import Approvals
 from mission_service.burn.plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 from mission_service.config_sections import BurnSection, Station
-from mission_service.events import Approved, Present, Resumed
+from mission_service.events import Approved, HostTime, Present, Resumed
 
 BURN = BurnSection(
     unit=((36.0, -84.0), (36.0, -83.99), (36.01, -83.99)),
@@ -112,7 +114,33 @@ def test_and_when_nobody_is_heard_at_its_station() -> None:
     approvals = proposing()
     approvals.heard(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))
-    approvals.heard(Present(14_000_000, "bob", "kitchen"))
+    approvals.heard(Present(14_000_000, "ada", "kitchen"))
+    approvals.heard(Present(14_000_000, "bob", "boss"))  # may approve nothing
     approvals.heard(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
     assert approvals.lapsed(16_000_000) is None
     assert approvals.lapsed(17_000_000) == "nothing heard of ada at boss for 16 s"
+    approvals.heard(Present(17_000_000, "bob", "boss", may_approve=True))
+    assert approvals.lapsed(17_000_000) is None
+
+
+@pytest.mark.parametrize(
+    ("host_s", "lapsed"),
+    [(14.0, None), (16.0, "nothing heard of ada at boss for 16 s"),
+     (101.0, "the approval is older than 100 s")],
+)  # fmt: skip
+def test_by_the_hosts_clock_as_well(host_s: float, lapsed: str | None) -> None:
+    """Mission time stands still."""
+    approvals = proposing()
+    approvals.host_time(HostTime(0, "kestrel", 7_000_000))
+    approvals.approve(approved(approvals.plan_hash))
+    approvals.host_time(HostTime(0, "kestrel", round(7e6 + host_s * 1e6)))
+    assert approvals.lapsed(1_000_000) == lapsed
+    assert not approvals.out_of_date(1_000_000)
+
+
+def test_a_plan_is_out_of_date_by_the_hosts_clock_as_well() -> None:
+    approvals = proposing()
+    assert not approvals.out_of_date(300_000_000)
+    assert approvals.out_of_date(300_000_001)
+    approvals.host_time(HostTime(0, "kestrel", 300_000_001))
+    assert approvals.out_of_date(0)

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.mock.kinematics import Wind
 from benchmarks.burn_frames import SIDE_M, place, small_burn
 from firemodel.default_landscape import jacksboro
@@ -195,6 +197,41 @@ def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
     assert burn.leader.phase != "flying"
     assert_stopped(burn)
     burn.close()
+    assert verify(burn.path).difference is None
+
+
+def slow_down(client: VehicleClient, begin_us: int, share: float) -> None:
+    """From now on the autopilot's time since boot runs at a share of its speed, frame by frame."""
+    wire, taken = mavlink.MAVLink(None), client.receive_data
+
+    def receive(data: bytes, now_us: int) -> None:
+        frames = []
+        for message in wire.parse_buffer(data) or []:
+            if message.get_type() == "GLOBAL_POSITION_INT":
+                passed_ms = message.time_boot_ms - begin_us // 1000
+                message.time_boot_ms = begin_us // 1000 + round(share * passed_ms)
+            wire.srcSystem, wire.srcComponent = message.get_srcSystem(), message.get_srcComponent()
+            frames.append(message.pack(wire))
+        taken(b"".join(frames), now_us)
+
+    client.receive_data = receive  # type: ignore[method-assign]
+
+
+def test_a_mission_clock_that_is_slow_keeps_no_drop_going(tmp_path: Path) -> None:
+    loaded = scenario(drop_spacing_m=5.0, most_drops_per_min=600.0, speed_m_s=3.0)
+    burn = Burn(tmp_path / "journal.jsonl", loaded)
+    burn.until_dropping()
+    burn.crew_is_there = False
+    gone_us, gone_at_us, dropped = burn.simulation.link_us, burn.at_us, burn.dropped
+    slow_down(burn.rig.client, gone_us, 0.1)
+    while burn.leader.phase == "flying":
+        assert burn.simulation.link_us < gone_us + 120_000_000
+        burn.simulation.step()
+    burn.close()
+    assert burn.dropped > dropped  # it went on at first
+    assert burn.at_us < gone_at_us + 5_000_000
+    assert burn.simulation.link_us < gone_us + 17_000_000
+    assert any("plan withdrawn: nothing heard of simulated crew" in text for text in burn.texts())
     assert verify(burn.path).difference is None
 
 

@@ -20,6 +20,7 @@ from mission_service.events import (
     Crew,
     DropFinished,
     FixTold,
+    HostTime,
     LinkLost,
     LinkRestored,
     ModeChanged,
@@ -31,6 +32,7 @@ from mission_service.events import (
     UnitTold,
     VehicleConnected,
     VehicleRebooted,
+    WindTold,
 )
 from tests.service.burn_history import (
     AT_US,
@@ -152,7 +154,7 @@ def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
         (DROP, 400 * S + 1, "was good until 400 s"),
         (drop_of(0, off_m=4.1), AT_US, "would fall 4.1 m off its place"),
         (DROP, 101_500_000, "no position of the last 1.5 s"),
-        (DROP, 105_000_001, "nobody heard at alpha for 15 s"),
+        (DROP, 105_000_001, "no input of an approver at alpha for 15 s"),
     ],
 )
 def test_a_wrong_drop_or_a_late_one_is_refused(drop: Drop, at_us: int, words: str) -> None:
@@ -171,10 +173,46 @@ def test_an_approval_runs_out_while_the_crew_is_there() -> None:
     assert "older than 99.9 s" in str(after((*GOOD, *later), short).refuses(DROP, 190 * S))
 
 
-def test_only_the_approvers_own_station_counts_as_there() -> None:
+def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
     later = here(120 * S)
-    assert why(Present(119 * S, "bob", "bravo"), later, at_us=120 * S) is not None
-    assert why(Present(119 * S, "bob", "alpha"), later, at_us=120 * S) is None
+    for event, is_there in (
+        (Present(119 * S, "ann", "alpha"), True),
+        (Present(119 * S, "ann", "bravo"), False),
+        (Present(119 * S, "bob", "alpha", may_approve=True), True),
+        (Present(119 * S, "bob", "bravo", may_approve=True), False),
+        (Present(119 * S, "bob", "alpha"), False),
+        (WindTold(119 * S, "feed", "alpha", 3.0, 270.0), False),
+        (WindTold(119 * S, "bob", "alpha", 3.0, 270.0, may_approve=True), True),
+        (Resumed(119 * S, "ann", "alpha", 1.0, may_approve=True), False),
+    ):
+        assert (why(event, later, at_us=120 * S) is None) is is_there, event
+
+
+@pytest.mark.parametrize(
+    ("host_s", "section", "words"),
+    [
+        (15.0, BURN, None),
+        (15.1, BURN, "no input of an approver at alpha for 15 s"),
+        (15.0, burn(approval_s=14.9), "older than 14.9 s"),
+        (400.1, burn(crew_silent_s=1000.0, approval_s=1000.0), "was good until 400 s"),
+    ],
+)
+def test_limits_run_on_the_hosts_clock_too(
+    host_s: float, section: BurnSection, words: str | None
+) -> None:
+    """A mission clock that is slow or stands still keeps nothing alive."""
+    lock = after((*GOOD, HostTime(AT_US, NAME, round(host_s * S))), section)
+    refused = lock.refuses(DROP, AT_US)
+    assert refused is None if words is None else words in str(refused)
+
+
+def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> None:
+    lock = after((*GOOD, Resumed(AT_US, "service", "", 5.0)))
+    lock.take(HostTime(AT_US, NAME, -500 * S))
+    for event in (*AGAIN, APPROVED, *GOOD[1:4], *GOOD[-2:]):
+        assert not isinstance(event, Sent)
+        lock.take(event)
+    assert "was good until" in str(lock.refuses(DROP, AT_US))
 
 
 def test_a_plan_that_is_not_what_its_hash_says() -> None:
@@ -202,12 +240,14 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         Resumed(AT_US, "service", "", 5.0),
         VehicleRebooted(AT_US, NAME),
     )
-    told_again = (
+    told_again: tuple[Happening, ...] = (
+        HostTime(AT_US, NAME, 0),
         VehicleConnected(AT_US, NAME, "ardupilot copter", False),
         FixTold(AT_US, NAME, True, "3D"),
         BatteryTold(AT_US, NAME, 90.0),
         ModeChanged(AT_US, NAME, 3, True, "mission"),
         here(AT_US),
+        Sent((Propose(NAME, PLAN, HASH),)),
     )
     for stop in stops:
         assert why(stop, *told_again, *AGAIN) is not None
@@ -321,12 +361,18 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
         return False
     if not at_us - approved.at_us <= section.approval_s * 1e6:
         return False
-    heard = [
-        thing.at_us
-        for thing in flat
-        if isinstance(thing, Crew) and thing.station == approved.station
+    attended = [
+        (place, thing.at_us)
+        for place, thing in enumerate(since)
+        if isinstance(thing, Crew)
+        and not isinstance(thing, Resumed)
+        and thing.station == approved.station
+        and (thing.by == approved.by or thing.may_approve)
     ]
-    if not at_us - heard[-1] <= section.crew_silent_s * 1e6:
+    place, attended_us = attended[-1]
+    if not at_us - attended_us <= section.crew_silent_s * 1e6:
+        return False
+    if not host_allows(flat, proposed[-1], approvals[-1], approvals[-1] + place, section):
         return False
 
     last_restart = max(
@@ -387,6 +433,26 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
         if person.radius_m and shapely.Point(east_m, north_m).distance(target) <= person.radius_m:
             return False
     return spheres_left(history, section, at_us)
+
+
+def host_allows(
+    flat: list[object], proposed: int, approved: int, attended: int, section: BurnSection
+) -> bool:
+    """By the host's clock, whose times before a restart are not those after it."""
+    began = max([0, *(p for p, thing in enumerate(flat) if isinstance(thing, Resumed))])
+
+    def passed_us(since: int) -> float:
+        read = [t.monotonic_us for t in flat[began:] if isinstance(t, HostTime)]
+        then = [t.monotonic_us for t in flat[began : since + 1] if isinstance(t, HostTime)]
+        return read[-1] - then[-1] if read and then else float("inf")
+
+    made = flat[proposed]
+    assert isinstance(made, Propose)
+    return (
+        passed_us(proposed) <= made.plan.valid_until_us - made.plan.made_at_us
+        and passed_us(approved) <= section.approval_s * 1e6
+        and passed_us(attended) <= section.crew_silent_s * 1e6
+    )
 
 
 def spheres_left(history: list[Happening], section: BurnSection, at_us: int) -> bool:
@@ -465,13 +531,15 @@ def _at(thing: Happening, at_us: int) -> Happening:
 def any_thing(chance: random.Random) -> Happening:
     any_of = chance.choice
     who = (0, *any_of([("ann", "alpha"), ("bob", "bravo"), ("eve", "nowhere"), ("", "alpha")]))
+    watch = any_of([who, (0, "bob", "alpha")])
     name, yes = any_of(HASHES), any_of([True, False])
     crew: list[Happening] = [
         Answered(*who, any_of(["weather", "payload", "else"]), yes),
         Approved(*who, name),
         Rejected(*who, name),
         Aborted(*who),
-        Present(*who),
+        Present(*watch, may_approve=yes),
+        WindTold(*watch, 3.0, 270.0, may_approve=yes),
         Resumed(0, "service", "", 1.0),
         UnitTold(*who, any_of([CORNERS, CORNERS, ELSEWHERE])),
         PersonTold(*who, "cy", LAT, LON, any_of([0.0, 5.0, 30.0])),
@@ -479,6 +547,7 @@ def any_thing(chance: random.Random) -> Happening:
     mode = any_of(["mission", "mission", "return", "land", "hold"])
     flown: list[Happening] = [
         VehicleConnected(0, NAME, "x", True),
+        HostTime(0, NAME, any_of([1, 5, 20, 1000]) * S),
         LinkLost(0, NAME, 3.0),
         LinkRestored(0, NAME),
         VehicleRebooted(0, NAME),

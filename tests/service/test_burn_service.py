@@ -11,6 +11,7 @@ from autopilot_bridge.items import MissionItem
 from benchmarks.burn_frames import CORNERS, place
 from firemodel.default_landscape import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
+from mission_service.core import Core
 from mission_service.events import BatteryTold, DropFinished, UploadFinished
 from mission_service.journal import JournalReader
 from mission_service.service import interlock_of
@@ -26,7 +27,7 @@ def told(path: Path, kind: type) -> list[object]:
 def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> None:
     """The core answers the next event with this command, and then says nothing any more."""
     once = iter([[command]])
-    monkeypatch.setattr(burn.simulation.core, "handle", lambda event: next(once, []))
+    monkeypatch.setattr(Core, "handle", lambda self, event: next(once, []))
     battery = BatteryTold(burn.at_us, "kestrel", 90.0)
     burn.simulation.service.take([battery], burn.simulation.link_us)
     burn.run(5.0)

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from autopilot_bridge.stacks import stack_named
 from mission_service import __version__
 from mission_service.cli import main
 from mission_service.config import SHIPPED
+from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port
 
 QUICK = ("--set", "start_s=3500", "--set", "duration_s=3800")
@@ -108,9 +108,7 @@ def test_bad_input_gets_one_line_and_exit_code_1(
 
 def test_a_vehicle_that_never_answers_is_told() -> None:
     link = f"udpin:127.0.0.1:{free_port()}"
-    began = time.monotonic()
     result = call("mission", "clear", "--link", link, "--timeout", "0.5")
-    assert time.monotonic() - began < 5.0
     assert result.exit_code == 1
     assert "no autopilot was heard within 0.5 s" in result.stderr
 
@@ -149,7 +147,7 @@ def test_plans_go_up_and_come_down_over_udp(tmp_path: Path, name: str, stack: st
         assert (read_plan(read).fence, read_plan(read).rally) == ((), ())
     finally:
         mock.kill()
-        mock.wait(timeout=10)
+        mock.wait(timeout=PATIENCE_S)
 
 
 def test_a_fence_that_would_be_refused_stops_the_upload_before_it_begins(tmp_path: Path) -> None:
@@ -166,7 +164,7 @@ def test_a_fence_that_would_be_refused_stops_the_upload_before_it_begins(tmp_pat
         assert "fence: item 0" in result.stderr
     finally:
         mock.kill()
-        mock.wait(timeout=10)
+        mock.wait(timeout=PATIENCE_S)
 
 
 def test_start_up_is_quick() -> None:

@@ -205,12 +205,24 @@ def test_a_vehicle_that_disarmed_takes_off_again(land: Landscape) -> None:
     assert again.items[0].command == NAV_TAKEOFF
 
 
-def test_a_restarted_autopilot_is_sent_to_the_fire_anew(land: Landscape) -> None:
-    flight, _ = airborne(land, atomic=True)
+def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_anew(
+    land: Landscape,
+) -> None:
+    flight = Flight(load_scenario("default"), land)
+    (first,) = uploads(flight.at_height(0.0))
+    assert kinds(flight.finished(first.mission_id, "accepted")) == [StartMission]
     flight.tell(VehicleRebooted(flight.at_us, "hawk"))
     (mission,) = uploads(flight.at_height(0.0))
     assert mission.items[0].command == NAV_TAKEOFF
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [StartMission]
+
+
+def test_an_autopilot_restarted_after_its_flight_waits_for_its_crew(land: Landscape) -> None:
+    flight, _ = airborne(land, atomic=True)
+    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    (mission,) = uploads(flight.at_height(0.0))
+    assert mission.items[0].command == NAV_TAKEOFF
+    assert kinds(flight.finished(mission.mission_id, "accepted")) == [Announce]
 
 
 def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
@@ -233,3 +245,23 @@ def test_stacks_say_what_a_broken_upload_leaves() -> None:
     assert stack_named("px4", "plane").atomic_upload
     assert not stack_named("ardupilot", "plane").atomic_upload
     assert np.isfinite(stack_named("px4", "plane").mission_mode)
+
+
+def test_only_a_start_that_is_news_is_announced(land: Landscape) -> None:
+    flight, _ = airborne(land, atomic=True)
+
+    def answered(command: str, accepted: bool) -> list[str]:
+        event = CommandFinished(flight.at_us, "hawk", command, accepted, "" if accepted else "no")
+        return [each.text for each in flight.tell(event) if isinstance(each, Announce)]
+
+    accepted = ["start mission: accepted"]
+    assert answered("start mission", True) == accepted
+    assert [answered("start mission", True) for _ in range(3)] == [[], [], []]
+    assert answered("orbit", True) == []
+    assert answered("start mission", True) == []
+    assert answered("start mission", False) != []
+    assert answered("start mission", True) == accepted
+    assert answered("hold", True) == ["hold: accepted"]
+    assert answered("start mission", True) == accepted
+    flight.tell(ModeChanged(flight.at_us, "hawk", 0, False, "hold"))
+    assert answered("start mission", True) == accepted

@@ -15,6 +15,7 @@ from mission_service.commands import (
     AnyCommand,
     ChangeSpeed,
     Orbit,
+    RaiseAlarm,
     Return,
     StartMission,
     UploadMission,
@@ -399,8 +400,9 @@ def test_a_pilot_who_takes_it_has_it_until_it_is_back_in_its_mission(land: Lands
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    (told,) = flight.mode("position")
+    told, alarm = flight.mode("position")
     assert isinstance(told, Announce)
+    assert isinstance(alarm, RaiseAlarm)
     assert "position" in told.text
     assert len(flight.agent.left) == 1
     flight.means(-1000.0, 0.0)

@@ -31,6 +31,7 @@ SHELL = {
     "mission_service/api/journal_lines.py",
     "mission_service/api/live.py",
     "mission_service/api/missions.py",
+    "mission_service/api/perimeter.py",  # a process of its own
     "mission_service/api/server.py",
     "mission_service/bench.py",
     "mission_service/burn_cli.py",

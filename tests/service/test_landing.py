@@ -1,16 +1,27 @@
 """The landing behind a PX4 plane's missions."""
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from autopilot_bridge.check import check
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.planfile import read_any
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
+from mission_service.commands import UploadMission
+from mission_service.config import Scenario, load_scenario
 from mission_service.config_sections import VehicleSection
+from mission_service.demo import write_plan
 from mission_service.errors import ScenarioError
+from mission_service.events import Telemetry
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import JournalReader
 from mission_service.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
+from mission_service.sim import simulate
 
 CELL_M = 30.0
 SHAPE = (201, 201)
@@ -102,3 +113,104 @@ def test_only_px4_planes_need_one() -> None:
     assert not needs_landing(section(landing=False))
     assert not needs_landing(section(kind="copter"))
     assert not needs_landing(section(stack="ardupilot"))
+
+
+ENTRIES = """
+[[weather]]
+at_s = 0
+wind_speed_m_s = 5
+wind_from_deg = {first}
+[[weather]]
+at_s = 3600
+wind_speed_m_s = 5
+wind_from_deg = {later}
+"""
+RAWS = """RAWS_ELEVATION: 1000
+RAWS_UNITS: {units}
+RAWS: 2
+2016 7 15 2200 30 20 0.0 10 {first} 0
+2016 7 15 2300 30 20 0.0 10 {later} 0
+"""
+CSV = "at_s,{speed},{direction}\n0,5,{first}\n3600,5,{later}\n"
+PLANE = """
+name = "landing"
+duration_s = 7200
+{weather}
+[landscape]
+source = "jacksboro"
+rows = 300
+cols = 300
+[[ignition]]
+lat_deg = 36.35
+lon_deg = -84.16
+[[vehicles]]
+name = "hawk"
+home_lat_deg = 36.352
+home_lon_deg = -84.157
+autostart = true
+"""
+FIRST_DEG, LATER_DEG = 200.0, 110.0
+
+
+def planned(folder: Path, kind: str) -> Scenario:
+    """A scenario with the same two winds from any source of weather."""
+    winds = {"first": FIRST_DEG, "later": LATER_DEG}
+    toward = {name: (deg + 180) % 360 for name, deg in winds.items()}
+    files = {
+        "english.raws": RAWS.format(units="English", **winds),
+        "metric.wxs": RAWS.format(units="Metric", **winds),
+        "from.csv": CSV.format(speed="wind_speed_m_s", direction="wind_from_deg", **winds),
+        "toward.csv": CSV.format(speed="wind_10m_kmh", direction="wind_toward_deg", **toward),
+    }
+    weather = ENTRIES.format(**winds)
+    if kind in files:
+        (folder / kind).write_text(files[kind], encoding="utf-8")
+        weather = f'[weather_file]\npath = "{folder / kind}"'
+    path = folder / "scenario.toml"
+    path.write_text(PLANE.format(weather=weather), encoding="utf-8")
+    return load_scenario(str(path))
+
+
+SOURCES = ("entries", "english.raws", "metric.wxs", "from.csv", "toward.csv")
+
+
+def laid_for(scenario: Scenario, items: Sequence[MissionItem]) -> float | None:
+    """The wind that the landing at the end of a mission is laid for, of the two."""
+    plane, landscape = scenario.vehicles[0], landscape_of(scenario)
+    places = {
+        wind_from_deg: [(item.x, item.y) for item in landing_of(plane, landscape, wind_from_deg)]
+        for wind_from_deg in (0.0, FIRST_DEG, LATER_DEG)
+    }
+    assert len({tuple(each) for each in places.values()}) == 3
+    flown = [(item.x, item.y) for item in items[-3:]]
+    return next((wind for wind, landing in places.items() if landing == flown), None)
+
+
+@pytest.mark.parametrize("kind", SOURCES)
+def test_the_landing_of_a_plan_is_laid_for_the_weather_of_any_source(
+    tmp_path: Path, kind: str
+) -> None:
+    scenario = planned(tmp_path, kind)
+    plan = tmp_path / "first.plan"
+    write_plan(str(tmp_path / "scenario.toml"), None, plan, ())
+    assert laid_for(scenario, read_any(plan).mission) == FIRST_DEG
+    plan.unlink()
+    write_plan(str(tmp_path / "scenario.toml"), None, plan, ("deploy_at_s=3600",))
+    assert laid_for(scenario, read_any(plan).mission) == LATER_DEG
+
+
+def test_missions_in_flight_end_with_a_landing_for_the_wind_of_their_time(tmp_path: Path) -> None:
+    planned(tmp_path, "from.csv")
+    changes = ("start_s=3540", "deploy_at_s=3540")
+    scenario = load_scenario(str(tmp_path / "scenario.toml"), changes)
+    path = tmp_path / "journal.jsonl"
+    simulate(scenario, path, "", until_s=4000.0)
+    at_s, landings = 0.0, []
+    for entry in JournalReader(path):
+        if isinstance(entry.content, Telemetry):
+            at_s = entry.content.at_us / 1e6
+        elif isinstance(entry.content, UploadMission):
+            landings.append((at_s, laid_for(scenario, entry.content.items)))
+    before = {wind for at_s, wind in landings if at_s < 3600.0}
+    after = {wind for at_s, wind in landings if at_s >= 3600.0}
+    assert (before, after) == ({FIRST_DEG}, {LATER_DEG})

@@ -11,6 +11,7 @@ import pytest
 from mission_service.config import load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.replay import verify
+from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port, process, wait_for
 
 SPEEDUP = "60"
@@ -41,10 +42,10 @@ def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) ->
             wait_for(lambda: phase("initial circle"), 60)
             wait_for(lambda: phase("monitor"), 60)
             daemon.send_signal(signal.SIGTERM)
-            output, _ = daemon.communicate(timeout=15)
+            output, _ = daemon.communicate(timeout=PATIENCE_S)
     finally:
         daemon.kill()
-        daemon.wait(timeout=10)
+        daemon.wait(timeout=PATIENCE_S)
     assert daemon.returncode == 0
     summary = json.loads(output)  # MAVSDK's own log does not get in between
     # So sped up, the mock gives up an upload after 80 ms: on a busy machine one may fail.

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
 from mission_service.mocks import Surroundings, by_hand, listening, read_wind
+from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 from tests.service.test_live import CLI, free_port
 
@@ -65,11 +66,11 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
 
 
 def hears(station: socket.socket, address: tuple[str, int]) -> set[int]:
-    """The system ids that answer a ground station's heartbeats within ten seconds."""
+    """The system ids that answer a ground station's heartbeats."""
     codec = Codec(255, 190)
     found: set[int] = set()
     beat: Any = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + PATIENCE_S
     station.settimeout(0.2)
     while time.monotonic() < end and len(found) < 2:
         station.sendto(codec.encode(beat), address)
@@ -98,11 +99,11 @@ def test_mocks_listen_tell_of_themselves_and_end_cleanly(
             told = [json.loads(output.readline()) for _ in range(2)]
             assert hears(station, ("127.0.0.1", port)) == {1, 2}
             process.send_signal(number)
-            assert process.wait(timeout=10) == 0
+            assert process.wait(timeout=PATIENCE_S) == 0
             assert output.read() == ""
     finally:
         process.kill()
-        process.wait(timeout=10)
+        process.wait(timeout=PATIENCE_S)
     assert (tmp_path / "errors").read_text() == ""
     assert [one["system_id"] for one in told] == [1, 2]
     assert {(one["stack"], one["vehicle"], one["wind_speed_m_s"]) for one in told} == {
@@ -119,4 +120,4 @@ def test_it_does_not_outlive_who_has_the_other_end_of_its_standard_input() -> No
         assert mock.stdout.readline().startswith(b"mock ")
         assert mock.poll() is None
         mock.stdin.close()
-        assert mock.wait(timeout=10) == 0
+        assert mock.wait(timeout=PATIENCE_S) == 0

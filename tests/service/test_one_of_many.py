@@ -6,15 +6,19 @@ import pytest
 from click.testing import CliRunner
 
 from mission_service.cli import main
-from mission_service.commands import Announce, Say, StartMission, UploadMission
+from mission_service.commands import Announce, Hold, Say, StartMission, UploadMission
 from mission_service.config import Scenario, load_scenario, one_of_many
 from mission_service.core import TAKEOFF_EVERY_S, Core
 from mission_service.errors import ScenarioError
 from mission_service.events import (
+    Aborted,
     AnyEvent,
     Contact,
     Heard,
+    MissionWanted,
     ModeChanged,
+    Ordered,
+    Resumed,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -160,6 +164,23 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
     assert {"Heard", "Say"} <= kinds
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
+
+
+def test_orders_to_all_go_to_the_vehicle_flown_here() -> None:
+    crane, ann = Flown(), ("ann", "desk")
+    crane.flies(9)
+    for event in (
+        Aborted(10 * S, *ann),
+        Ordered(11 * S, *ann, "", "hold"),
+        Ordered(12 * S, *ann, "heron", "hold"),
+        MissionWanted(13 * S, *ann, ""),
+        Ordered(14 * S, *ann, "", "return"),
+        Resumed(15 * S, *ann, 1.0),
+    ):
+        commands = crane.core.handle(event)
+        assert {command.vehicle for command in commands} <= {"crane"}
+        if isinstance(event, Aborted):
+            assert any(isinstance(command, Hold) for command in commands)
 
 
 def test_only_its_own_vehicle_is_flown() -> None:

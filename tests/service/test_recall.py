@@ -3,7 +3,14 @@
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service.commands import Announce, AnyCommand, Return, StartMission, UploadMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    RaiseAlarm,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config import load_scenario
 from mission_service.core import Core
 from mission_service.events import (
@@ -144,9 +151,11 @@ def test_a_vehicle_recalled_by_its_pilot_leaves_until_it_is_sent_back(
     land: Landscape, mode: str
 ) -> None:
     flight = Flight(land)
-    (told,) = flight.mode(mode)
+    told, alarm = flight.mode(mode)
     assert isinstance(told, Announce)
+    assert isinstance(alarm, RaiseAlarm)
     assert mode in told.text
+    assert "not ordered" in told.text
     assert flight.planner.left_at_s == [flight.at_s]
     assert flight.at(150.0, later_s=60.0) == []
     flight.mode("mission")
@@ -162,8 +171,9 @@ def test_one_on_its_way_home_when_it_is_first_heard_is_left_alone(land: Landscap
     core.handle(VehicleConnected(at_us, "hawk", "a stack", True))
     assert core.handle(ModeChanged(at_us, "hawk", 0, True, "return")) == []  # may be on the ground
     place = (home.home_lat_deg, home.home_lon_deg)
-    (told,) = core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0))
+    told, alarm = core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0))
     assert isinstance(told, Announce)
+    assert isinstance(alarm, RaiseAlarm)
     assert "on its way home" in told.text
     assert core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)) == []
 

@@ -244,15 +244,22 @@ def test_a_state_that_cannot_be_written_leaves_the_one_before(
     assert not earlier_state(state.with_suffix(".jsonl")).exists()
 
 
-def test_what_belongs_to_a_burn_is_kept_together(kept: Kept, tmp_path: Path) -> None:
+def test_the_files_of_a_journal_are_kept_together(kept: Kept, tmp_path: Path) -> None:
+    for number in (1, 2):
+        path = kept.again(tmp_path)
+        to = tmp_path / f"journal-{number}.jsonl"
+        assert set_aside(path) == to
+        assert not any(each.name in kept.files for each in tmp_path.iterdir())
+        assert verify(to).difference is None
+        assert verify(segment_path(to, 2)).difference is None
+    assert set_aside(path) is None
+    # Its last segment was moved away, by hand.
     path = kept.again(tmp_path)
-    burn = load_scenario("burn")
-    assert set_aside(path, burn) == tmp_path / "journal-1.jsonl"
-    assert verify(tmp_path / "journal-1.jsonl").difference is None
-    assert verify(tmp_path / "journal-1-000002.jsonl").difference is None
+    path.unlink()
+    assert set_aside(path) == tmp_path / "journal-3.jsonl"
+    assert segment_path(tmp_path / "journal-3.jsonl", 2).exists()
     path = kept.again(tmp_path)
-    assert set_aside(path, kept.scenario) is None
-    assert not any(each.name in kept.files for each in tmp_path.iterdir())
+    assert set_aside(path) == tmp_path / "journal-4.jsonl"
 
 
 def test_what_is_left_of_a_journal_begins_with_a_state(tmp_path: Path) -> None:

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service.commands import AnyCommand, StartMission, UploadMission
+from mission_service.commands import (
+    AnyCommand,
+    ProposeMission,
+    StartMission,
+    UploadMission,
+    WithdrawMission,
+)
 from mission_service.config import Scenario, load_scenario
 from mission_service.core import Core
 from mission_service.events import Telemetry, UploadFinished, VehicleConnected
@@ -182,3 +188,27 @@ def test_head_on_in_one_layer_the_later_in_order_steps_aside_and_goes_on_after(
         assert math.isclose(told["kite"].count("give way to hawk"), 1)
     else:
         assert not any("give way" in why for why in told["kite"])
+
+
+def test_giving_way_waits_for_no_approval(land: Landscape) -> None:
+    """What keeps aircraft apart is sent at once, even while a proposal waits for its approval."""
+    settings = (
+        'mission.approval="each"',
+        "vehicles.0.altitude_agl_m=150",
+        "vehicles.1.altitude_agl_m=150",
+    )
+    flight = Flight(load_scenario("team", settings), land)
+    x_m, y_m = land.west_m + 2000.0, land.north_m - 1000.0
+    sent: list[AnyCommand] = []
+    for second in range(60):
+        flight.at_s += 1.0
+        for name, side in (("hawk", -1.0), ("kite", 1.0)):
+            along_m = side * (450.0 - 15.0 * second)
+            sent += flight.at(name, x_m + along_m, y_m, (-15.0 * side, 0), 150)
+    (way,) = [command for command in sent if isinstance(command, UploadMission)]
+    assert (way.vehicle, way.why, way.keeps_apart) == ("kite", "give way to hawk", True)
+    before = sent[: sent.index(way)]
+    proposed = [each.mission_id for each in before if isinstance(each, ProposeMission)]
+    withdrawn = [each.mission_id for each in before if isinstance(each, WithdrawMission)]
+    assert withdrawn
+    assert set(withdrawn) <= set(proposed)

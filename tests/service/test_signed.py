@@ -22,6 +22,7 @@ from mission_service.signed import Refusals, refusal, signings, timestamps_file
 from mission_service.world import check
 from tests.bridge.helpers import line_of
 from tests.bridge.test_tlog import autopilot_on
+from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 from tests.service.test_live import free_port, process, wait_for
 
@@ -272,7 +273,7 @@ def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
         wait_for(lambda: said("v1: connected", "v2: connected", "v3: refused"), 60)
         wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
         daemon.send_signal(signal.SIGTERM)
-        assert daemon.wait(timeout=20) == 0
+        assert daemon.wait(timeout=PATIENCE_S) == 0
     assert said("with a wrong signature on udpin", "is the key the vehicle's?")
     assert not said("v3: connected")
     journal = tmp_path / "journal.jsonl"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mission_service.config import SHIPPED
 from mission_service.replay import verify
+from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, process, wait_for
 
 SPEEDUP = "20"
@@ -49,13 +50,13 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
             for name in ("hawk", "kite", "swift", "wren"):
                 wait_for(said(rf"{name}: start mission: accepted"), 60)
             wait_for(said("swift: phase: (initial circle|monitor)"), 60)
-        wait_for(said("swift: no heartbeat"), 10)
+        wait_for(said("swift: no heartbeat"), PATIENCE_S)
         for name in ("hawk", "kite", "wren"):
             wait_for(said(f"{name}: phase: monitor"), 90)
         uploads = uploads_of("hawk")
         wait_for(lambda: uploads_of("hawk") > uploads, 60)
         daemon.send_signal(signal.SIGTERM)
-        assert daemon.wait(timeout=20) == 0
+        assert daemon.wait(timeout=PATIENCE_S) == 0
     assert "Traceback" not in log.read_text(encoding="utf-8")
     assert len((tmp_path / "mocks.log").read_text(encoding="utf-8").splitlines()) == 3
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))

@@ -17,6 +17,7 @@ import pytest
 
 from mission_service.api.token_file import added
 from mission_service.config import scenario_path
+from tests.patience import PATIENCE_S
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
 ALL = ("look", "correct", "fly", "approve")
@@ -109,7 +110,7 @@ class Service(NamedTuple):
     def _ask(self, path: str, body: bytes | None) -> Any:
         headers = {"Authorization": f"Bearer {self.boss}", "Content-Type": "application/json"}
         asked = urllib.request.Request(f"{self.address}/api/v1/{path}", body, headers)
-        with urllib.request.urlopen(asked, timeout=20) as answer:
+        with urllib.request.urlopen(asked, timeout=PATIENCE_S) as answer:
             return json.load(answer)
 
     def ready(self) -> bool:
@@ -129,8 +130,8 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def wait_for(what: Callable[[], Any], within_s: float, words: str) -> Any:
-    """What is so in the end; fails when it is not in time."""
-    began = time.monotonic()
+    """What is so in the end; fails when it is not in time, which is never less than PATIENCE_S."""
+    began, within_s = time.monotonic(), max(within_s, PATIENCE_S)
     while not (found := what()):
         if time.monotonic() - began > within_s:
             pytest.fail(f"not within {within_s} s: {words}")
@@ -159,7 +160,7 @@ def running(folder: Path, scenario: str, speedup: int) -> Iterator[Service]:
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
             try:
-                process.wait(timeout=10)
+                process.wait(timeout=PATIENCE_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-                process.wait(timeout=10)
+                process.wait(timeout=PATIENCE_S)

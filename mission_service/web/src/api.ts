@@ -4,6 +4,8 @@ import { forgetToken, token } from "./token.ts";
 
 export const BASE = new URL("api/v1/", document.baseURI).href;
 
+const MOST_KEPT_ALIVE = 32_000;
+
 /** What the service said when it did not do what was asked. */
 export class Refused extends Error {
   constructor(
@@ -63,10 +65,13 @@ export async function post<T = { said?: string[] }>(
   body: object = {},
   method = "POST",
 ): Promise<T> {
+  const text = JSON.stringify(body);
   const response = await ask(path, {
     method,
     headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(body),
+    body: text,
+    // Sent though the page is closed or left meanwhile; browsers do that for 64 kB at most.
+    keepalive: text.length < MOST_KEPT_ALIVE,
   });
   return (await response.json()) as T;
 }

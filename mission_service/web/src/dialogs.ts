@@ -1,4 +1,4 @@
-// The door (a token is asked for) and the list of keys.
+// The door (a token is asked for), questions before an order, and the list of keys.
 
 import { byId, fill, h } from "./dom.ts";
 import { allShortcuts } from "./keys.ts";
@@ -33,6 +33,30 @@ export function askForToken(why: string, entered: () => void): void {
   fill(door, form);
   door.oncancel = (event) => event.preventDefault();
   door.showModal();
+}
+
+let unanswered: (yes: boolean) => void = () => undefined;
+
+/** Ask a question; whether the answer is yes. One asked before it is answered by no. */
+export function confirmed(words: string): Promise<boolean> {
+  const question = byId("question") as HTMLDialogElement;
+  unanswered(false);
+  return new Promise((answer) => {
+    const end = (yes: boolean): void => {
+      unanswered = () => undefined;
+      question.close();
+      answer(yes);
+    };
+    unanswered = end;
+    const no = h("button", { type: "button", onclick: () => end(false) }, "No");
+    const yes = h("button", { type: "button", class: "primary", onclick: () => end(true) }, "Yes, do it");
+    fill(question, h("p", {}, words), h("div", { class: "row" }, no, yes));
+    question.onkeydown = (event) => {
+      if (event.key === "Escape") end(false);
+    };
+    question.show(); // not modal: the abort button stays in reach
+    no.focus();
+  });
 }
 
 const BUILT_IN: [string, string][] = [

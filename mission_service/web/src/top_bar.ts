@@ -28,7 +28,7 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     ready,
     h("span", { class: "gap" }),
     alarms.button,
-    h("button", { type: "button", title: "Keyboard shortcuts (?)", "aria-label": "Help", onclick: help }, "?"),
+    h("button", { type: "button", class: "help", title: "Keyboard shortcuts (?)", "aria-label": "Help", onclick: help }, "?"),
     abortButton(store),
   );
   const renew = (): void => {

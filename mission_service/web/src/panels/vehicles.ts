@@ -2,6 +2,7 @@
 
 import { attempt, lacking } from "../actions.ts";
 import { download, post } from "../api.ts";
+import { confirmed } from "../dialogs.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
 import { shortcut } from "../keys.ts";
 import type { Store } from "../store.ts";
@@ -17,6 +18,11 @@ const ORDERS: [string, string, string][] = [
   ["return", "Return", "Fly home"],
   ["start", "Start", "Arm and fly the mission on board"],
 ];
+
+interface Answer {
+  said: string[];
+  confirm?: boolean;
+}
 
 export class VehiclesPanel {
   readonly element = h("div", { class: "panel" });
@@ -65,7 +71,7 @@ export class VehiclesPanel {
   private order(order: string, vehicle: string): void {
     if (lacking(this.store, "fly")) return;
     const path = `vehicles/${encodeURIComponent(vehicle || "all")}/${order}`;
-    void attempt(`${order} ${vehicle || "all"}`, () => post(path));
+    void attempt(`${order} ${vehicle || "all"}`, () => ordered(path));
   }
 
   private step(by: number): void {
@@ -157,6 +163,15 @@ export class VehiclesPanel {
       ],
     ];
   }
+}
+
+/** Post an order; where the service asks for it to be confirmed, a person is asked first. */
+async function ordered(path: string): Promise<Answer> {
+  const answer = await post<Answer>(path);
+  if (!answer.confirm) return answer;
+  const question = answer.said.map((line) => line.replace(/^confirm:\s*/, "")).join("\n");
+  if (!(await confirmed(question))) return { said: ["not confirmed, nothing was ordered"] };
+  return post<Answer>(path, { confirmed: true });
 }
 
 function shortState(vehicle: Vehicle): string {

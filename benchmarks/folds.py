@@ -1,0 +1,101 @@
+"""What a service knows, compared object by object: where two of them first differ."""
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Set
+from typing import Any
+
+import msgspec
+import numpy as np
+from shapely.geometry.base import BaseGeometry
+
+from firemodel import devs8, labels
+from firemodel.anyangle import AnyAngleFire
+from mission_service.formation.shared_map import SharedMap
+from mission_service.planners.lookahead import Moves
+from mission_service.track import Track
+
+HEAPS = (devs8.Heap, labels.Heap)
+SIMPLE = (str, bytes, int, float, complex, type(None), type)
+
+
+def difference(
+    a: Any, b: Any, path: str = "", seen: dict[tuple[int, int], Any] | None = None
+) -> str:
+    """Where two objects first differ, and how, in words; empty if they do not.
+
+    Object identity does not count, NaN is like NaN, and the order of a dictionary counts.
+    """
+    seen = {} if seen is None else seen
+    if a is b or (id(a), id(b)) in seen:
+        return ""
+    if type(a) is not type(b):
+        return f"{path}: {type(a).__name__} {_cut(a)} is not {type(b).__name__} {_cut(b)}"
+    if isinstance(a, SIMPLE):
+        return "" if a == b or (a != a and b != b) else f"{path}: {_cut(a)} is not {_cut(b)}"
+    seen[id(a), id(b)] = (a, b)  # kept, or another may get its id
+    if isinstance(a, np.ndarray):
+        if a.dtype.hasobject:
+            return difference(a.tolist(), b.tolist(), path, seen)
+        same = a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        return "" if same else f"{path}: arrays differ"
+    if isinstance(a, np.generic | np.random.Generator):
+        same = repr(a) == repr(b) if isinstance(a, np.generic) else _state(a) == _state(b)
+        return "" if same else f"{path}: {_cut(a)} is not {_cut(b)}"
+    if isinstance(a, BaseGeometry):
+        return "" if a.equals_exact(b, 0.0) else f"{path}: geometries differ"
+    if isinstance(a, HEAPS):  # in arrays with room for more
+        a, b = ([part[: each.size] for part in each[:-1]] for each in (a, b))
+        return difference(a, b, path, seen)
+    if isinstance(a, Moves):  # the rest is room to reckon in
+        return difference(list(a[:2]), list(b[:2]), path, seen)
+    if isinstance(a, Track):
+        return difference(list(a), list(b), path, seen)
+    ours, theirs = list(_parts(a)), list(_parts(b))
+    if [name for name, _ in ours] != [name for name, _ in theirs]:
+        names = {name for name, _ in ours} ^ {name for name, _ in theirs}
+        return f"{path}: other parts: {sorted(names)[:5] or 'in another order'}"
+    for (name, one), (_, other) in zip(ours, theirs, strict=True):
+        found = difference(one, other, f"{path}{name}", seen)
+        if found:
+            return found
+    return ""
+
+
+def _state(generator: np.random.Generator) -> str:
+    return repr(generator.bit_generator.state)
+
+
+def _parts(thing: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(thing, Mapping):
+        yield from ((f"[{key!r}]", value) for key, value in thing.items())
+    elif isinstance(thing, Set):
+        yield from ((f"{{{key}}}", None) for key in sorted(map(repr, thing)))
+    elif isinstance(thing, list | tuple | deque):
+        yield from ((f"[{number}]", value) for number, value in enumerate(thing))
+    if isinstance(thing, msgspec.Struct):
+        yield from ((f".{name}", getattr(thing, name)) for name in thing.__struct_fields__)
+        return
+    names = [name for kind in type(thing).__mro__ for name in _slots(kind)]
+    if hasattr(thing, "__dict__"):
+        names += sorted(vars(thing))
+    if isinstance(thing, SharedMap):
+        names = [name for name in names if name not in ("_found", "_shares", "_theirs")]
+    if isinstance(thing, AnyAngleFire):
+        names.remove("_points")
+        yield "._points", thing._points[: thing._used]
+    for name in names:
+        if hasattr(thing, name):
+            yield f".{name}", getattr(thing, name)
+    if callable(thing) and hasattr(thing, "__self__"):
+        yield ".__self__", thing.__self__
+
+
+def _slots(kind: type) -> tuple[str, ...]:
+    found = vars(kind).get("__slots__", ())
+    names = (found,) if isinstance(found, str) else tuple(found)
+    return tuple(name for name in names if name not in ("__dict__", "__weakref__"))
+
+
+def _cut(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else text[:99] + "…"

@@ -1,0 +1,356 @@
+"""Forged frames beside a true vehicle: ``python -m benchmarks.forged_frames [--frames N]``.
+
+A scenario is flown in virtual time by the mock, once alone and once with forged frames between its
+own: every message that the bridge reads, with NaN, infinities and extremes, times since boot far
+ahead and far back, from other addresses, systems and components; and from the vehicle's own remote
+what cannot be its own: values out of bounds, times that jump, places it cannot have reached, other
+makes of autopilot. Nothing may raise, nothing may be sent to a forger, and the journals of both
+flights must be the same, byte for byte: what the core got, what it decided, what the cameras saw,
+and mission time. Alarms are counted; they stand beside the journal.
+"""
+
+import argparse
+import math
+import random
+import struct
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.bounds import BOUNDS
+from autopilot_bridge.fleet import FleetLink
+from autopilot_bridge.framing import frames_of
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from benchmarks.fuzz_frames import frame_of
+from mission_service.config import Scenario, load_scenario
+from mission_service.fire_setup import landscape_of
+from mission_service.gateway import rates_hz
+from mission_service.journal import Journal, header_of
+from mission_service.links import most_speed_m_s
+from mission_service.service import Service
+from mission_service.sim import Rig, Simulation
+
+OWN = "192.0.2.1:14550"
+MOST_REMOTES = 5000
+IDS = {known.msgname: known.id for known in mavlink.mavlink_map.values()}
+READ = (
+    *(kind for kind in BOUNDS if kind != "MISSION_ITEM"),
+    *("HEARTBEAT", "SYSTEM_TIME", "GPS_RAW_INT", "EXTENDED_SYS_STATE", "FENCE_STATUS"),
+    *("EKF_STATUS_REPORT", "ESTIMATOR_STATUS", "MISSION_ACK", "MISSION_REQUEST"),
+    *("MISSION_REQUEST_INT", "MISSION_ITEM_INT", "COMMAND_ACK", "PARAM_VALUE", "HOME_POSITION"),
+    *("FILE_TRANSFER_PROTOCOL", "AUTOPILOT_VERSION", "GLOBAL_POSITION_INT", "HEARTBEAT"),
+)
+FLOATS = (math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 0.0, 1.0, -1.0, 1e-40)
+DAY_MS = 24 * 3600 * 1000
+AHEAD_MS = (5_000, 60_000, 3_600_000, DAY_MS, 30 * DAY_MS, 40 * DAY_MS)
+SURE_AFTER_US = 20_000_000  # of the link: by then the rate of the autopilot's clock is known
+
+
+@dataclass
+class Forged:
+    """What was sent, and what came of it."""
+
+    frames: int = 0
+    alarms: Counter[str] = field(default_factory=Counter)
+    to_others: int = 0  # frames addressed to a remote that is not the vehicle's
+    ended_s: float = 0.0  # mission time
+
+
+class Forger:
+    """Frames for one vehicle's link, by chance."""
+
+    def __init__(self, seed: int, mock: MockAutopilot) -> None:
+        self._chance = random.Random(seed)
+        self._mock = mock
+        self._next_remote = 0
+
+    def frames(self, count: int, link_us: int, boot_ms: int) -> Iterator[tuple[str, bytes]]:
+        """Remotes and frames; ``boot_ms`` is the vehicle's time since boot."""
+        for _ in range(count):
+            if self._chance.random() < 0.3 and link_us > SURE_AFTER_US:
+                yield OWN, self._impossible(boot_ms)
+            else:
+                yield self._of_others(boot_ms)
+
+    def _of_others(self, boot_ms: int) -> tuple[str, bytes]:
+        """Any message from another remote, or on the vehicle's from another system or component."""
+        chance = self._chance
+        system, component = self._mock.system_id, 1
+        if chance.random() < 0.25:
+            remote = OWN
+            if chance.random() < 0.5:
+                system = chance.choice([n for n in range(256) if n != system])
+            else:
+                component = chance.choice((0, *range(2, 256)))
+        else:
+            self._next_remote = (self._next_remote + chance.randrange(2)) % MOST_REMOTES
+            remote = f"198.51.100.7:{10_000 + self._next_remote}"
+        kind = chance.choice(READ if chance.random() < 0.9 else tuple(IDS))
+        return remote, self._frame(kind, self._values(kind, boot_ms), (system, component))
+
+    def _impossible(self, boot_ms: int) -> bytes:
+        """What the vehicle cannot have sent itself, from its own remote."""
+        chance, own = self._chance, (self._mock.system_id, 1)
+        match chance.randrange(4):
+            case 0:
+                kind = chance.choice(("WIND", "WIND_COV", "ATTITUDE", "VFR_HUD"))
+                values = self._values(kind, boot_ms)
+                bound = chance.choice(BOUNDS[kind])
+                is_float = _fields(kind)[bound.field] in "fd"
+                absurd = (math.inf, -math.inf, 1e38, -3e38) if is_float else (60_000, 30_000)
+                values[bound.field] = chance.choice(absurd)
+            case 1:
+                kind = chance.choice(("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME"))
+                values = self._true_values(kind)
+                values["time_boot_ms"] = self._far(boot_ms)
+            case 2:
+                kind = "GLOBAL_POSITION_INT"
+                values = self._true_values(kind)
+                values["time_boot_ms"] = boot_ms + chance.choice((0, 1, 50, 2_000))
+                if chance.random() < 0.5:
+                    values["lat"] += chance.choice((-1, 1)) * chance.randrange(200_000, 9_000_000)
+                else:
+                    values["alt"] += chance.choice((-1, 1)) * chance.randrange(900_000, 9_000_000)
+            case _:
+                kind = "HEARTBEAT"
+                values = self._values(kind, boot_ms)
+                values["autopilot"] = chance.choice((0, 4, 8, 13, 200))
+        return self._frame(kind, values, own)
+
+    def _far(self, boot_ms: int) -> int:
+        """A time since boot that is a jump: too far ahead, or back and not from zero."""
+        chance = self._chance
+        ahead_ms = chance.choice(AHEAD_MS)
+        back_ms = chance.randrange(6_000, 20_000)
+        return boot_ms + ahead_ms if chance.random() < 0.7 else max(boot_ms - back_ms, 0)
+
+    def _true_values(self, kind: str) -> dict[str, float]:
+        """Of a message of the mock as it would be now."""
+        values: dict[str, float] = dict.fromkeys(_fields(kind), 0)
+        if kind == "GLOBAL_POSITION_INT":
+            flight = self._mock.flight
+            lat_deg, lon_deg = flight.frame.global_position(flight.motion)
+            altitude_m = flight.motion.altitude_m
+            values |= {
+                "lat": round(lat_deg * 1e7),
+                "lon": round(lon_deg * 1e7),
+                "alt": round(altitude_m * 1e3),
+                "relative_alt": round((altitude_m - flight.frame.altitude_m) * 1e3),
+            }
+        return values
+
+    def _values(self, kind: str, boot_ms: int) -> dict[str, float]:
+        """Of the fields that are one number: extremes, noise, and now and then what is usual."""
+        chance = self._chance
+        if chance.random() < 0.3:
+            values = self._true_values(kind)
+        else:
+            values = {name: self._number(code) for name, code in _fields(kind).items()}
+        if "time_boot_ms" in values:
+            near_ms = boot_ms + chance.randrange(-500, 500)
+            values["time_boot_ms"] = max(chance.choice((near_ms, self._far(boot_ms), 0)), 0)
+        if kind == "HEARTBEAT" and chance.random() < 0.7:
+            stack = self._mock.stack
+            values |= {"type": stack.mav_type, "autopilot": stack.autopilot}
+        for name, value in (("target_system", 255), ("target_component", 190)):
+            if name in values and chance.random() < 0.8:
+                values[name] = value
+        return values
+
+    def _number(self, code: str) -> float:
+        chance = self._chance
+        if code in "fd":
+            return chance.choice((*FLOATS, chance.uniform(-200.0, 200.0)))
+        bits = 8 * struct.calcsize(code)
+        least = 0 if code.isupper() else -(1 << (bits - 1))
+        most = least + (1 << bits) - 1
+        return chance.choice((0, 1, least, most, most - 1, chance.randint(least, most)))
+
+    def _frame(self, kind: str, values: dict[str, float], source: tuple[int, int]) -> bytes:
+        known = mavlink.mavlink_map[IDS[kind]]
+        payload = bytearray(self._chance.randbytes(known.unpacker.size))
+        for name, code in _fields(kind).items():
+            value = values[name]
+            if code not in "fd":
+                value = int(value) & ((1 << 8 * struct.calcsize(code)) - 1)
+                code = code.upper()
+            struct.pack_into(f"<{code}", payload, _offset(kind, name), value)
+        return frame_of(known.id, bytes(payload), source, self._chance.randrange(256))
+
+
+_LAYOUT: dict[str, dict[str, tuple[str, int]]] = {}
+
+
+def _layout(kind: str) -> dict[str, tuple[str, int]]:
+    """Format and place of each field of a message that is one number."""
+    if kind not in _LAYOUT:
+        known, at, found = mavlink.mavlink_map[IDS[kind]], 0, {}
+        sizes = zip(known.ordered_fieldnames, known.lengths, strict=True)
+        codes = _codes(known.unpacker.format)
+        for (name, length), (code, size) in zip(sizes, codes, strict=True):
+            if length == 1 and code != "s":
+                found[name] = (code, at)
+            at += size
+        _LAYOUT[kind] = found
+    return _LAYOUT[kind]
+
+
+def _codes(form: str | bytes) -> Iterator[tuple[str, int]]:
+    """Of a struct format: each part's letter and its size in bytes."""
+    number = ""
+    for letter in form.decode() if isinstance(form, bytes) else form:
+        if letter.isdigit():
+            number += letter
+        elif letter not in "<>":
+            yield letter, struct.calcsize(f"<{number}{letter}")
+            number = ""
+
+
+def _fields(kind: str) -> dict[str, str]:
+    return {name: code for name, (code, _) in _layout(kind).items()}
+
+
+def _offset(kind: str, name: str) -> int:
+    return _layout(kind)[name][1]
+
+
+class ForgedRig(Rig):
+    """A vehicle of the simulation whose client is on a link of its own, as in the daemon."""
+
+    def __init__(
+        self, simulation: Simulation, place: int, scenario: Scenario, each: int, seed: int
+    ) -> None:
+        """``each``: forged frames after every wake; ``forged`` counts."""
+        self.__dict__.update(simulation.rigs[place].__dict__)
+        section = scenario.flown[place]
+        self.link = FleetLink("link", rates_hz=rates_hz(scenario), expects=True)
+        self.client = self.link.expect(section.system_id, most_speed_m_s(section, scenario))
+        self.gateway.client = self.client
+        self.forged = Forged()
+        self._each = each
+        self._forger = Forger(seed, self.mock)
+
+    def next_timer(self) -> int | None:
+        """As of any rig, by the link's own timer."""
+        timers = (
+            self.mock.next_timer(),
+            self.link.next_timer(),
+            self._up.next_timer(),
+            self._down.next_timer(),
+        )
+        return min((timer for timer in timers if timer is not None), default=None)
+
+    def advance(self, now_us: int, service: Service) -> None:
+        """Let everything happen that is due, with forged frames before and after the true ones."""
+        if self._weather is not None:
+            self._blow(self._weather.at(self._clock.now_us / 1e6))
+        for datagram in self._up.receive(now_us):
+            self.mock.receive_data(datagram, now_us)
+        self.mock.handle_timer(now_us)
+        for datagram in self.mock.data_to_send():
+            self._down.send(datagram, now_us)
+        boot_ms = self.mock._now_us() // 1000
+        heard = self._down.receive(now_us)
+        self._forge(self._each // 2, now_us, boot_ms)
+        for datagram in heard:
+            self.link.receive_frames(OWN, frames_of(datagram), now_us)
+        self._forge(self._each - self._each // 2, now_us, boot_ms)
+        self.link.handle_timer(now_us)
+        service.take(self.gateway.events(now_us), now_us)
+        for remote, datagram in self.link.addressed_to_send():
+            self.forged.to_others += remote not in ("", OWN)
+            self._up.send(datagram, now_us)
+        while self.gateway.link_alarms:
+            kind, words = self.gateway.link_alarms.popleft()
+            self.forged.alarms[kind] += bool(words)
+
+    def _forge(self, count: int, now_us: int, boot_ms: int) -> None:
+        if self.client.stack is None:  # what comes first is believed: see autopilot_bridge/sources
+            return
+        for remote, frame in self._forger.frames(count, now_us, boot_ms):
+            self.link.receive_frames(remote, [frame], now_us)
+            self.forged.frames += 1
+
+
+def flown(
+    scenario: Scenario, journal_path: Path, each: int, most: int, until_s: float, seed: int
+) -> Forged:
+    """Fly a scenario's first vehicle until a mission time, or until enough frames were forged."""
+    landscape = landscape_of(scenario)
+    journal = Journal(journal_path, header_of(scenario, landscape.digest(), ""), durable=False)
+    try:
+        simulation = Simulation(scenario, journal, landscape)
+        rigs = [
+            ForgedRig(simulation, place, scenario, each, seed + place)
+            for place in range(len(simulation.rigs))
+        ]
+        simulation.rigs[:] = rigs
+        end_us = round(until_s * 1e6)
+        while simulation.clock.now_us < end_us:
+            if each and sum(rig.forged.frames for rig in rigs) >= most:
+                break
+            simulation.step()
+    finally:
+        journal.close()
+    total = Forged(ended_s=simulation.clock.now_us / 1e6)
+    for rig in rigs:
+        total.frames += rig.forged.frames
+        total.alarms += rig.forged.alarms
+        total.to_others += rig.forged.to_others
+    return total
+
+
+def difference(alone: Path, disturbed: Path) -> str:
+    """The first line in which the journal of the disturbed flight is another; "" if none is."""
+    with alone.open("rb") as one, disturbed.open("rb") as other:
+        for number, line in enumerate(other, start=1):
+            if line != (due := one.readline()):
+                return f"line {number}: {line[:300]!r} instead of {due[:300]!r}"
+    return ""
+
+
+def compared(
+    scenario: Scenario, folder: Path, frames: int, each: int, until_s: float, seed: int
+) -> tuple[Forged, str]:
+    """What became of the forged frames, and the first difference to the flight without them."""
+    forged = flown(scenario, folder / "disturbed.jsonl", each, frames, until_s, seed)
+    flown(scenario, folder / "alone.jsonl", 0, 0, forged.ended_s + 1.0, seed)
+    return forged, difference(folder / "alone.jsonl", folder / "disturbed.jsonl")
+
+
+def main() -> None:
+    """Print counts and seconds; ends with 1 if anything is not as it must be."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--scenario", default="default")
+    parser.add_argument("--each", type=int, default=40, help="forged frames for each wake")
+    arguments = parser.parse_args()
+    scenario = load_scenario(arguments.scenario)
+    began_s = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        forged, different = compared(
+            scenario,
+            Path(folder),
+            arguments.frames,
+            arguments.each,
+            scenario.duration_s,
+            arguments.seed,
+        )
+    sys.stdout.write(
+        f"{forged.frames} forged frames, seed {arguments.seed}: "
+        f"{time.perf_counter() - began_s:.0f} s; alarms {dict(sorted(forged.alarms.items()))}; "
+        f"frames sent to others: {forged.to_others}; journals differ: {different or 'nowhere'}\n"
+    )
+    enough = forged.frames >= arguments.frames
+    sys.exit(bool(different) or bool(forged.to_others) or not enough)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,478 @@
+"""Every request of every guidance, odd and wrong ones too, at random moments of simulated flights.
+
+    python -m benchmarks.request_fuzz [REQUESTS] [SEED] [SCENARIO...]
+
+The shipped scenarios are flown in virtual time, over MAVLink frames to mock autopilots. At random
+moments the process is forked, and the fork asks for things: by the desk (as the control socket and
+HTTP do), in lines of the socket, and over MQTT; between requests it flies on. What is asked follows
+from the request table (``requests.AnyRequest``), so that a new request is asked for too. Then:
+
+- nothing was raised, and no request was refused because it could not be handled;
+- a restart from the last state, and one from the very beginning of the journal, know all that the
+  live run knew, object by object: core, fire, record, picture, missions, interlock;
+- the journal replays, stage by stage, to the same lines.
+"""
+
+import json
+import math
+import os
+import shutil
+import sys
+import tempfile
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import numpy as np
+from msgspec import inspect as kinds
+
+from benchmarks.folds import difference
+from mission_service import requests
+from mission_service.config import Scenario, flying, load_scenario, one_of_many
+from mission_service.core import Core
+from mission_service.daemon import desk_of, replay, warm_up_for
+from mission_service.errors import JournalError
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, header_of
+from mission_service.mqtt.commands import TAKEN, Doorkeeper
+from mission_service.picture import Picture
+from mission_service.record import Record
+from mission_service.replay import verify
+from mission_service.resume import unfinished
+from mission_service.segments import begin_state, newest_state, synced
+from mission_service.service import Service
+from mission_service.sim import Simulation
+from mission_service.state_file import Frozen, Known, code_digest, write
+from mission_service.world import world_of
+
+REQUESTS = 10_000
+A_FORK = 40  # requests
+DEFECT = "cannot be handled"
+UNIX_US = 1_700_000_000_000_000
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Case:
+    """A flight: a shipped scenario, what of it is changed to fly it cheaply, and when it ends."""
+
+    scenario: str
+    changes: tuple[str, ...]
+    ends_s: float
+    vehicle: str | None = None  # the only one flown by this process
+
+
+CASES = {
+    "default": Case("default", ("start_s=590", "deploy_at_s=600"), 400.0),
+    "approval": Case(
+        "default", ("start_s=590", "deploy_at_s=600", 'mission.approval="each"'), 400.0
+    ),
+    "demo": Case("demo", ("start_s=1190", "deploy_at_s=1200"), 400.0),
+    "sitl": Case("sitl", ("start_s=1190", "deploy_at_s=1200"), 400.0),
+    "one-of-many": Case("sitl", ("start_s=1190", "deploy_at_s=1200"), 200.0, "kite"),
+    "team": Case("team", ("start_s=3590",), 200.0),
+    "virtual-agents": Case("virtual-agents", (), 60.0),
+    "burn": Case(
+        "burn", ("deploy_at_s=1", "landscape.rows=120", "landscape.cols=120"), 400.0
+    ),
+}  # fmt: skip
+
+
+@dataclass
+class Found:
+    """What came of all requests."""
+
+    asked: Counter[str] = field(default_factory=Counter)
+    done: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+
+    def add(self, other: dict[str, Any]) -> None:
+        """What a fork has found."""
+        for name in ("asked", "done", "refused"):
+            getattr(self, name).update(other[name])
+        self.wrong += other["wrong"]
+
+    def line(self) -> str:
+        """In one line."""
+        kinds_done = ", ".join(f"{name} {count}" for name, count in sorted(self.done.items()))
+        return (
+            f"{self.asked.total()} requests, {self.done.total()} done ({kinds_done}), "
+            f"{self.refused.total()} refused; wrong: {len(self.wrong)}"
+        )
+
+
+# What is asked --------------------------------------------------------------------------------
+
+ODD: tuple[Any, ...] = (
+    *(None, True, "", "x", "x" * 1000, "\x00", "\ud800", "ünï", [], {}, [[]], -1, 0, 1e-300),
+    *(1e308, -1e308, math.nan, math.inf, -math.inf, 2**63, -(2**70), 1e7, 360.0, 180.0001),
+)
+
+
+class Asker:
+    """Draws requests from the table."""
+
+    def __init__(self, rng: Rng, service: Service, scenario: Scenario) -> None:
+        self._rng = rng
+        self._service = service
+        self._scenario = scenario
+        burn = scenario.burn_flown
+        self._stations = ["desk"] if burn is None else [each.name for each in burn.stations]
+        self._items = ["weather"] if burn is None else list(burn.go_items)
+        self._kinds = {kind.__struct_config__.tag: kind for kind in get_args(requests.AnyRequest)}
+        self._words = sorted(map(str, self._kinds))
+        here = (requests.ALWAYS, requests.OF_BURNS if burn else requests.NOT_OF_BURNS)
+        self._wanted = sorted({word for words in here for word in words} & set(self._words))
+
+    def request(self) -> dict[str, Any]:
+        """One of this guidance as a rule, now and then any; a wrong one in six."""
+        rng = self._rng
+        word = str(rng.choice(self._wanted if rng.random() < 0.95 else self._words))
+        if rng.random() < 0.02:
+            return {"do": "abort", **self._who()}
+        asked: dict[str, Any] = {"do": word, **self._who()}
+        for each in kinds.type_info(self._kinds[word]).fields:  # type: ignore[attr-defined]
+            if each.name not in ("by", "station") and (each.required or rng.random() < 0.6):
+                asked[each.name] = self._value(each.name, each.type)
+        if rng.random() < 1 / 6:
+            self._spoil(asked)
+        return asked
+
+    def _who(self) -> dict[str, Any]:
+        by = ("ann", "bob", " c ", "ünï", "service", "x" * 80)
+        return {"by": str(self._rng.choice(by)), "station": str(self._rng.choice(self._stations))}
+
+    def _spoil(self, asked: dict[str, Any]) -> None:
+        rng = self._rng
+        key = str(rng.choice(sorted(asked)))
+        match int(rng.integers(4)):
+            case 0 if key != "do":
+                del asked[key]
+            case 1:
+                asked[str(rng.choice(["more", "vehicle", "hash", "at_us"]))] = 1
+            case 2 if "points" in asked:
+                asked["points"] = [self._odd(), *asked["points"][1:]]
+            case _:
+                asked[key] = self._odd()
+
+    def _odd(self) -> Any:
+        return ODD[int(self._rng.integers(len(ODD)))]
+
+    def _value(self, name: str, kind: kinds.Type) -> Any:
+        rng = self._rng
+        match name:
+            case "vehicle":
+                flown = [section.name for section in self._scenario.vehicles]
+                return str(rng.choice([*flown, *flown, "", "nobody"]))
+            case "hash":
+                return str(rng.choice([*self._hashes() * 3, "0" * 64]))
+            case "item":
+                return str(rng.choice([*self._items, "no such item"]))
+            case "points":
+                return self._points()
+            case "lat_deg" | "lon_deg":
+                return self._place(rng.choice([10.0, 300.0, 5000.0]))[name == "lon_deg"]
+            case "name":
+                return str(rng.choice(["ann", "cy", " d ", "e" * 80]))
+            case _:
+                return self._of_type(kind)
+
+    def _of_type(self, kind: kinds.Type) -> Any:
+        rng = self._rng
+        match kind:
+            case kinds.UnionType():
+                return self._of_type(kind.types[int(rng.integers(len(kind.types)))])
+            case kinds.LiteralType():
+                return kind.values[int(rng.integers(len(kind.values)))]
+            case kinds.FloatType() | kinds.IntType():
+                low = -1e9 if kind.ge is None else float(kind.ge)
+                high = 1e9 if kind.le is None else float(kind.le)
+                near = float(np.clip(rng.normal(0.0, 100.0), low, high))
+                some = (low, high, near, near, near, float(rng.uniform(low, high)))
+                return some[int(rng.integers(len(some)))]
+            case kinds.BoolType():
+                return bool(rng.random() < 0.5)
+            case kinds.NoneType():
+                return None
+            case _:
+                raise AssertionError(f"no values of {kind} are known here")
+
+    def _hashes(self) -> list[str]:
+        picture = self._service.picture
+        assert picture is not None
+        proposed = (each.proposed for each in picture.missions.values())
+        found = [mission.mission_hash for mission in proposed if mission is not None]
+        return [*found, *([picture.plan_hash] if picture.plan_hash else [])] or ["1" * 64]
+
+    def _centre(self) -> tuple[float, float]:
+        """Where something burns, or a vehicle is."""
+        picture = self._service.picture
+        assert picture is not None
+        heard = list(picture.telemetry.values())
+        if heard and self._rng.random() < 0.3:
+            here = heard[int(self._rng.integers(len(heard)))]
+            return here.lat_deg, here.lon_deg
+        burn = self._scenario.burn_flown
+        if burn is not None and burn.unit is not None:
+            corners = np.array(burn.unit)
+            return float(corners[:, 0].mean()), float(corners[:, 1].mean())
+        lit = self._scenario.ignition[0]
+        assert lit.lat_deg is not None
+        assert lit.lon_deg is not None
+        return lit.lat_deg, lit.lon_deg
+
+    def _place(self, around_m: float) -> tuple[float, float]:
+        lat, lon = self._centre()
+        north_m, east_m = self._rng.normal(0.0, around_m, 2)
+        lon += float(east_m) / 111_195.0 / math.cos(math.radians(lat))
+        return float(np.clip(lat + float(north_m) / 111_195.0, -90, 90)), lon
+
+    def _points(self) -> list[list[float]]:
+        rng = self._rng
+        around_m = float(rng.choice([3.0, 30.0, 100.0, 300.0, 3000.0]))
+        count = int(rng.choice([1, 2, 3, 4, 5, 12, 200], p=[0.2, 0.2, 0.2, 0.2, 0.1, 0.09, 0.01]))
+        if rng.random() < 0.5 and count > 2:  # a ring, so that its sides do not cross
+            lat, lon = self._place(around_m / 3)
+            turns = np.sort(rng.uniform(0.0, math.tau, count))
+            reach = rng.uniform(0.5, 1.0, count) * around_m / 111_195.0
+            return [
+                [lat + float(r * np.sin(t)), lon + float(r * np.cos(t))]
+                for r, t in zip(reach, turns, strict=True)
+            ]
+        found = [list(self._place(around_m)) for _ in range(count)]
+        return [*found, found[0]] if rng.random() < 0.1 else found
+
+
+# Who is asked ---------------------------------------------------------------------------------
+
+
+class Engine:
+    """A flight as the daemon has it: a durable journal, a picture, a desk; in virtual time."""
+
+    def __init__(self, case: Case, folder: Path) -> None:
+        scenario = flying(load_scenario(case.scenario, case.changes))
+        self.scenario = one_of_many(scenario, case.vehicle, talks=False)
+        self.landscape = landscape_of(self.scenario)
+        warm_up_for(self.scenario, self.landscape)
+        self.known = Known(self.scenario, self.landscape)
+        self.path = folder / "journal.jsonl"
+        self.header = header_of(self.scenario, self.known.landscape, "")
+        journal = Journal(self.path, self.header, durable=True)
+        self.simulation = Simulation(self.scenario, journal, self.landscape)
+        start_us = self.simulation.clock.now_us
+        self.simulation.service.picture = Picture(self.scenario, self.landscape, start_us)
+        self.simulation.world.advance(start_us)
+
+    @property
+    def service(self) -> Service:
+        """What is asked."""
+        return self.simulation.service
+
+    def run(self, seconds: float) -> None:
+        """Fly on."""
+        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+
+    def keep(self) -> None:
+        """Begin a segment with a state, as the daemon does now and then."""
+        journal = self.service.recording.journal
+        frozen = Frozen(self.service.kept(), self.known)
+        journal.begin_segment()
+        write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
+
+    def move_journal(self, folder: Path, whole: bool) -> None:
+        """Go on in a copy of the journal; not ``whole``: of its last segment and its state."""
+        old = self.service.recording.journal
+        synced(old.path)
+        state = begin_state(self.path, old.rest.segment)
+        for each in self.path.parent.glob("journal*") if whole else (self.path, state):
+            shutil.copy(each, folder / each.name)
+        shutil.copy(state, newest_state(folder / self.path.name))
+        self.path = folder / "journal.jsonl"
+        journal = Journal(self.path, self.header, durable=True, rest=old.rest)
+        self.service.recording.journal = journal
+
+    def again(self) -> Service:
+        """What a restart knows, before it goes on."""
+        cut_off = unfinished(self.path, self.known, self.scenario)
+        if cut_off is None:
+            raise JournalError(f"{self.path}: is not gone on with")
+        cut_off.rest()
+        start_us = round(self.scenario.start_s * 1e6)
+        names = tuple(section.name for section in self.scenario.flown)
+        world = world_of(self.scenario, self.landscape)
+        world.advance(start_us)
+        service = Service(
+            self.scenario,
+            Core(self.scenario, self.landscape),
+            world,
+            self.service.recording.journal,
+            Record(names, start_us),
+            dict.fromkeys(names),  # type: ignore[arg-type]  # nothing is carried out
+            picture=Picture(self.scenario, self.landscape, start_us),
+        )
+        if cut_off.objects is not None:
+            service.restore(cut_off.objects)
+        replay(cut_off, service)
+        if cut_off.missing:
+            raise JournalError(f"{self.path}: lacks {cut_off.missing}")
+        return service
+
+
+def differs(live: Service, again: Service) -> str:
+    """What a restart does not know, or otherwise."""
+    for service in (live, again):
+        service.world.advance(live.record.at_us)
+        service.record.news.clear()  # lines that were printed
+    ours, theirs = live.kept(), again.kept()
+    return next(filter(None, (difference(ours[name], theirs[name], name) for name in ours)), "")
+
+
+def ask(engine: Engine, rng: Rng, count: int, found: Found) -> None:
+    """Ask for so many things, flying on in between."""
+    simulation = engine.simulation
+    desk = desk_of(engine.scenario, engine.service, simulation.clock, {})
+    doorkeeper = Doorkeeper(desk.ask)
+    asker = Asker(rng, engine.service, engine.scenario)
+    for number in range(count):
+        asked = asker.request()
+        word = ascii(asked.get("do")).strip("'")[:20]
+        way = rng.random()
+        try:
+            answer = _answer(desk, doorkeeper, asked, number, way, simulation)
+        except Exception:
+            found.wrong.append(f"{asked!r:.500}: {traceback.format_exc()}")
+            return
+        found.asked[word] += 1
+        (found.done if answer["ok"] else found.refused)[word] += 1
+        error = answer.get("error", "")
+        if DEFECT in error or "\n" in error:
+            found.wrong.append(f"{asked!r:.500}: {error}")
+        elif not answer["ok"] and word == "abort":
+            found.wrong.append(f"{asked!r:.500}: an abort was refused: {error}")
+        engine.run(float(rng.choice([0.0, 0.3, 1.0, 3.0, 10.0], p=[0.3, 0.3, 0.2, 0.15, 0.05])))
+
+
+def _answer(
+    desk: Any,
+    doorkeeper: Doorkeeper,
+    asked: dict[str, Any],
+    number: int,
+    way: float,
+    simulation: Simulation,
+) -> dict[str, Any]:
+    if way < 0.6 or not isinstance(asked.get("do"), str):
+        answer: dict[str, Any] = desk.ask(asked)
+        return answer
+    if way < 0.8 or asked["do"] not in TAKEN:
+        return desk.answer(json.dumps(asked).encode())  # type: ignore[no-any-return]
+    told = {key: value for key, value in asked.items() if key != "do"}
+    told |= {"id": f"id-{number}", "sent_at_unix_us": UNIX_US}
+    payload = json.dumps(told).encode()
+    at_us = simulation.clock.now_us
+    reply = doorkeeper.take(asked["do"], payload, False, at_us, 10.0 * number, UNIX_US)
+    assert reply is not None
+    return msgspec.to_builtins(reply)  # type: ignore[no-any-return]
+
+
+def trial(engine: Engine, seed: int, count: int, folder: Path, whole: bool) -> Found:
+    """Ask, then look at what is left; in a process of its own."""
+    found, rng = Found(), np.random.default_rng(seed)
+    engine.move_journal(folder, whole)
+    ask(engine, rng, count, found)
+    if found.wrong:
+        return found
+    try:
+        engine.service.recording.journal.close()
+        if problem := differs(engine.service, engine.again()):
+            found.wrong.append(f"a restart from the last state: {problem}")
+        if whole:
+            for state in folder.glob("*.state"):
+                state.unlink()
+            if problem := differs(engine.service, engine.again()):
+                found.wrong.append(f"a restart from the beginning: {problem}")
+        result = verify(engine.path, alone=not whole)
+        if result.difference is not None:
+            found.wrong.append(f"replay: {result.differing}: {result.difference}")
+    except Exception:
+        found.wrong.append(traceback.format_exc())
+    return found
+
+
+def forked(work: Callable[[], Found]) -> dict[str, Any]:
+    """Work in a fork of this process, which is not changed by it."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            os.close(reading)
+            found = work()
+            told = msgspec.json.encode(vars(found), enc_hook=str)
+            with os.fdopen(writing, "wb") as pipe:
+                pipe.write(told)
+            status = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(status)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        told = pipe.read()
+    os.waitpid(child, 0)
+    if not told:
+        return {"asked": {}, "done": {}, "refused": {}, "wrong": ["a fork has died"]}
+    found_there: dict[str, Any] = msgspec.json.decode(told)
+    return found_there
+
+
+def run(name: str, count: int, seed: int, found: Found, a_fork: int = A_FORK) -> None:
+    """Fly one case once, and ask for about so many things in forks along the way.
+
+    The last fork's journal is replayed from the very beginning, the others' from their state.
+    """
+    case, rng = CASES[name], np.random.default_rng([seed, sum(name.encode())])
+    code_digest()
+    forks = max(1, round(count / a_fork))
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made) / "flown"
+        folder.mkdir()
+        engine = Engine(case, folder)
+        at_s = 0.0
+        for number, moment_s in enumerate(sorted(rng.uniform(0.0, case.ends_s, forks))):
+            engine.run(float(moment_s) - at_s)
+            at_s = float(moment_s)
+            engine.keep()
+            place = Path(made) / f"fork-{number}"
+            place.mkdir()
+            its_seed = int(rng.integers(2**31))
+            is_last = number == forks - 1
+            told = forked(lambda s=its_seed, p=place, w=is_last: trial(engine, s, a_fork, p, w))  # type: ignore[misc]
+            told["wrong"] = [
+                f"{name}, seed {its_seed}, {moment_s:.1f} s: {each}" for each in told["wrong"]
+            ]
+            found.add(told)
+            shutil.rmtree(place)
+
+
+def main() -> None:
+    """Run; exit code 1 if anything was wrong."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else REQUESTS
+    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    names = sys.argv[3:] or list(CASES)
+    found = Found()
+    for name in names:
+        before = len(found.wrong)
+        run(name, round(count / len(names)), seed, found)
+        print(f"{name}: {found.line()}", flush=True)  # noqa: T201
+        for line in found.wrong[before:]:
+            print(f"  {line}", flush=True)  # noqa: T201
+    sys.exit(1 if found.wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

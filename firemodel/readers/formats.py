@@ -1,0 +1,136 @@
+"""What a file is, by its content, before GDAL sees it: nothing is opened that names other files.
+
+GDAL tells formats by content too, and some of them (VRT, OGR-VRT, GDALG, web services) are lists of
+what to open or fetch, whatever the file is called. So the few formats of maps are told here.
+"""
+
+import json
+import struct
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from firemodel.errors import FireModelError
+
+TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
+GRID = (b"ncols", b"nrows", b"xllcorner", b"yllcorner", b"xllcenter", b"yllcenter", b"cellsize")
+IMAGINE = b"EHFA_HEADER_TAG"
+LCP_FLAGS = (20, 21)  # what an .lcp begins with, twice
+SHAPEFILE = struct.pack(">i", 9994)
+GEOJSON = (
+    *("FeatureCollection", "Feature", "GeometryCollection", "Point", "MultiPoint", "LineString"),
+    *("MultiLineString", "Polygon", "MultiPolygon"),
+)
+# Of a zipped Shapefile or a KMZ, with what programs put beside them.
+IN_ARCHIVES = (
+    *(".shp", ".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix", ".qpj", ".qmd", ".shp.xml"),
+    *(".txt", ".kml", ".png", ".jpg", ".jpeg", ".gif"),
+)
+OFFLINE = {  # for GDAL, should one of its formats name an address all the same
+    "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
+    "CPL_CURL_ENABLE_VSIMEM": "NO",
+    "GDAL_HTTP_MAX_RETRY": "0",
+    "GDAL_HTTP_PROXY": "127.0.0.1:1",
+}
+
+
+def raster_driver(path: Path) -> str:
+    """GDAL's name of a raster's format. Raises FireModelError for one that is not taken."""
+    start = _start(path)
+    if start.startswith(TIFF):
+        return "GTiff"
+    if start.lstrip().lower().startswith(GRID):
+        return "AAIGrid"
+    if start.startswith(IMAGINE):
+        return "HFA"
+    if len(start) >= 8 and all(flag in LCP_FLAGS for flag in struct.unpack("<2i", start[:8])):
+        return "LCP"
+    raise FireModelError(
+        f"{path}: cannot be read as a raster (it is no GeoTIFF, .lcp, .asc grid or .img); convert "
+        "it to GeoTIFF"
+    )
+
+
+def check_shapes(path: Path) -> None:
+    """Raise FireModelError for what is no GeoJSON, KML, KMZ or Shapefile (zipped or not)."""
+    start = _start(path).removeprefix(b"\xef\xbb\xbf").lstrip()
+    if start.startswith(b"{"):
+        _check_geojson(path)
+    elif start.startswith(b"<"):
+        with path.open("rb") as file:
+            _check_kml(path, file, path.name)
+    elif start.startswith(b"PK"):
+        _check_archive(path)
+    elif not start.startswith(SHAPEFILE):
+        raise FireModelError(
+            f"{path}: cannot be read as shapes (it is no GeoJSON, KML, KMZ or Shapefile); export "
+            "it as one"
+        )
+
+
+def _start(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(256)
+    except OSError as error:
+        raise FireModelError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _check_geojson(path: Path) -> None:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise FireModelError(
+            f"{path}: cannot be read as shapes (it is not JSON in UTF-8: {error}); write it anew"
+        ) from None
+    if content.get("type") not in GEOJSON:
+        kind = str(content.get("type"))[:40]
+        raise FireModelError(f"{path}: is JSON but no GeoJSON (type {kind}); export it as GeoJSON")
+    for part in (content, *_objects(content.get("features"))):
+        crs = part.get("crs")
+        if isinstance(crs, dict) and crs.get("type") not in ("name", "EPSG", None):
+            raise FireModelError(
+                f"{path}: its crs member is not understood ({json.dumps(crs)[:80]}); write the "
+                "file in longitude and latitude, without that member (RFC 7946)"
+            )
+
+
+def _objects(features: Any) -> list[dict[str, Any]]:
+    return (
+        [each for each in features if isinstance(each, dict)] if isinstance(features, list) else []
+    )
+
+
+def _check_kml(path: Path, file: Any, name: str) -> None:
+    try:
+        _, root = next(ElementTree.iterparse(file, events=("start",)))
+    except (ElementTree.ParseError, StopIteration, ValueError, LookupError) as error:
+        raise FireModelError(
+            f"{path}: cannot be read as shapes ({name} is not well-formed XML: {error})"
+        ) from None
+    kind = str(root.tag).rsplit("}", 1)[-1]
+    if kind != "kml":
+        raise FireModelError(
+            f"{path}: cannot be read as shapes ({name} is XML but no KML: {kind[:40]}); export it "
+            "as KML"
+        )
+
+
+def _check_archive(path: Path) -> None:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name for name in archive.namelist() if not name.endswith("/")]
+            for name in names:
+                if not name.lower().endswith(IN_ARCHIVES):
+                    raise FireModelError(
+                        f"{path}: holds {name[:60]!r}, which belongs to no Shapefile or KMZ; zip "
+                        "those files alone"
+                    )
+                if name.lower().endswith(".kml"):
+                    with archive.open(name) as file:
+                        _check_kml(path, file, name[:60])
+            if not any(name.lower().endswith((".shp", ".kml")) for name in names):
+                raise FireModelError(f"{path}: holds no Shapefile or KML; zip one")
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError) as error:
+        raise FireModelError(f"{path}: is not a whole ZIP archive ({error}); zip it anew") from None

@@ -1,0 +1,85 @@
+"""What an autopilot reports of itself, as lines and alarms for operators. Pure.
+
+Each alarm is raised when its cause is reported and cleared when the end of it is; a text has no
+end: its alarm is cleared once no further one has come for a while.
+"""
+
+from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
+from mission_service.events import (
+    AutopilotText,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    LandedStateChanged,
+    SystemStateChanged,
+    VehicleEvent,
+)
+from mission_service.steering import FAILSAFE_STATES
+from mission_service.vehicle import Vehicle, say
+
+# MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
+WARNING, CRITICAL = 4, 2
+TEXT_STANDS_S = 60.0
+MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
+
+
+def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+    """What an event means for operators; nothing for events that are no reports."""
+    match event:
+        case AutopilotText():
+            return _text(vehicle, event)
+        case SystemStateChanged():
+            severe = event.state in FAILSAFE_STATES
+            words = f"its autopilot is in state {event.state}: a failsafe is active"
+            return _alarm(vehicle, STATE, severe, words, "severe")
+        case FenceStatusChanged():
+            words = f"fence breached ({event.kind})" if event.kind else "fence breached"
+            return _alarm(vehicle, FENCE, event.breached, words, "severe")
+        case EstimatorStatusChanged():
+            words = f"its position is not to be trusted: {', '.join(event.problems)}"
+            return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
+        case LandedStateChanged(state="landing") if vehicle.presence.airborne:
+            return [say(vehicle, "landing", warning=True)]
+        case _:
+            return []
+
+
+def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
+    """The alarm about a mode that was not ordered."""
+    mode = vehicle.presence.mode
+    doing = {"return": "on its way home", "land": "landing where it is"}.get(mode, "not led")
+    doing = f"{doing} (mode {mode})"
+    until = "it is led again when it is back in its mission, or an operator orders it"
+    words = f"{doing}, not ordered: its autopilot or pilot chose it; {until}"
+    return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
+
+
+def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
+    """The mode is one that was ordered."""
+    return [ClearAlarm(vehicle.name, MODE)]
+
+
+def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """Clear the alarm of a text that nothing has followed for a while."""
+    if vehicle.text_at_s is None or at_s - vehicle.text_at_s < TEXT_STANDS_S:
+        return []
+    vehicle.text_at_s = None
+    return [ClearAlarm(vehicle.name, TEXT)]
+
+
+def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
+    words = f"autopilot: {event.text}"
+    line = say(vehicle, words, warning=event.severity <= WARNING)
+    if event.severity > WARNING:
+        return [line]
+    vehicle.text_at_s = event.at_us / 1e6
+    severity: Severity = "severe" if event.severity <= CRITICAL else "warning"
+    return [line, RaiseAlarm(vehicle.name, TEXT, words, severity)]
+
+
+def _alarm(
+    vehicle: Vehicle, alarm: str, raised: bool, words: str, severity: Severity
+) -> list[AnyCommand]:
+    """The alarm, and a line with it; or that it is over."""
+    if not raised:
+        return [ClearAlarm(vehicle.name, alarm)]
+    return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, alarm, words, severity)]

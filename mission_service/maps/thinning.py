@@ -1,0 +1,59 @@
+"""Rings with fewer corners. It takes n log n and never recurses: rings come from outside."""
+
+import heapq
+from typing import cast
+
+import shapely
+
+Ring = list[tuple[float, float]]
+TRIED = 4  # so many times the corners that are wanted, where fewer made sides cross
+
+
+def thinned(ring: Ring, most: int) -> Ring:
+    """A ring of at most ``most`` corners with its shape kept at best; no sides cross.
+
+    The last corner is not the first again. Raises nothing: what cannot be kept is left out.
+    """
+    if len(ring) <= most:
+        return ring
+    found = least_areas_removed(ring, most)
+    if shapely.Polygon(found).is_valid:
+        return found
+    # Sides cross. Simplified with its topology kept, which takes long and is done on few corners.
+    few = shapely.Polygon(least_areas_removed(ring, TRIED * most))
+    parts = shapely.get_parts(shapely.make_valid(few, method="structure", keep_collapsed=False))
+    largest = shapely.Polygon(max(parts, key=lambda part: part.area).exterior)
+    tolerance, kept = 1e-6, largest
+    while len(kept.exterior.coords) - 1 > most:
+        kept = cast(shapely.Polygon, largest.simplify(tolerance))
+        tolerance *= 2.0
+    return [(float(x), float(y)) for x, y in kept.exterior.coords[:-1]]
+
+
+def least_areas_removed(ring: Ring, most: int) -> Ring:
+    """A ring without the corners that span the smallest triangles (Visvalingam & Whyatt 1993)."""
+    count = len(ring)
+    before = [(k - 1) % count for k in range(count)]
+    after = [(k + 1) % count for k in range(count)]
+
+    def area(corner: int) -> float:
+        (ax, ay), (bx, by), (cx, cy) = ring[before[corner]], ring[corner], ring[after[corner]]
+        return abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
+
+    areas = [area(corner) for corner in range(count)]
+    heap = [(areas[corner], corner) for corner in range(count)]
+    heapq.heapify(heap)
+    there = [True] * count
+    left = count
+    while left > max(most, 3):
+        smallest, corner = heapq.heappop(heap)
+        if not there[corner] or smallest != areas[corner]:
+            continue  # it has gone, or is another since
+        there[corner] = False
+        left -= 1
+        one, other = before[corner], after[corner]
+        after[one], before[other] = other, one
+        for each in (one, other):
+            areas[each] = max(area(each), smallest)  # never less than what went before
+            heapq.heappush(heap, (areas[each], each))
+    return [place for place, stays in zip(ring, there, strict=True) if stays]

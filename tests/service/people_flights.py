@@ -1,0 +1,78 @@
+"""A simulated flight to which people give orders; its journal is closed at the end of a test."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mission_service.commands import (
+    AnyCommand,
+)
+from mission_service.config import Scenario, load_scenario
+from mission_service.events import (
+    AnyEvent,
+    CrewEvent,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.journal import Journal, JournalReader, header_of
+from mission_service.picture import Picture
+from mission_service.replay import verify
+from mission_service.sim import Simulation
+
+Fly = Callable[..., "Flight"]
+ANN = ("ann", "desk")
+START_S = 3600.0
+
+
+class Flight:
+    """A simulation that people speak to."""
+
+    def __init__(self, path: Path, *overrides: str, rule: str = "damped") -> None:
+        settings = ("vehicles.0.airspeed_m_s=18", f'planner.rule="{rule}"', "seed=3", *overrides)
+        loaded = load_scenario("demo", settings)
+        vehicles = loaded.vehicles if rule.startswith("team.") else loaded.vehicles[:1]
+        self.scenario: Scenario = loaded.model_copy(update={"vehicles": vehicles})
+        self.landscape = landscape_of(self.scenario)
+        header = header_of(self.scenario, self.landscape.digest(), "")
+        self.journal = Journal(path, header, durable=False)
+        self.picture = Picture(self.scenario, self.landscape, round(START_S * 1e6))
+        self.sim = Simulation(self.scenario, self.journal, self.landscape, picture=self.picture)
+        self.path = path
+
+    def run(self, seconds: float) -> None:
+        self.sim.run(self.now_s + seconds)
+
+    @property
+    def now_s(self) -> float:
+        return self.sim.clock.now_us / 1e6
+
+    @property
+    def now_us(self) -> int:
+        return self.sim.clock.now_us
+
+    def tell(self, event: CrewEvent) -> list[str]:
+        news = self.sim.record.news
+        before = len(news)
+        self.sim.service.tell(event, self.sim.link_us)
+        return [told.text for _, told in news[before:]]
+
+    @property
+    def mode(self) -> str:
+        return self.picture.vehicles["hawk"].mode
+
+    def over(self) -> list[AnyEvent | AnyCommand]:
+        self.journal.close()
+        result = verify(self.path)
+        assert result.difference is None, result.difference
+        return [entry.content for entry in JournalReader(self.path)]
+
+
+def flights_in(folder: Path) -> Iterator[Fly]:
+    """Makes flights, for a fixture; their journals are closed at the end."""
+    made: list[Flight] = []
+
+    def flight(*overrides: str, rule: str = "damped") -> Flight:
+        made.append(Flight(folder / f"{len(made)}.jsonl", *overrides, rule=rule))
+        return made[-1]
+
+    yield flight
+    for each in made:
+        each.journal.close()

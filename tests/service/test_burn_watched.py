@@ -1,0 +1,61 @@
+"""Drops fall only while an approver is there: a real daemon, its HTTP interface, a mock copter."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mission_service.api.token_file import added
+from mission_service.commands import Drop
+from mission_service.events import Crew, Event
+from mission_service.journal import JournalReader
+from tests.web.service import BURN, Service, running
+
+SILENT_S = 30.0
+SPEEDUP = 5
+SCENARIO = BURN.replace("[burn]\n", f"[burn]\ncrew_silent_s = {SILENT_S:g}\nspeed_m_s = 3\n", 1)
+POLL_S = 0.1  # between questions to the service; decides nothing
+
+
+@pytest.fixture
+def burning(tmp_path: Path) -> Iterator[Service]:
+    with running(tmp_path, SCENARIO, SPEEDUP) as service:
+        yield service
+
+
+def until_first_drop(boss: Service) -> None:
+    """Say GO, approve what is proposed and be there, until a sphere has fallen."""
+    for item in boss.get("burn")["go_items"]:
+        boss.post("burn/go", item=item)
+    deadline = time.monotonic() + 300.0
+    while not (now := boss.get("burn"))["drops"]:
+        assert time.monotonic() < deadline, now["leader"]
+        boss.post("burn/present")
+        if now["plan_hash"] and now["leader"]["approved_by"] is None:
+            boss.post("burn/approve", hash=now["plan_hash"])
+        time.sleep(POLL_S)
+
+
+def test_the_wind_feed_of_another_user_keeps_no_drop_going(burning: Service) -> None:
+    tokens = burning.log.parent / "tokens.toml"
+    feed = burning._replace(boss=added(tokens, "weather station", ("correct",), ""))
+    until_first_drop(burning)
+    deadline = time.monotonic() + 300.0
+    while (now := feed.get("burn"))["leader"]["phase"] == "flying":
+        assert time.monotonic() < deadline, now["leader"]
+        feed.post("wind", speed_m_s=2.0, from_deg=0.0)
+        time.sleep(POLL_S)
+    texts = [line["text"] for line in feed.get("news")]
+    assert any(text.startswith("plan withdrawn: nothing heard of boss") for text in texts), texts
+    at_us, approver_us, drops = 0, 0, 0
+    for entry in JournalReader(burning.log.parent / "out" / "journal.jsonl"):
+        thing = entry.content
+        if isinstance(thing, Event | Crew):
+            at_us = max(at_us, thing.at_us)
+            if isinstance(thing, Crew) and thing.by == "boss":
+                approver_us = at_us
+        elif isinstance(thing, Drop):
+            drops += 1
+            assert at_us - approver_us <= SILENT_S * 1e6
+    assert drops > 0

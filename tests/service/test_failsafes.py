@@ -1,0 +1,192 @@
+"""What the service does, and leaves alone, when a vehicle's autopilot or pilot takes it over."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mission_service.commands import (
+    AnyCommand,
+    Decided,
+    Hold,
+    ProposeMission,
+    StartMission,
+    UploadMission,
+    WithdrawMission,
+)
+from mission_service.events import (
+    SERVICE,
+    Aborted,
+    AnyEvent,
+    CommandFinished,
+    FixTold,
+    MissionAccepted,
+    MissionRefused,
+    MissionWanted,
+    Ordered,
+)
+from tests.service.people_flights import ANN, Flight, Fly, flights_in
+
+STACKS = ("px4", "ardupilot")
+
+
+@pytest.fixture
+def fly(tmp_path: Path) -> Iterator[Fly]:
+    yield from flights_in(tmp_path)
+
+
+def on(stack: str) -> str:
+    return f'vehicles.0.stack="{stack}"'
+
+
+def times_s(lines: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[float]:
+    """When commands of a kind left, by the event that each follows."""
+    found, at_s = [], 0.0
+    for line in lines:
+        if hasattr(line, "at_us"):
+            at_s = line.at_us / 1e6
+        elif isinstance(line, kind):
+            found.append(at_s)
+    return found
+
+
+def alarm(flight: Flight, name: str) -> str:
+    """The words of an alarm of hawk's; empty where there is none."""
+    raised = flight.picture.alarms.get(f"{name}/hawk")
+    return "" if raised is None else raised.text
+
+
+def order(flight: Flight, what: str, confirmed: bool = False, by: str = "ann") -> list[str]:
+    return flight.tell(Ordered(flight.now_us, by, "desk", "hawk", what, confirmed))  # type: ignore[arg-type]
+
+
+def until_landed(flight: Flight) -> None:
+    for _ in range(200):
+        flight.run(10.0)
+        if not flight.picture.vehicles["hawk"].armed:
+            return
+    raise AssertionError("it has not landed")
+
+
+def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None:
+    flight = fly(on("px4"))
+    flight.run(400.0)
+    order(flight, "hold")
+    flight.run(10.0)
+    # A start that is refused in flight, as PX4 1.17 and ArduPlane 4.6.2 did.
+    order(flight, "resume")
+    refused = CommandFinished(flight.now_us, "hawk", "start mission", False, "denied")
+    flight.sim.service.take([refused], flight.sim.link_us)
+    order(flight, "return")
+    flight.run(60.0)
+    flight.sim.rigs[0].client.land(flight.sim.link_us)  # as its pilot would order
+    until_landed(flight)
+    landed_s = flight.now_s
+    flight.run(300.0)
+    assert not flight.picture.vehicles["hawk"].armed
+    assert not flight.sim.rigs[0].mock.flight.armed
+    order(flight, "start")
+    flight.run(60.0)
+    assert flight.sim.rigs[0].mock.flight.armed
+    starts = times_s(flight.over(), StartMission)
+    assert not [at_s for at_s in starts if landed_s <= at_s < landed_s + 300.0]
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: str) -> None:
+    flight = fly(on(stack))
+    flight.run(400.0)
+    flight.sim.rigs[0].mock.battery_percent = 10.0
+    flight.run(3.0)
+    assert flight.mode == "return"
+    assert "not ordered" in alarm(flight, "mode")
+    assert alarm(flight, "autopilot")
+    assert flight.picture.alarms["front/hawk"].severity == "severe"
+    # Neither the service's own order at its end, nor an abort, nor an unconfirmed order ends it.
+    (left,) = order(flight, "hold", by=SERVICE)
+    assert "left as it is" in left
+    flight.run(5.0)
+    flight.tell(Aborted(flight.now_us, *ANN))
+    flight.run(5.0)
+    (question,) = order(flight, "hold")
+    assert question.startswith("confirm:")
+    assert flight.picture.vehicles["hawk"].order == "hold"  # the abort's
+    flight.run(20.0)
+    assert flight.mode == "return"
+    order(flight, "hold", confirmed=True)
+    flight.run(5.0)
+    assert flight.mode == "hold"
+    assert alarm(flight, "mode") == ""
+    holds = times_s(flight.over(), Hold)
+    assert len(holds) == 1
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_a_breached_fence_is_reported_and_the_vehicle_left_alone(fly: Fly, stack: str) -> None:
+    flight = fly(on(stack))
+    flight.run(400.0)
+    began_s = flight.now_s
+    flight.sim.rigs[0].mock.breach_fence(True)
+    flight.run(2.0)
+    assert "not ordered" in alarm(flight, "mode")
+    assert alarm(flight, "autopilot") or alarm(flight, "fence")
+    flight.run(240.0)
+    assert flight.mode != "mission"
+    lines = flight.over()
+    for kind in (UploadMission, StartMission, Hold, Decided):
+        assert not [at_s for at_s in times_s(lines, kind) if at_s > began_s + 1.5], kind
+
+
+def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
+    flight = fly()
+    flight.run(500.0)
+    # Positions go on, dead-reckoned: seen for a minute on ArduPlane 4.6.2 and PX4 1.17.
+    lost = FixTold(flight.now_us, "hawk", False, "no fix")
+    flight.sim.service.take([lost], flight.sim.link_us)
+    began_s, seen = flight.now_s, flight.picture.observations
+    assert flight.picture.alarms["position/hawk"].severity == "severe"
+    flight.run(30.0)
+    assert flight.picture.observations == seen
+    found = FixTold(flight.now_us, "hawk", True, "3d")
+    flight.sim.service.take([found], flight.sim.link_us)
+    flight.run(20.0)
+    assert flight.picture.observations > seen
+    lines = flight.over()
+    for kind in (UploadMission, Decided):
+        assert not [at_s for at_s in times_s(lines, kind) if began_s < at_s < began_s + 30.0], kind
+
+
+def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fly) -> None:
+    flight = fly('mission.approval="each"')
+    flight.run(30.0)
+    first = flight.picture.missions["hawk"].proposed
+    assert first is not None
+    flight.tell(MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash))
+    flight.run(100.0)
+    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    flight.run(3.0)
+    wanted = flight.picture.missions["hawk"].proposed
+    assert wanted is not None
+    assert "asked for by ann" in wanted.why
+    flight.run(66.0)
+    again = flight.picture.missions["hawk"].proposed
+    assert again is not None
+    assert again.mission_id != wanted.mission_id
+    assert "asked for by ann" in again.why
+    withdrawn = [line for line in flight.over() if isinstance(line, WithdrawMission)]
+    assert wanted.mission_id in [line.mission_id for line in withdrawn]
+
+
+def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly) -> None:
+    flight = fly('mission.approval="each"')
+    flight.run(30.0)
+    first = flight.picture.missions["hawk"].proposed
+    assert first is not None
+    flight.tell(MissionRefused(flight.now_us, *ANN, "hawk", first.mission_hash))
+    flight.run(300.0)  # it stands on the ground: nothing differs
+    assert flight.picture.missions["hawk"].proposed is None
+    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    flight.run(5.0)
+    assert flight.picture.missions["hawk"].proposed is not None
+    proposed = [line for line in flight.over() if isinstance(line, ProposeMission)]
+    assert len(proposed) == 2

@@ -1,0 +1,48 @@
+"""Memory of large blocks goes back to the system, whatever was allocated in between."""
+
+import platform
+import subprocess
+import sys
+
+import pytest
+
+MIB = 1 << 20
+# One large block that is freed has glibc keep all smaller ones from then on; each block in front of
+# a small one that lives on would stay.
+SCRIPT = f"""
+import sys
+from pathlib import Path
+
+from mission_service.freed_memory import give_back_freed
+
+
+def resident() -> int:
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * 4096
+
+
+if sys.argv[1] == "give back":
+    assert give_back_freed()
+large = bytearray(30 * {MIB})
+del large
+before = resident()
+blocks, small = [], []
+for _ in range(100):
+    blocks.append(bytearray(b"x") * {MIB})
+    small.append(bytearray(b"x") * 4096)
+blocks.clear()
+print(resident() - before)
+"""
+
+
+def kept_bytes(how: str) -> int:
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT, how], capture_output=True, text=True, check=True, timeout=120
+    )
+    return int(found.stdout)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="no glibc here")
+def test_large_blocks_that_were_freed_are_given_back() -> None:
+    assert kept_bytes("leave it") > 50 * MIB  # so this would show
+    assert kept_bytes("give back") < 5 * MIB

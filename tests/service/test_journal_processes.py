@@ -1,0 +1,181 @@
+"""The journal of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
+
+import json
+import os
+import resource
+import signal
+import stat
+import subprocess
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission_service.control_client import Control
+from mission_service.errors import ControlError, RequestError
+from mission_service.replay import verify
+from tests.service.test_live import CLI, free_port, process, wait_for
+
+
+def arguments(out: Path, *sets: str) -> list[str]:
+    """A run of the default scenario whose vehicle is not there."""
+    changes = [f'vehicles.0.link="udpin:127.0.0.1:{free_port()}"', "start_s=3600", *sets]
+    return ["run", "default", "--out", str(out), *(w for each in changes for w in ("--set", each))]
+
+
+@contextmanager
+def running(command: list[str], out: Path) -> Iterator[tuple[Control, Any]]:
+    """The control socket of a run, once it answers, and its process."""
+    log = out.parent / "run.log"
+    with process(command, log) as child:
+
+        def answers() -> bool:
+            assert child.poll() is None, log.read_text(encoding="utf-8")
+            try:
+                with Control(out) as there:
+                    there.ask(do="status")
+            except ControlError:
+                return False
+            return True
+
+        wait_for(answers, 120)
+        with Control(out) as there:
+            yield there, child
+
+
+def stopped(child: "subprocess.Popen[bytes]", by: signal.Signals) -> None:
+    child.send_signal(by)
+    child.wait(timeout=60)
+
+
+def refused(there: Control, **request: Any) -> str:
+    try:
+        there.ask(**request, by="ann", station="desk")
+    except RequestError as error:
+        return str(error)
+    return ""
+
+
+def test_a_refusal_of_no_vehicle_is_refused_and_the_run_goes_on_after_a_kill(
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "out"
+    command = arguments(out)
+    with running(command, out) as (there, child):
+        for do in ("refuse", "accept"):
+            assert "vehicle" in refused(there, do=do, vehicle="", hash="0" * 64)
+        there.ask(do="hold", vehicle="hawk", by="ann", station="desk")
+        child.kill()
+        child.wait(timeout=60)
+    with running(command, out) as (there, child):
+        assert refused(there, do="hold", vehicle="hawk") == ""
+        stopped(child, signal.SIGTERM)
+    lines = (out / "journal.jsonl").read_text(encoding="utf-8")
+    assert "MissionRefused" not in lines
+    assert lines.count('"type":"Resumed"') == 1
+    assert verify(out / "journal.jsonl").difference is None
+
+
+def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    log = tmp_path / "run.log"
+
+    def a_run(*sets: str, anew: bool = False, by: signal.Signals = signal.SIGTERM) -> str:
+        extra = ["--anew"] if anew else []
+        with running([*arguments(out, *sets), *extra], out) as (there, child):
+            there.ask(do="present", by="ann", station="desk")
+            stopped(child, by)
+        return log.read_text(encoding="utf-8")
+
+    def texts() -> set[bytes]:
+        return {each.read_bytes() for each in out.glob("journal*.jsonl")}
+
+    a_run("service.keep.rotate_mb=0.001")
+    first = texts()
+    told = a_run("planner.alpha=1.5")
+    assert "journal-1.jsonl" in told
+    assert first < texts()
+    second = texts()
+    told = a_run("planner.alpha=1.5", anew=True)
+    assert "journal-2.jsonl" in told
+    assert second < texts()
+    for kept in ("journal-1.jsonl", "journal-2.jsonl"):
+        assert verify(out / kept).difference is None
+
+
+def test_what_is_no_journal_is_kept_too(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "journal.jsonl").write_text("somebody's notes\n", encoding="utf-8")
+    with running(arguments(out), out) as (_, child):
+        stopped(child, signal.SIGTERM)
+    assert (out / "journal-1.jsonl").read_text(encoding="utf-8") == "somebody's notes\n"
+
+
+def test_what_a_run_leaves_is_for_its_user_alone(tmp_path: Path) -> None:
+    out = tmp_path / "made" / "out"
+    tlog = out / "link.tlog"
+    (tmp_path / "made").mkdir()
+    before = os.umask(0)
+    try:
+        command = [
+            *arguments(out, "service.keep.state_every_s=1", 'service.http.listen="127.0.0.1:0"'),
+            *("--tlog", str(tlog)),
+        ]
+        with running(command, out) as (there, child):
+            there.ask(do="present", by="ann", station="desk")
+            wait_for(lambda: (out / "journal.state").exists(), 60)
+            stopped(child, signal.SIGINT)
+    finally:
+        os.umask(before)
+    left = {each.name: stat.S_IMODE(each.stat().st_mode) for each in out.iterdir()}
+    assert {"journal.jsonl", "journal.state", "summary.json", "token", "link.tlog"} <= set(left)
+    assert stat.S_IMODE(out.stat().st_mode) == 0o700
+    assert {name: oct(mode) for name, mode in left.items() if mode & 0o077} == {}
+
+
+def test_a_symlink_in_the_place_of_the_journal_is_refused(tmp_path: Path) -> None:
+    out, target = tmp_path / "out", tmp_path / "precious"
+    out.mkdir()
+    target.write_text("precious\n", encoding="utf-8")
+    for name in ("journal.jsonl", "journal.jsonl.next", "journal-000001.jsonl", "journal.state"):
+        (out / name).symlink_to(target)
+        found = subprocess.run(
+            [*CLI, *arguments(out)], capture_output=True, text=True, timeout=120, check=False
+        )
+        assert found.returncode == 1, name
+        assert found.stderr.count("\n") == 1
+        assert f"{out / name}: is a symbolic link" in found.stderr
+        assert target.read_text(encoding="utf-8") == "precious\n"
+        (out / name).unlink()
+    assert json.dumps([each.name for each in out.iterdir()]) == "[]"
+
+
+def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with running(arguments(out, 'service.http.listen="127.0.0.1:0"'), out) as (there, child):
+        log = (tmp_path / "run.log").read_text(encoding="utf-8")
+        address = log.partition("map: ")[2].split("/?")[0].split()[0].rstrip("/")
+
+        def lacks() -> str:
+            with pytest.raises(urllib.error.HTTPError) as caught:
+                urllib.request.urlopen(f"{address}/readyz", timeout=60)
+            assert caught.value.code == 503
+            return caught.value.read().decode()
+
+        assert "hawk: not heard yet" in lacks()
+        assert "journal" not in lacks()
+        size = (out / "journal.jsonl").stat().st_size
+        resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (size + 20, resource.RLIM_INFINITY))
+        assert "not recorded: disk full" in refused(there, do="present")
+        assert "journal: disk full" in lacks()
+        resource.prlimit(
+            child.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+        )
+        wait_for(lambda: "journal" not in lacks(), 60)
+        assert refused(there, do="present") == ""
+        stopped(child, signal.SIGTERM)

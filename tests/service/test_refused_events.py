@@ -1,0 +1,386 @@
+"""Events that cannot be journalled or handled leave no trace; lines that cannot be are skipped."""
+
+import math
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import msgspec
+import pytest
+
+from benchmarks.folds import difference
+from mission_service.commands import AnyCommand, Hold, UploadMission
+from mission_service.config import Scenario, flying, load_scenario
+from mission_service.core import Core
+from mission_service.daemon import desk_of, replay
+from mission_service.errors import JournalError, RefusedEventError
+from mission_service.events import (
+    Aborted,
+    LinesSkipped,
+    MissionRefused,
+    Ordered,
+    Present,
+    Resumed,
+    Telemetry,
+    WindMeasured,
+)
+from mission_service.fire_setup import landscape_of
+from mission_service.gateway import Gateway
+from mission_service.journal import Journal, JournalReader, event_body, header_of
+from mission_service.picture import Picture
+from mission_service.record import Record
+from mission_service.replay import in_text, verify
+from mission_service.resume import resumed, unfinished
+from mission_service.segments import newest_state
+from mission_service.service import TRIED, Service
+from mission_service.sim import Simulation
+from mission_service.state_file import Frozen, Known, copied, write
+from mission_service.world import world_of
+
+FROM_S = 590.0
+NAN = float("nan")
+
+
+def scenario_flown() -> Scenario:
+    return flying(load_scenario("default", (f"start_s={FROM_S}", "deploy_at_s=600")))
+
+
+def flight(path: Path, seconds: float) -> Simulation:
+    """As the daemon has it: a durable journal and a picture."""
+    scenario = scenario_flown()
+    landscape = landscape_of(scenario)
+    journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
+    simulation = Simulation(scenario, journal, landscape)
+    simulation.service.picture = Picture(scenario, landscape, simulation.clock.now_us)
+    simulation.run(FROM_S + seconds)
+    return simulation
+
+
+def folds(service: Service) -> dict[str, Any]:
+    """All that a restart would know, copied."""
+    return copied(service.kept(), service.known)
+
+
+def here(simulation: Simulation, **changes: Any) -> Telemetry:
+    """The next position of the vehicle, changed."""
+    last = simulation.service.picture.telemetry["hawk"]  # type: ignore[union-attr]
+    told = Telemetry(
+        simulation.clock.now_us + 250_000,
+        "hawk",
+        last.lat_deg,
+        last.lon_deg,
+        last.altitude_amsl_m,
+        last.altitude_relative_m,
+        1.0,
+        1.0,
+        90.0,
+    )
+    return msgspec.structs.replace(told, **changes)
+
+
+@pytest.mark.parametrize(
+    ("event", "field"),
+    [
+        (WindMeasured(1, "hawk", NAN, 0.0), "speed_m_s"),
+        (WindMeasured(1, "hawk", 1e38, 0.0), "speed_m_s"),
+        (WindMeasured(1, "hawk", 3.0, math.inf), "from_deg"),
+        (WindMeasured(10**16, "hawk", 3.0, 0.0), "at_us"),
+        (WindMeasured(1, "", 3.0, 0.0), "vehicle"),
+        (MissionRefused(1, "ann", "", "", "0" * 64), "vehicle"),
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(
+    tmp_path: Path, event: Any, field: str
+) -> None:
+    with pytest.raises(RefusedEventError, match=rf"{type(event).__name__} refused: .*{field}"):
+        event_body(event)
+    journal = Journal(tmp_path / "journal.jsonl", {}, durable=True)
+    with pytest.raises(RefusedEventError):
+        journal.event(event)
+    journal.event(Present(1, "ann", ""))
+    journal.close()
+    assert journal.path.read_bytes().count(b"\n") == 2
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"lat_deg": NAN},
+        {"lon_deg": 1e38},
+        {"altitude_amsl_m": -math.inf},
+        {"velocity_east_m_s": 1e9},
+        {"at_us": 10**17},
+    ],
+)
+def test_an_absurd_position_leaves_no_trace_but_an_alarm(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 60.0)
+    service = simulation.service
+    service.record.news.clear()
+    before, written = folds(service), path.read_bytes()
+    picture = service.picture
+    assert picture is not None
+    absurd = here(simulation, **changes)
+    service.picture = None  # its alarm is all that may change
+    service.take([absurd], simulation.link_us)
+    assert len(service.record.news) == 1
+    service.record.news.clear()
+    service.picture = picture
+    assert path.read_bytes() == written
+    assert difference(folds(service), before) == ""
+    service.take([absurd] * 5, simulation.link_us)  # not told again
+    assert service.record.news == []
+    simulation.run(FROM_S + 62.0)
+    assert verify(path).difference is None
+
+
+def test_the_alarm_of_a_refused_event_ends_with_a_good_one(tmp_path: Path) -> None:
+    simulation = flight(tmp_path / "journal.jsonl", 15.0)
+    service, at_us = simulation.service, simulation.clock.now_us
+    assert service.picture is not None
+    service.take([WindMeasured(at_us, "hawk", NAN, 0.0)], simulation.link_us)
+    assert list(service.picture.alarms) == ["refused/hawk/WindMeasured"]
+    service.take([WindMeasured(at_us, "hawk", 4.0, 0.0)], simulation.link_us)
+    assert list(service.picture.alarms) == []
+
+
+FOLDS: dict[str, Callable[[Service], object]] = {
+    "core": lambda service: service.core,
+    "record": lambda service: service.record,
+    "picture": lambda service: service.picture,
+    "_missions": lambda service: service._missions,
+}
+
+
+def defective(monkeypatch: pytest.MonkeyPatch, fold: object, kind: type) -> None:
+    """Let a fold raise at one kind of event, after it has taken in half of it."""
+    name = {"Core": "handle", "Record": "add"}.get(type(fold).__name__, "take")
+    works = getattr(type(fold), name)
+
+    def fails(self: Any, event: Any, *more: Any) -> Any:
+        found = works(self, event, *more)
+        if isinstance(event, kind):
+            raise ZeroDivisionError("by nothing")
+        return found
+
+    monkeypatch.setattr(type(fold), name, fails)
+
+
+@pytest.mark.parametrize("name", FOLDS)
+def test_a_request_that_a_fold_cannot_handle_is_refused_without_a_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    assert set(FOLDS) < set(TRIED)
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 60.0)
+    service, now_us = simulation.service, simulation.clock.now_us
+    before, written = folds(service), path.read_bytes()
+    done: list[Any] = []
+    gateway = simulation.rigs[0].gateway
+    with monkeypatch.context() as patch:
+        patch.setattr(gateway, "execute", lambda command, now_us: done.append(command))
+        defective(patch, FOLDS[name](service), Ordered)
+        desk = desk_of(simulation.service._scenario, service, simulation.clock, {})
+        for _ in range(2):
+            answer = desk.ask({"do": "hold", "vehicle": "hawk", "by": "ann", "station": "desk"})
+            assert not answer["ok"]
+            assert "cannot be handled" in answer["error"]
+            assert "\n" not in answer["error"]
+        defective(patch, FOLDS[name](service), Aborted)
+        assert not desk.ask({"do": "abort", "by": "ann", "station": "desk"})["ok"]
+        assert done == [Hold("hawk")]  # all the same
+    assert path.read_bytes() == written
+    assert difference(folds(service), before) == ""
+    service.tell(Ordered(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
+    simulation.run(FROM_S + 65.0)
+    assert verify(path).difference is None
+
+
+@pytest.mark.parametrize("name", FOLDS)
+def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 60.0)
+    service = simulation.service
+    written = path.read_bytes()
+    with monkeypatch.context() as patch:
+        defective(patch, FOLDS[name](service), WindMeasured)
+        wind = WindMeasured(simulation.clock.now_us, "hawk", 4.0, 0.0)
+        with pytest.raises(RefusedEventError, match="this is a defect"):
+            service.take([wind], simulation.link_us)
+        assert path.read_bytes() == written
+        # Nothing else is folded into a state that is not the journal's.
+        with pytest.raises(RefusedEventError, match="this is a defect"):
+            service.take([here(simulation)], simulation.link_us)
+        assert path.read_bytes() == written
+    service.recording.journal.close()
+    assert len(gone_on(path)[0]) == 0
+    assert verify(path).difference is None
+
+
+# Lines that cannot be read or handled --------------------------------------------------------
+
+
+class Silent:
+    """The gateway of a vehicle that is not heard."""
+
+    def execute(self, command: AnyCommand, now_us: int) -> None:
+        """Nobody is there."""
+
+    def read_back(self, recognise: object, now_us: int) -> None:
+        """Nobody is heard."""
+
+
+def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Service]:
+    """What a restart makes of a journal: why lines were skipped now, and the service."""
+    scenario = scenario_flown()
+    landscape = landscape_of(scenario)
+    cut_off = unfinished(path, Known(scenario, landscape), scenario, skip)
+    assert cut_off is not None
+    journal = Journal(path, header_of(scenario, landscape.digest(), ""), True, cut_off.rest())
+    start_us = round(FROM_S * 1e6)
+    service = Service(
+        scenario,
+        Core(scenario, landscape),
+        world_of(scenario, landscape),
+        journal,
+        Record(("hawk",), start_us),
+        {"hawk": cast(Gateway, Silent())},
+        picture=Picture(scenario, landscape, start_us),
+    )
+    if cut_off.objects is not None:
+        service.restore(cut_off.objects)
+    try:
+        replay(cut_off, service)
+        last_us = max(cut_off.last_us, service.record.at_us)
+        service.go_on(cut_off.missing, resumed(last_us, 5.0), 0, cut_off.skips(last_us))
+    finally:
+        journal.close()
+    return tuple(cut_off.skips_now.values()), service
+
+
+def with_line(path: Path, number: int, body: Callable[[bytes], bytes]) -> None:
+    """Change the body of a line as a defect would have written it: all checksums hold."""
+    lines = path.read_bytes().splitlines(keepends=True)
+    crc, out = 0, lines[:1]
+    for at, line in enumerate(lines[1:], start=2):
+        text = line.rpartition(b',"crc":"')[0]
+        text = body(text) if at == number else text
+        crc = zlib.crc32(text, crc)
+        out.append(b'%b,"crc":"%08x"}\n' % (text, crc))
+    path.write_bytes(b"".join(out))
+
+
+def line_of(path: Path, kind: type, after: int = 20) -> int:
+    """The number of a line with this."""
+    for entry in JournalReader(path):
+        if entry.line > after and isinstance(entry.content, kind):
+            return entry.line
+    raise AssertionError
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The journal of a flight."""
+    simulation = flight(tmp_path_factory.mktemp("whole") / "journal.jsonl", 150.0)
+    journal = simulation.service.recording.journal
+    journal.close()
+    return journal.path.read_bytes()
+
+
+def damaged_byte(path: Path, number: int) -> None:
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[number - 1] = lines[number - 1][:30] + b"\x00" + lines[number - 1][31:]
+    path.write_bytes(b"".join(lines))
+
+
+def as_null(path: Path, number: int) -> None:
+    def nan(text: bytes) -> bytes:
+        at = text.index(b'"heading_deg":') + len(b'"heading_deg":')
+        return text[:at] + b"null}"
+
+    with_line(path, number, nan)
+
+
+def without_name(path: Path, number: int) -> None:
+    poison = (
+        b'{"event":{"type":"MissionHeld","at_us":1,"vehicle":"nobody","mission_id":0,"items":1}'
+    )
+    with_line(path, number, lambda text: poison)
+
+
+@pytest.mark.parametrize(
+    ("damage", "kind"),
+    [
+        (damaged_byte, Telemetry),
+        (as_null, Telemetry),
+        (without_name, Telemetry),
+        (damaged_byte, UploadMission),
+    ],
+)
+def test_a_line_that_cannot_be_used_is_named_and_skipped_on_request(
+    tmp_path: Path, whole: bytes, damage: Callable[[Path, int], None], kind: type
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(whole)
+    number = line_of(path, kind)
+    damage(path, number)
+    broken = path.read_bytes()
+    with pytest.raises(JournalError, match=rf"line {number} .*--skip-unreadable goes on") as caught:
+        gone_on(path)
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == broken
+    assert verify(path).difference is not None
+
+    skipped, service = gone_on(path, skip=True)
+    assert len(skipped) == 1
+    assert f"line {number} " in skipped[0]
+    assert path.read_bytes().startswith(broken)
+    told = [entry.content for entry in JournalReader(path).trusted(JournalReader(path).begin)
+            if not hasattr(entry, "why")][-8:]  # fmt: skip
+    assert any(isinstance(each, LinesSkipped) for each in told)
+    assert any(isinstance(each, Resumed) for each in told)
+    assert service.core.vehicles["hawk"].doubt is not None
+    # Later restarts know, and so does a replay.
+    assert gone_on(path)[0] == ()
+    found = verify(path)
+    assert found.difference is None
+    assert found.stage("file").counts["skipped"] == 1
+    assert f"line {number} " in in_text(found)
+    assert found.stage("core").counts["events"] > 100
+
+
+def test_a_line_is_named_by_its_number_behind_a_state_too(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 100.0)
+    service = simulation.service
+    write(newest_state(path), Frozen(service.kept(), service.known), service.recording.journal.rest)
+    behind = path.read_bytes().count(b"\n")
+    simulation.run(FROM_S + 150.0)
+    service.recording.journal.close()
+    damaged_byte(path, 20)
+    assert gone_on(path)[0] == ()  # before the state: nothing is lost
+    number = behind + 7
+    damaged_byte(path, number)
+    with pytest.raises(JournalError, match=rf"line {number} "):
+        gone_on(path)
+    assert len(gone_on(path, skip=True)[0]) == 1
+
+
+def test_an_event_whose_handling_was_cut_off_is_skipped_without_a_request(
+    tmp_path: Path, whole: bytes
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(whole)
+    lines = path.read_bytes().count(b"\n")
+    last = path.read_bytes().splitlines(keepends=True)[-1]
+    path.write_bytes(path.read_bytes() + last)
+    without_name(path, lines + 1)
+    skipped, _ = gone_on(path)
+    assert len(skipped) == 1
+    assert f"line {lines + 1} cannot be handled" in skipped[0]
+    assert verify(path).difference is None

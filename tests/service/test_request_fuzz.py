@@ -1,0 +1,16 @@
+"""Requests at random moments of simulated flights; ``benchmarks.request_fuzz`` asks for more."""
+
+import pytest
+
+from benchmarks.request_fuzz import CASES, Found, run
+
+SEED = 3
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_request_raises_and_a_restart_knows_what_the_live_run_knew(name: str) -> None:
+    found = Found()
+    run(name, 40, SEED, found, a_fork=20)
+    assert found.wrong == []
+    assert found.asked.total() == 40
+    assert found.done.total() > 10

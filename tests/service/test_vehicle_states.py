@@ -1,0 +1,96 @@
+"""A vehicle through refusals, losses, failsafes, orders and landings; and cores that are broken."""
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from mission_service.commands import AnyCommand, Hold, StartMission
+from mission_service.core import Core
+from mission_service.events import AnyEvent, Telemetry, UploadFinished
+from mission_service.steering import GOING_HOME
+from mission_service.vehicle import Vehicle
+from tests.service.vehicle_machine import VehicleMachine, run
+
+EXAMPLES, STEPS, SEED = 120, 30, 20
+
+
+def test_no_vehicle_is_started_or_taken_over_without_a_person() -> None:
+    class Machine(VehicleMachine):
+        met = Counter()
+
+    run(Machine, EXAMPLES, STEPS, SEED, shrinks=True)
+    met = Machine.met
+    for each in ("landed", "killed", "commanded: StartMission", "commanded: Return"):
+        assert met[each] > 10, f"{each}: {met[each]} times; the machine does not get there"
+
+
+class StartsAgainAfterALanding(Core):
+    """What was to be started again is not forgotten when the vehicle lands."""
+
+    def _disarmed(self, vehicle: Vehicle, was_airborne: bool) -> list[AnyCommand]:
+        again_at_s, waits = vehicle.start_again_at_s, vehicle.waits_for_crew
+        commands = super()._disarmed(vehicle, was_airborne)
+        vehicle.start_again_at_s, vehicle.waits_for_crew = again_at_s, waits
+        return commands
+
+
+class StartsWhateverItUploads(Core):
+    """A mission that has arrived is started in any mode."""
+
+    def handle(self, event: AnyEvent) -> list[AnyCommand]:
+        commands = super().handle(event)
+        if isinstance(event, UploadFinished) and event.outcome == "accepted":
+            starts = StartMission(event.vehicle)
+            if self.vehicles[event.vehicle].started and starts not in commands:
+                commands.append(starts)
+        return commands
+
+
+class HoldsAgainInAFailsafe(Core):
+    """A hold is repeated until it is accepted, whatever the autopilot does meanwhile."""
+
+    def handle(self, event: AnyEvent) -> list[AnyCommand]:
+        commands = super().handle(event)
+        if isinstance(event, Telemetry):
+            vehicle = self.vehicles[event.vehicle]
+            if vehicle.ordered == "hold" and vehicle.mode in GOING_HOME:
+                commands.append(Hold(event.vehicle))
+        return commands
+
+
+class SeesNoFailsafe(Core):
+    """Every mode counts as ordered."""
+
+    def _handle(self, event: AnyEvent) -> list[AnyCommand]:
+        for presence in self.steering.presence.values():
+            presence.mode_is_ordered = True
+        return super()._handle(event)
+
+
+class StartsAfterARestart(Core):
+    """An autopilot that restarts on the ground is sent to the fire again, as before a flight."""
+
+    def _rebooted(self, vehicle: Vehicle, was: Any) -> list[AnyCommand]:
+        commands = super()._rebooted(vehicle, was)
+        vehicle.waits_for_crew = False
+        return commands
+
+
+@pytest.mark.parametrize(
+    ("broken", "rule"),
+    [
+        (StartsAgainAfterALanding, "started after"),
+        (StartsWhateverItUploads, "StartMission to one that was taken"),
+        (HoldsAgainInAFailsafe, "Hold to one that was taken"),
+        (SeesNoFailsafe, "to one that was taken"),
+        (StartsAfterARestart, "started after"),
+    ],
+)
+def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str) -> None:
+    class Machine(VehicleMachine):
+        core = broken
+        met = Counter()
+
+    with pytest.raises(AssertionError, match=rule):
+        run(Machine, EXAMPLES, STEPS, SEED)
