@@ -103,4 +103,4 @@ def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str
         met: ClassVar[Counter[str]] = Counter()
 
     with pytest.raises(AssertionError, match=rule):
-        run(Machine, 300, STEPS, SEED)
+        run(Machine, 3000, STEPS, SEED)  # it ends at the first that it finds
