@@ -3,8 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.client_events import ClientEvent, TransferFinished
+from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
@@ -40,6 +43,28 @@ def line_of(count: int, first: int = 0) -> tuple[MissionItem, ...]:
 
 def flight_of() -> tuple[MissionItem, ...]:
     return (takeoff(*HOME[:2], 360.0), *line_of(4))
+
+
+class Noting(MemoryLink):
+    """Keeps the messages that were sent on it, lost or not."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(**more)
+        self.sent: list[Message] = []
+        self._decoder = Codec(1, 1)
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        self.sent += self._decoder.decode(datagram)
+        super().send(datagram, now_us)
+
+    def asked_to_begin(self) -> list[Message]:
+        command = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
+        return [
+            message
+            for message in self.sent
+            if message.get_type() == "MISSION_SET_CURRENT"
+            or (message.get_type() == "COMMAND_LONG" and message.command == command)
+        ]
 
 
 @dataclass

@@ -9,38 +9,16 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.begin import Begin, Onboard
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import MissionItem, takeoff, waypoint
-from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.read_back import as_read_back
 from autopilot_bridge.stacks import Stack, stack_named
 from autopilot_bridge.transfer import Address, TransferTiming
-from tests.bridge.helpers import HOME, SECOND, Pair, line_of, mock_of
+from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
 PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
 both = pytest.mark.parametrize("stack", [PX4, ARDUPLANE], ids=lambda s: s.name)
 ADDRESS = Address((255, 190), (1, 1), 0)
 CODEC = Codec(1, 1)
-
-
-class Noting(MemoryLink):
-    """Keeps the messages that were sent on it, lost or not."""
-
-    def __init__(self, **more: Any) -> None:
-        super().__init__(**more)
-        self.sent: list[Message] = []
-
-    def send(self, datagram: bytes, now_us: int) -> None:
-        self.sent += CODEC.decode(datagram)
-        super().send(datagram, now_us)
-
-    def asked_to_begin(self) -> list[Message]:
-        command = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
-        return [
-            message
-            for message in self.sent
-            if message.get_type() == "MISSION_SET_CURRENT"
-            or (message.get_type() == "COMMAND_LONG" and message.command == command)
-        ]
 
 
 def flying(stack: Stack, **more: Any) -> Pair:

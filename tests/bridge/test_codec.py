@@ -16,7 +16,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.plan_id import mission_id_of
 from autopilot_bridge.stacks import stack_named
-from tests.bridge.helpers import line_of, mock_of
+from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.transcripts import FOLDER
 
 PX4 = stack_named("px4", "plane")
@@ -92,6 +92,7 @@ def test_the_mock_gives_the_same_id() -> None:
     mock.receive_data(station.encode(mavlink.MAVLink_mission_count_message(1, 1, 5, 0)), 0)
     for seq, item in enumerate(items):
         mock.receive_data(station.encode(item_message((1, 1), seq, item, seq == 0, 0)), 0)
+    mock.handle_timer(SECOND)  # MISSION_CURRENT comes once a second
     heard = [m for datagram in mock.data_to_send() for m in Codec(9, 9).decode(datagram)]
     (ack,) = [m for m in heard if m.get_type() == "MISSION_ACK"]
     current = [m for m in heard if m.get_type() == "MISSION_CURRENT"][-1]

@@ -9,7 +9,8 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 
 # What differs rightly, and nothing else:
 # - the order between texts, progress and answers: they wait in different queues, so each of the
-#   three is compared by itself; of MISSION_CURRENT what it says, not how often;
+#   three is compared by itself; of MISSION_CURRENT what it says, not how often, nor at which
+#   moment of its second (PX4's two links differ in it too);
 # - how often a question is repeated while nobody answers, by one;
 # - texts of the estimator and of the arming checks, and those link B is told anew when it connects;
 # - the running number of a text;
@@ -34,6 +35,7 @@ PROGRESS = ("MISSION_CURRENT", "MISSION_ITEM_REACHED")
 OTHER_TEXTS = ("PreArm", "EKF")
 RUNNING = ("id", "chunk_seq")
 SINGLE_PRECISION = 1e-6
+PERIOD_S = 1.0  # between two MISSION_CURRENT
 
 
 @dataclass(frozen=True)
@@ -170,12 +172,14 @@ def _same_value(wanted: Any, given: Any) -> bool:
 
 
 def _progress_differs(wanted: list[Line], heard: list[Line]) -> Iterator[str]:
-    """Each MISSION_CURRENT recorded, against what the mock last said by then."""
+    """Each MISSION_CURRENT recorded, against the mock's own before it and after it."""
     told = [line for line in heard if line.name == "MISSION_CURRENT"]
     for line in wanted:
         if line.name != "MISSION_CURRENT":
             continue
-        by_then = [ours for ours in told if ours.at_s <= line.at_s + 1e-3]
-        if by_then and by_then[-1].fields != line.fields:
-            yield f"recorded: {line}\n     got: {by_then[-1]}"
+        before = [ours for ours in told if 0.0 <= line.at_s + 1e-3 - ours.at_s <= PERIOD_S]
+        after = [ours for ours in told if 0.0 < ours.at_s - line.at_s - 1e-3 <= PERIOD_S]
+        near = [*before[-1:], *after[:1]]
+        if told and all(ours.fields != line.fields for ours in near):
+            yield f"recorded: {line}\n     got: {' and '.join(map(str, near)) or 'nothing'}"
             return

@@ -37,6 +37,7 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
+from mission_service.fire_setup import landscape_of
 from mission_service.planners.perimeter import PerimeterPlanner
 from mission_service.world import world_of
 from tests.service.people_flights import ANN, Flight, Fly, flights_in

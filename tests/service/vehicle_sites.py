@@ -87,6 +87,7 @@ def site_of(name: str) -> Site:
     if scenario.burn is None:
         fire_m = fire_position(scenario, landscape)
     else:
+        assert scenario.burn.unit is not None
         fire_m = landscape.xy_of_lat_lon(*scenario.burn.unit[0])
     known = Known(scenario, landscape)
     return Site(scenario, landscape, known, (float(fire_m[0]), float(fire_m[1])))
