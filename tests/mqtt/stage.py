@@ -43,7 +43,12 @@ def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]
     arrival_s = 30.0 * np.hypot(rows - 100, cols - 100)
     fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
     world = SimpleNamespace(fire=fire, landscape=landscape)
-    service: Any = SimpleNamespace(world=world, record=Record((), 0), picture=picture)
+    service: Any = SimpleNamespace(
+        world=world,
+        record=Record((), 0),
+        picture=picture,
+        recording=SimpleNamespace(trouble=""),
+    )
     service.announce = functools.partial(Service.announce, service)
     return Hub(
         scenario,
