@@ -114,6 +114,8 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
         stage.task.cancel()
         _, left = await asyncio.wait([stage.task], timeout=PATIENCE_S)
         assert not left, "it does not end"
+        if not stage.task.cancelled():
+            stage.task.result()  # raises what ended it: the cause, should the block have failed
 
 
 @dataclass
