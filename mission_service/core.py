@@ -125,6 +125,8 @@ class Core:
             self.steering.sent(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
+            elif isinstance(command, Hold):
+                self.vehicles[command.vehicle].hold_under_way_s = at_s
             elif isinstance(command, UploadMission) and self._along_front:
                 self.spacing.sends(command.vehicle, command.items)
         return commands
@@ -134,8 +136,13 @@ class Core:
         if not self._along_front:
             return []
         names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
-        presence = self.steering.presence
-        return [each for name in names for each in self._watch.after(name, presence)]
+        again = self._watch.raised() if isinstance(event, Resumed) else []
+        return [*again, *(each for name in names for each in self._watch_after(name))]
+
+    def _watch_after(self, name: str) -> list[AnyCommand]:
+        vehicle = self.vehicles[name]
+        watches = vehicle.presence.flies and not vehicle.ordered
+        return self._watch.after(name, watches, self.steering.presence)
 
     def _withheld(self, command: AnyCommand) -> bool:
         """The last lock: nothing changes a mode that autopilot or pilot chose, or starts by itself.
@@ -462,8 +469,10 @@ class Core:
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
-        if event.command == "hold" and vehicle.ordered == "hold" and event.accepted:
-            vehicle.hold_again_at_s = None
+        if event.command == "hold":
+            vehicle.hold_under_way_s = None
+            if vehicle.ordered == "hold" and event.accepted:
+                vehicle.hold_again_at_s = None
         if event.command == "return" and event.accepted:
             vehicle.return_again_at_s = None
         if event.accepted:

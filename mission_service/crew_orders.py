@@ -22,6 +22,7 @@ from mission_service.steering import Steering
 from mission_service.vehicle import Vehicle, say
 
 HOLD_AGAIN_S = 3.0
+UNANSWERED_S = 30.0  # the bridge repeats a hold for less time than that
 START_AFTER_S = 2.0
 
 Start = Callable[[Vehicle, float], list[AnyCommand]]
@@ -129,7 +130,8 @@ class CrewOrders:
         vehicle.end_intentions()
         self._call_off_return(vehicle)
         words = say(vehicle, f"{why} by {by}", warning=True)
-        if not vehicle.presence.online:
+        presence = vehicle.presence
+        if not presence.online or not (presence.airborne or presence.armed):
             vehicle.hold_again_at_s = at_s
             return [words]
         return [words, Hold(vehicle.name)]
@@ -162,6 +164,10 @@ class CrewOrders:
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"asked for by {by}", None
+        presence = vehicle.presence
+        if presence.airborne and (presence.taken_over or presence.recalled or vehicle.ordered):
+            words = f"mode {presence.mode}: a mission is sent once the vehicle is led again"
+            return [say(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} asked for another mission")
 
     def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
@@ -184,8 +190,13 @@ class CrewOrders:
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Tell a held one once more when it is time, until its autopilot has said yes."""
+    """Order a hold again until the autopilot has accepted it, once the one before was answered."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
+    since_s, presence = vehicle.hold_under_way_s, vehicle.presence
+    if since_s is not None and at_s - since_s < UNANSWERED_S:
+        return []
+    if not (presence.airborne or presence.armed):
+        return []  # it stands: nothing is to be held, and it is not started
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [Hold(vehicle.name)]

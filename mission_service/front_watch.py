@@ -64,27 +64,33 @@ class FrontWatch:
         self._planners = planners
         self._cell_m = cell_m
         self._watching: set[str] = set()
-        self._unwatched_since: str | None = None  # the vehicle that left it last
+        self._alarm: RaiseAlarm | None = None  # by the vehicle that left it last
 
-    def after(self, name: str, presence: Mapping[str, Presence]) -> list[AnyCommand]:
-        """What an event of a vehicle changes: a part of the front left, or watched again."""
-        flies = presence[name].flies
-        if flies == (name in self._watching):
+    def raised(self) -> list[AnyCommand]:
+        """The alarm that stands, to be raised again after the service was restarted."""
+        return [] if self._alarm is None else [self._alarm]
+
+    def after(self, name: str, watches: bool, presence: Mapping[str, Presence]) -> list[AnyCommand]:
+        """What an event of a vehicle changes: a part of the front left, or watched again.
+
+        ``watches``: whether the vehicle follows its planner now.
+        """
+        if watches == (name in self._watching):
             return []
         fire = map_of(self._planners[name])
         if fire is None or bool(np.isnan(fire.outer).all()):
             return []
-        if flies:
+        if watches:
             self._watching.add(name)
-            last, self._unwatched_since = self._unwatched_since, None
-            return [] if last is None else [ClearAlarm(last, ALARM)]
+            raised, self._alarm = self._alarm, None
+            return [] if raised is None else [ClearAlarm(raised.vehicle, ALARM)]
         self._watching.discard(name)
         part = part_in_words(fire, self._left(name, fire, presence), self._cell_m)
         if self._watching:
             left = ", ".join(sorted(self._watching))
             return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
-        self._unwatched_since = name
-        return [RaiseAlarm(name, ALARM, f"no vehicle watches {part}", "severe")]
+        self._alarm = RaiseAlarm(name, ALARM, f"no vehicle watches {part}", "severe")
+        return [self._alarm]
 
     def _left(
         self, name: str, fire: FireMap, presence: Mapping[str, Presence]

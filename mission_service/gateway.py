@@ -381,15 +381,16 @@ class Gateway:
 
     def _text(self, event: bridge.Text) -> AutopilotText | None:
         """A text that is worth a word, unless it stands there already."""
-        if event.severity > LEAST_SEVERITY or not event.text:
+        text = printable(event.text)
+        if event.severity > LEAST_SEVERITY or not text:
             return None
-        before_us = self._texts.pop(event.text, None)
-        self._texts[event.text] = event.at_us
+        before_us = self._texts.pop(text, None)
+        self._texts[text] = event.at_us
         if len(self._texts) > MOST_TEXTS_KEPT:
             self._texts.pop(next(iter(self._texts)))
         if before_us is not None and event.at_us - before_us < TEXT_AGAIN_AFTER_US:
             return None
-        return AutopilotText(self._clock.now_us, self.name, event.severity, event.text)
+        return AutopilotText(self._clock.now_us, self.name, event.severity, text)
 
     def _status_changed(self, status: StatusChanged) -> StatusChanged:
         """The client reports it when it changes; kept, for it is asked for after a restart."""
@@ -403,6 +404,12 @@ class Gateway:
         if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
             return None
         return told
+
+
+def printable(text: str) -> str:
+    """A text on one line, without characters that a terminal would obey."""
+    shown = "".join(each if each.isprintable() else " " for each in text)
+    return " ".join(shown.split())
 
 
 def _connected(now_us: int, name: str, stack: Stack) -> VehicleConnected:

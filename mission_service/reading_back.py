@@ -18,7 +18,7 @@ def doubt(vehicle: Vehicle) -> None:
     starting = vehicle.start_under_way or bool(was and was.starting)
     vehicle.doubt = Doubt(pending, recalled, starting, bool(was and was.resumed))
     vehicle.presence.online = vehicle.start_under_way = False
-    vehicle.pending = vehicle.flown_line = None
+    vehicle.pending = vehicle.flown_line = vehicle.hold_under_way_s = None
 
 
 def recognised(

@@ -60,6 +60,7 @@ class Vehicle:
     started: bool = False
     holding: bool = False
     ordered: Literal["", "hold"] = ""  # by a person
+    hold_under_way_s: float | None = None  # since when a hold has had no answer
     hold_again_at_s: float | None = None  # until its autopilot has said yes
     waits_for_crew: bool = False  # it has flown: on the ground only an operator's order starts it
     start_again_at_s: float | None = None

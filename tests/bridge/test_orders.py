@@ -243,10 +243,7 @@ def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
     """The new mode ends it, sooner than the times since boot show the restart."""
     pair = airborne(COPTER)
     pair.up = MemoryLink(loss=1.0)
-    if order == "start mission":
-        command_id = pair.client.start_mission(pair.now_us)
-    else:
-        command_id = pair.client.change_speed(5.0, pair.now_us)
+    command_id = pair.client.start_mission(pair.now_us)
     pair.mock.reboot(pair.now_us)
     pair.run_for(0.1)
     pair.up = MemoryLink()

@@ -24,7 +24,9 @@ from mission_service.events import (
     MissionRefused,
     MissionWanted,
     Ordered,
+    Resumed,
 )
+from mission_service.gateway import printable
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
 STACKS = ("px4", "ardupilot")
@@ -206,3 +208,34 @@ def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly)
     assert flight.picture.missions["hawk"].proposed is not None
     proposed = [line for line in flight.over() if isinstance(line, ProposeMission)]
     assert len(proposed) == 2
+
+
+def test_a_hold_that_has_no_answer_yet_is_not_repeated(fly: Fly) -> None:
+    """A repeat would take the place of the one under way, and neither is ever acknowledged."""
+    flight = fly()
+    flight.run(400.0)
+    flight.sim.rigs[0].up.loss = 1.0
+    order(flight, "hold")
+    flight.run(60.0)
+    flight.sim.rigs[0].up.loss = 0.0
+    flight.run(20.0)
+    assert flight.mode == "hold"
+    refused = [line.text for line in flight.picture.news if "took its place" in line.text]
+    assert refused == []
+    holds = times_s(flight.over(), Hold)
+    assert len(holds) < 10
+
+
+def test_the_unwatched_front_is_reported_again_after_a_restart(fly: Fly) -> None:
+    flight = fly()
+    flight.run(500.0)
+    order(flight, "hold")
+    flight.run(5.0)
+    assert "front/hawk" in flight.picture.alarms
+    flight.picture.clear_all_but("abort")
+    flight.tell(Resumed(flight.now_us, "service", "", 1.0))
+    assert "front/hawk" in flight.picture.alarms
+
+
+def test_a_text_of_the_autopilot_is_one_printable_line() -> None:
+    assert printable("\x1b[31m\nlow\r\tbattery\x00") == "[31m low battery"
