@@ -1,4 +1,4 @@
-"""Which part of the front is watched no more when a vehicle leaves it. Pure."""
+"""Which part of the front is no longer watched when a vehicle leaves it. Pure."""
 
 from collections.abc import Mapping
 
@@ -67,7 +67,7 @@ class FrontWatch:
         self._unwatched_since: str | None = None  # the vehicle that left it last
 
     def after(self, name: str, presence: Mapping[str, Presence]) -> list[AnyCommand]:
-        """What an event of a vehicle changes: a part of the front left, or watched again."""
+        """Report a part of the front that a vehicle has left, or that is watched again."""
         flies = presence[name].flies
         if flies == (name in self._watching):
             return []
@@ -89,7 +89,7 @@ class FrontWatch:
     def _left(
         self, name: str, fire: FireMap, presence: Mapping[str, Presence]
     ) -> NDArray[np.int64]:
-        """The bearings that the vehicle was the nearest to, of those that share its map."""
+        """The bearings to which it was the nearest of the vehicles that share its map."""
         places = {
             each: here
             for each in (name, *sorted(self._watching))
