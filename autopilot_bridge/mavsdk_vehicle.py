@@ -271,7 +271,7 @@ class MavsdkVehicle:
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
         """Take in whole frames of the vehicle's remote, for MAVSDK and our own watch.
 
-        MAVSDK gets nothing before a HEARTBEAT has shown which remote that is, and nothing absurd.
+        MAVSDK gets no frame before a HEARTBEAT identifies the remote, and none out of bounds.
         """
         if self._source is None:
             self._source = Source(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
@@ -318,7 +318,7 @@ class MavsdkVehicle:
         return min((timer for timer in timers if timer is not None), default=None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Tell of a link that is lost, and of alarms that have ended."""
+        """Report a lost link, and alarms that have ended."""
         self._events.extend(self._watch.handle_timer(now_us))
         self._events.extend(self._watch.end_alarms(now_us))
         if self._source is not None:

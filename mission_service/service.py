@@ -5,7 +5,7 @@ and let the camera look at the fire whenever a position arrives.
 
 **Nothing in the journal can make a restart fail.** Requests of operators are rare and may have any
 content: each is first applied to a copy of all folds (core, record, picture, interlock, missions),
-as a restart applies it, and journalled only if none of them raises; the copy takes some milliseconds,
+as a restart applies it, and journalled only if none of them raises; the copy takes milliseconds,
 tens of them for a formation's maps. The fire is too large to be copied: it applies a request before
 all other folds, completely or not at all. Events of vehicles are too frequent for a copy: their
 types limit their values (``events.py``), and the journal refuses any other before it is handled. If
