@@ -57,7 +57,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
-WAITS = "on the ground: an operator must start it"
+WAITS = "on the ground: it waits until it is started by an operator"
 # Orders that come all the time: only their refusal is worth a word.
 UNTOLD = ("orbit", "change speed")
 
@@ -501,7 +501,8 @@ class Core:
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
         self.spacing.forget(vehicle.name)
-        then = "an operator must start it" if vehicle.waits_for_crew else "a mission is sent"
+        waits = "it waits until it is started by an operator"
+        then = waits if vehicle.waits_for_crew else "a mission is sent"
         words = say(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 

@@ -97,7 +97,7 @@ class CrewOrders:
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
                 if not vehicle.presence.airborne:
-                    why = "it is on the ground: nothing is sent; an operator must start it"
+                    why = "it is on the ground: nothing is sent until an operator starts it"
                     return [say(vehicle, f"told to return by {by}, but {why}", warning=True)]
                 self.steering.recall(vehicle.name, at_s)
                 vehicle.sent_home = True
