@@ -31,20 +31,21 @@ def main(steps: int, seed: int) -> int:
     _show("")
     for situation, count in sorted(met.items()):
         if not situation.startswith("violation: "):
-            print(f"{count:10,}  {situation}")
+            sys.stdout.write(f"{count:10,}  {situation}\n")
     for kind, story in stories.items():
-        print(f"\n{met[f'violation: {kind}']} times: {story}")
+        sys.stdout.write(f"\n{met[f'violation: {kind}']} times: {story}\n")
     violations = sum(count for kind, count in met.items() if kind.startswith("violation: "))
-    print(
+    sys.stdout.write(
         f"\n{met['steps']:,} steps, {met['events']:,} events from seed {first} in "
-        f"{time.monotonic() - began_s:.0f} s: {violations} violations"
+        f"{time.monotonic() - began_s:.0f} s: {violations} violations\n"
     )
     return 1 if violations else 0
 
 
 def _show(words: str) -> None:
     if sys.stderr.isatty():
-        print(f"\r{words:<40}\r", end="", file=sys.stderr, flush=True)
+        sys.stderr.write(f"\r{words:<40}\r")
+        sys.stderr.flush()
 
 
 if __name__ == "__main__":

@@ -93,7 +93,11 @@ def tell_address(out: Path, address: str) -> None:
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:
-        click.echo(f"map: {address.partition('#')[0]} (its token is in {out / 'token'})", err=True)
+        place, own_token, _ = address.partition("#")
+        whose = (
+            f"its token is in {out / 'token'}" if own_token else "with a token of the tokens file"
+        )
+        click.echo(f"map: {place} ({whose})", err=True)
 
 
 def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any], None]:

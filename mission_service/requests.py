@@ -14,7 +14,7 @@ from msgspec import Meta
 from mission_service import events
 from mission_service.distance import M_PER_DEG
 from mission_service.errors import RequestError
-from mission_service.events import CrewEvent
+from mission_service.events import SERVICE, CrewEvent
 from mission_service.flights.playing import FASTEST, SLOWEST
 
 LONGEST_S = 1e7  # times farther away are a mistake
@@ -283,6 +283,8 @@ def event_of(
         asked: AnyRequest = msgspec.convert(request, AnyRequest)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
+    if _is_service(asked.by):
+        raise RequestError(f"{do}: by {SERVICE!r} is the service's own name; give yours")
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
@@ -380,9 +382,15 @@ def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None
 
 def _told(request: dict[str, Any], key: str) -> str:
     try:
-        return msgspec.convert(request.get(key), Name)
+        told = msgspec.convert(request.get(key), Name)
     except (msgspec.ValidationError, UnicodeError):
         return "unknown"
+    return "unknown" if _is_service(told) else told
+
+
+def _is_service(name: str) -> bool:
+    """Whether a name from outside is the one the service itself acts under."""
+    return name.strip().casefold() == SERVICE
 
 
 def _cut(value: str) -> str:

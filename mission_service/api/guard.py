@@ -62,10 +62,9 @@ class Guard:
     ) -> None:
         """``abort`` is called at once with the user and the query string; it may raise ApiError.
 
-        ``hosts``: the names it may be called by, without ports; addresses are always right.
-
-        A page of another site can have its own name lead here, but never an address. By these
-        names a proxy that speaks TLS may stand before the service.
+        ``hosts``: the names and addresses it may be called by, without ports. Loopback is always
+        right, and the address a connection came to. By these names a proxy that speaks TLS may
+        stand before the service.
         """
         self._app = app
         self._tokens = tokens
@@ -121,7 +120,7 @@ class Guard:
     def _let_in(self, scope: Scope) -> str:
         """Check a request, note its user in its state, return its client. Raises ApiError."""
         headers = _headers(scope)
-        host = self._right_host(headers.get(b"host", []))
+        host = self._right_host(headers.get(b"host", []), scope.get("server"))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
         path, client = scope["path"], client_at(scope.get("client"))
         scope.setdefault("state", {})["who"] = None
@@ -135,10 +134,10 @@ class Guard:
             _refuse_long(headers.get(b"content-length", []))
         return client
 
-    def _right_host(self, given: list[bytes]) -> str:
+    def _right_host(self, given: list[bytes], server: object) -> str:
         host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
-        if name not in self._hosts and not _is_address(name.strip("[]")):
+        if name not in self._hosts and not _is_own_address(name.strip("[]"), server):
             raise ApiError(403, "wrong Host: call the service by its address or a name in hosts")
         return host
 
@@ -235,12 +234,14 @@ def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
     return found
 
 
-def _is_address(name: str) -> bool:
+def _is_own_address(name: str, server: object) -> bool:
+    """Whether a host is loopback, or the address (``server``) that the connection came to."""
     try:
-        ipaddress.ip_address(name)
+        address = ipaddress.ip_address(name)
+        own = ipaddress.ip_address(server[0] if isinstance(server, tuple) else "")
     except ValueError:
         return False
-    return True
+    return address.is_loopback or address == own
 
 
 def _origin(scope: Scope, host: str) -> str:

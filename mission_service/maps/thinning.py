@@ -1,7 +1,6 @@
 """Simplifies rings in O(n log n) and without recursion, since rings are uploaded."""
 
 import heapq
-from typing import cast
 
 import shapely
 
@@ -23,11 +22,11 @@ def thinned(ring: Ring, most: int) -> Ring:
     few = shapely.Polygon(least_areas_removed(ring, TRIED * most))
     parts = shapely.get_parts(shapely.make_valid(few, method="structure", keep_collapsed=False))
     largest = shapely.Polygon(max(parts, key=lambda part: part.area).exterior)
-    tolerance, kept = 1e-6, largest
-    while len(kept.exterior.coords) - 1 > most:
-        kept = cast(shapely.Polygon, largest.simplify(tolerance))
+    tolerance, kept = 1e-6, shapely.get_coordinates(largest)
+    while len(kept) - 1 > most:
+        kept = shapely.get_coordinates(largest.simplify(tolerance))
         tolerance *= 2.0
-    return [(float(x), float(y)) for x, y in kept.exterior.coords[:-1]]
+    return [(float(x), float(y)) for x, y in kept[:-1]]
 
 
 def least_areas_removed(ring: Ring, most: int) -> Ring:

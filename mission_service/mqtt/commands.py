@@ -185,6 +185,8 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
         command = msgspec.convert(found, Command)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise _RefusedError(f"cannot be read: {error}") from None
+    if "do" in found:
+        raise _RefusedError("unknown key do: the topic says what is to be done")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}
     # A station that plans are approved from would count as its approver's presence.
     station = f"{DOOR}:{command.station}" if command.station else DOOR

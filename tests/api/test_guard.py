@@ -125,6 +125,8 @@ OTHER_SITES = [
     {"host": "evil.example:8765"},
     {"host": "127.0.0.1.evil.example"},
     {"host": ""},
+    {"host": "10.1.2.3"},
+    {"host": "[2001:db8::1]:8765"},
 ]
 
 
@@ -154,7 +156,7 @@ def test_pages_of_other_sites_get_nothing(
         {"sec-fetch-site": "none"},
         {"host": "localhost:8765", "origin": "http://localhost:8765"},
         {"host": "[::1]:8765"},
-        {"host": "10.1.2.3"},
+        {"host": "127.0.0.9"},
     ],
     ids=str,
 )
@@ -363,3 +365,36 @@ def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool)
 
 def test_what_takes_the_role_approve_is_the_same_for_all_interfaces() -> None:
     assert {do for do, (role, *_) in WORDS.items() if role == "approve"} == set(OF_APPROVERS)
+
+
+def test_the_address_that_a_connection_came_to_is_a_right_host(flying: World) -> None:
+    async def go() -> None:
+        service = served(flying)
+        for server, host, status in (
+            (("192.0.2.1", 8765), "192.0.2.1:8765", 200),
+            (("192.0.2.1", 8765), "192.0.2.2:8765", 403),
+            (("2001:db8::1", 8765), "[2001:db8::1]", 200),
+        ):
+            sent: list[Any] = []
+
+            async def send(message: Any, sent: list[Any] = sent) -> None:
+                sent.append(message)
+
+            async def receive() -> Any:
+                return {"type": "http.request", "body": b"", "more_body": False}
+
+            scope = {
+                "type": "http",
+                "method": "GET",
+                "path": "/healthz",
+                "raw_path": b"/healthz",
+                "query_string": b"",
+                "headers": [(b"host", host.encode())],
+                "server": server,
+                "client": ("192.0.2.9", 5),
+                "scheme": "http",
+            }
+            await service.app.asgi(scope, receive, send)
+            assert sent[0]["status"] == status, (server, host)
+
+    asyncio.run(go())

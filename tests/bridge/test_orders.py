@@ -239,16 +239,29 @@ def test_a_return_takes_the_place_of_orders_that_have_not_ended() -> None:
     assert mode(pair) == "return"
 
 
-def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
+@pytest.mark.parametrize(
+    ("order", "reason"),
+    [
+        ("change speed", "the autopilot was restarted"),
+        (
+            "start mission",
+            "its autopilot changed to stabilised meanwhile",
+        ),  # the heartbeat is first
+    ],
+)
+def test_no_order_outlives_a_restart_of_the_autopilot(order: str, reason: str) -> None:
     pair = airborne(COPTER)
     pair.up = MemoryLink(loss=1.0)
-    command_id = pair.client.start_mission(pair.now_us)
+    if order == "start mission":
+        command_id = pair.client.start_mission(pair.now_us)
+    else:
+        command_id = pair.client.change_speed(5.0, pair.now_us)
     pair.mock.reboot(pair.now_us)
     pair.run_for(0.1)
     pair.up = MemoryLink()
     pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, 250_000)
     ended = outcome(pair, command_id)
-    assert ended.reason == "the autopilot was restarted"
+    assert ended.reason == reason
     pair.run_for(15.0)
     assert not pair.mock.flight.armed
 

@@ -163,7 +163,7 @@ def test_files_that_are_no_shapes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match=r"a.geojson: has no features"):
         read_shapes(geojson(tmp_path / "a.geojson"), LAND)
     (tmp_path / "b.geojson").write_text("{")
-    with pytest.raises(FireModelError, match=r"b.geojson: cannot be read as shapes") as caught:
+    with pytest.raises(FireModelError, match=r"b.geojson: is not JSON in UTF-8") as caught:
         read_shapes(tmp_path / "b.geojson", LAND)
     assert "\n" not in str(caught.value)
     broken = shapefile(tmp_path / "c.shp", AREA, AREA)

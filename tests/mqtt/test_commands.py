@@ -75,12 +75,6 @@ def test_a_command_comes_to_the_desk_and_its_answer_bears_its_id() -> None:
     assert reply == Reply("1", "hold", 7, True, event="Done", said=("1",))
 
 
-def test_the_topic_names_the_command_whatever_the_message_says() -> None:
-    door = Door()
-    door.takes("hold", do="approve")
-    assert door.desk.asked[0]["do"] == "hold"
-
-
 @pytest.mark.parametrize("name", ["approve", "go", "present"])
 def test_fire_is_never_let_fall_over_mqtt(name: str) -> None:
     reply = Door().refuses(name, "never over MQTT", hash="0" * 64, item="x")
@@ -133,6 +127,16 @@ def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
 def test_unknown_commands_are_told_which_there_are() -> None:
     Door().refuses("fly", "there are abort, hold")
     assert len(Door().refuses("f" * 60_000, "no such command").error) < 400
+
+
+def test_what_is_to_be_done_is_said_by_the_topic_alone() -> None:
+    Door().refuses("hold", "unknown key do", do="abort")
+    Door().refuses("hold", "unknown key do", do="approve")
+    door = Door()
+    reply = door.takes("abort", do="hold")
+    assert reply is not None
+    assert reply.ok
+    assert door.desk.asked[0]["do"] == "abort"
 
 
 def test_what_the_broker_keeps_is_refused() -> None:

@@ -14,6 +14,7 @@ from autopilot_bridge.read_back import same_as_sent
 from autopilot_bridge.stacks import stack_named
 from mission_service import __version__
 from mission_service.cli import main
+from mission_service.cli_parts import tell_address
 from mission_service.config import SHIPPED
 from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port
@@ -177,3 +178,18 @@ def test_start_up_is_quick() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("http://127.0.0.1:1/#token=secret", "(its token is in out/token)"),
+        ("http://127.0.0.1:1/", "(with a token of the tokens file)"),
+    ],
+)
+def test_where_the_token_is_is_told_as_it_is(
+    capsys: pytest.CaptureFixture[str], address: str, words: str
+) -> None:
+    tell_address(Path("out"), address)
+    told = capsys.readouterr().err
+    assert told == f"map: http://127.0.0.1:1/ {words}\n"

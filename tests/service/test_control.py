@@ -139,6 +139,8 @@ NAN = float("nan")
         ({"do": "present", "by": "x" * 81}, "present: "),
         ({"do": "present", "by": "a\nb"}, "present: "),
         ({"do": "present", "by": "\x1b[2J"}, "present: "),
+        ({"do": "present", "by": "service"}, "is the service's own name; give yours"),
+        ({"do": "resume", "by": " Service"}, "is the service's own name; give yours"),
         ({"do": "present", "by": 3}, "present: Expected `str`"),
         ({"do": "go", "item": "all"}, "no item 'all' on the list: weather; payload"),
         ({"do": "go", "item": True}, "go: Expected `str`"),
@@ -215,6 +217,11 @@ def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant
 )
 def test_an_abort_is_taken_from_anybody(more: dict[str, Any]) -> None:
     assert isinstance(event_of({"do": "abort", **more}, AT_US, STATIONS, ITEMS), Aborted)
+
+
+def test_an_abort_of_somebody_who_claims_to_be_the_service_is_of_an_unknown() -> None:
+    made = event_of({"do": "abort", "by": "service", "station": "x"}, AT_US, STATIONS)
+    assert made == Aborted(AT_US, "unknown", "x")
 
 
 def scrambled(chance: random.Random) -> Any:

@@ -1,6 +1,6 @@
 """The state machine of vehicles for hypothesis: refusals, losses, failsafes, orders, landings.
 
-``test_vehicle_states`` runs it for some thousand steps, ``benchmarks.vehicle_states`` for any number.
+``test_vehicle_states`` runs it for some thousand steps, ``benchmarks.vehicle_states`` for more.
 """
 
 from collections import Counter

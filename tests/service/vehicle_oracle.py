@@ -1,7 +1,7 @@
 """What the core may command, judged by what it was told and by what people ordered. Pure.
 
-It shares no code with the core. Where what was told leaves open whether a mode was ordered (an order
-to hold was under way when a fence held the vehicle) it demands nothing.
+It shares no code with the core. Where it is open whether a mode was ordered (an order to hold was
+under way when a fence held the vehicle) it demands nothing.
 """
 
 from collections.abc import Iterable, Mapping
@@ -286,7 +286,8 @@ class Oracle:
                     return "started after a landing"
                 return "" if told.autostart else "started without an order"
             case StartMission() | UploadMission() | Orbit() | ChangeSpeed():
-                if not told.armed or led:
+                harmless = isinstance(command, UploadMission) and not told.airborne
+                if not told.armed or led or harmless:
                     return ""
                 if told.taken:
                     return f"{name} to one that was taken"
