@@ -114,7 +114,7 @@ class MavsdkVehicle:
         self._commands: asyncio.Queue[tuple[str, tuple[Step, ...]]] = asyncio.Queue()
         self._begin: MissionBegin | None = None  # under way
         self._asked_modes = AskedModes()
-        self._taken: list[str] = []  # why the vehicle was left to others, each time
+        self._taken: list[str] = []  # why autopilot or pilot took over, each time
         self._heartbeats = 0
         self._mavsdk: Any = None
         self._missions: Any = None
@@ -314,7 +314,7 @@ class MavsdkVehicle:
                 self._outgoing.append(self._codec.encode(request))
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
-        """Take note of a mode that nobody asked for here."""
+        """Note a mode that was not commanded here."""
         if self.stack is not None and not self._asked_modes.has(mode, now_us):
             self._taken.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
@@ -507,7 +507,7 @@ class MavsdkVehicle:
             words = f"the vehicle holds the mission but did not begin it: {begun.reason}"
             return replace(ended, outcome=begun.outcome, reason=words, code=None)
         if paused and len(self._taken) > taken:
-            words = f"accepted; {self._taken[-1]}, and its mode is left alone"
+            words = f"accepted; {self._taken[-1]}, and its mode was not changed"
             return replace(ended, reason=words)
         if paused:
             flies, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
@@ -527,7 +527,7 @@ class MavsdkVehicle:
     async def _made_current(
         self, seq: int, wire_items: Items, before: Onboard, stack: Stack
     ) -> TransferResult:
-        """Have a mission on board begun: see ``begin.py``."""
+        """Begin the mission on board: see ``begin.py``."""
         address = Address(MAVSDK_IDS, self._target)
         later = range(seq, len(wire_items))
         shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)
