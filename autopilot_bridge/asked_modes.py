@@ -1,7 +1,7 @@
-"""Which flight modes were asked for, so that a mode that was not is known for somebody else's.
+"""Which flight modes were commanded, so that any other is attributed to the autopilot or pilot.
 
-An autopilot in failsafe, and a pilot by radio, change the mode too. What they chose is left alone:
-no command is repeated, and no transfer flies on, against it.
+An autopilot in failsafe, and a pilot by radio, change the mode too. Such a mode is not overridden:
+no command is repeated, and no transfer changes it.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -9,12 +9,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.command import AnyStep
 from autopilot_bridge.stacks import Stack, Step
 
-SEEN_WITHIN_US = 10_000_000  # a mode that was asked for, by heartbeats of which some get lost
-ON_ITS_WAY_US = 2_000_000  # a mode asked for before another may still come
+SEEN_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some get lost
+ON_ITS_WAY_US = 2_000_000  # a mode commanded before another may still follow
 
 
 def modes_asked(step: AnyStep, stack: Stack) -> tuple[int, ...]:
-    """The modes that a step of an order leads to, by numbers; () if it leaves the mode."""
+    """The numbers of the modes that a step of an order leads to; () if it changes none."""
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"
@@ -36,13 +36,13 @@ def modes_asked(step: AnyStep, stack: Stack) -> tuple[int, ...]:
 
 
 class AskedModes:
-    """The modes asked for of one vehicle, and until when each may come."""
+    """The modes commanded to one vehicle, and until when each may follow."""
 
     def __init__(self) -> None:
         self._until_us: dict[int, int] = {}
 
     def ask(self, modes: tuple[int, ...], now_us: int) -> None:
-        """These were asked for now."""
+        """Note modes that are commanded now."""
         if not modes:
             return
         self._until_us = {
@@ -53,5 +53,5 @@ class AskedModes:
         self._until_us |= dict.fromkeys(modes, now_us + SEEN_WITHIN_US)
 
     def has(self, mode: int, now_us: int) -> bool:
-        """Whether a change to this mode was asked for."""
+        """Whether a change to this mode was commanded."""
         return self._until_us.get(mode, -1) >= now_us

@@ -1,23 +1,23 @@
-"""How a new mission that is on board comes to be flown, and what shows that it is, sans-IO.
+"""Begins a new mission that is on board, and looks for proof that it is flown, sans-IO.
 
-PX4 begins a new list by itself, at the item that came with ``current`` set; it is told nothing
-more. MISSION_CURRENT, once a second, shows the list by its id and whether it is taken for one to
-fly. The number says little: a plane in the air passes over its takeoff at once, and a waypoint may
-be reached before the first message comes. Only where the very list was on board before (the id is
-the same) PX4 keeps its place in it, and is asked to go to another.
+PX4 begins a new list by itself, at the item that came with ``current`` set; it needs no command.
+MISSION_CURRENT, once a second, has the id of the list and whether PX4 accepts it for flight. Its
+sequence number proves little: a plane in the air skips its takeoff item at once, and a waypoint may
+be reached before the first message arrives. Only if the same list was on board before (the same id)
+PX4 keeps its current item, and is commanded to another.
 
-ArduPilot flies its old target on, and keeps its place in the list, until it is asked. It answers
-the command with an acknowledgement; where that gets lost, a number that the old place could not
-have led to shows the same.
+ArduPilot flies on to its old target, and keeps its current item, until it is commanded. It
+acknowledges the command; if the acknowledgement is lost, a sequence number that the old current
+item could not have led to proves the same.
 
-asking --acknowledged, or seen to be there--> ended
-asking --seen not to be there, on timeout--> asked again; nothing seen: waited for, not asked again
+asking --acknowledged, or the new item seen--> ended
+asking --the old item seen, on timeout--> asked again; nothing seen: wait, do not ask again
 watching --the list's id, and it is fit--> ended
 either --the list's id, and it stays unfit--> ended, rejected
 either --the id of another list again and again--> ended, failed
 
-What was asked for is never repeated blindly: the vehicle may have gone on in the new list, and
-would be thrown back.
+The command is never repeated blindly: the vehicle may have advanced in the new list, and would be
+set back.
 """
 
 from typing import NamedTuple
@@ -31,7 +31,7 @@ from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
 
 SETTLED_US = 300_000  # PX4 looks at a new mission after it has acknowledged it (seen: 60 ms)
 UNFIT_FOR_US = 1_000_000
-ANSWERED_US = 700_000  # what comes sooner after a question may be older than it
+ANSWERED_US = 700_000  # what arrives sooner after a command may have been sent before it
 OTHERS = 5  # messages in a row that show another list
 TRIES = 12
 SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -46,7 +46,7 @@ class Onboard(NamedTuple):
 
 
 class Begin:
-    """Waits until a mission on board is flown, or will be when it is; asks for it where needed.
+    """Waits for proof that a new mission is current; commands the vehicle to it where needed.
 
     ``seq`` of ``count`` items on the wire is the one to begin with, and ``shown`` the number that
     the autopilot shows then (ArduPilot's passes over DO items). ``plan_id`` is the list's id; None
@@ -74,18 +74,18 @@ class Begin:
         self._timing = timing
         same_list = plan_id is not None and before.plan_id == plan_id
         self._asks = plan_id is None or (same_list and before.seq != seq)
-        # PX4 does not say anew of a list that is begun elsewhere than at 0 that it is fit (read:
+        # PX4 does not report again that a list is fit if it is begun elsewhere than at 0 (read:
         # 1.17 ``update_mission_state``).
         self._judged = plan_id is not None and not (before.unfit and seq > 0)
         self._started_us = self._asked_us = self._deadline_us = 0
         self._tries = 0
-        self._seen: int | None = None  # the newest number that is an answer to the last question
+        self._seen: int | None = None  # the newest number that is younger than the last command
         self._unfit_since_us: int | None = None
         self._others = 0
         self._said = ""
 
     def start(self, now_us: int) -> list[Message]:
-        """Ask, or watch."""
+        """Send the command, or wait for MISSION_CURRENT."""
         self._started_us = now_us
         return self._ask(now_us) if self._asks else self._wait(now_us)
 
@@ -102,7 +102,7 @@ class Begin:
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Look for what shows that it has begun, or never will."""
+        """Look for proof that the mission has begun, or never will."""
         if (message.get_srcSystem(), message.get_srcComponent()) != self._address.target:
             return []
         match message.get_type():
@@ -156,9 +156,9 @@ class Begin:
             self._seen = message.seq
 
     def _has_begun(self, seq: int) -> bool:
-        """Whether a number shows it by itself, whatever the old place may have led to."""
+        """Whether a sequence number alone proves that the mission has begun."""
         before = self._before.seq
-        if self._plan_id is not None:  # the same list: wherever it is now, it was sent there
+        if self._plan_id is not None:  # the same list: any other item was commanded
             return seq != before
         if before is None or seq < self._shown:
             return False
@@ -167,7 +167,7 @@ class Begin:
         return seq < before
 
     def _unfit(self, now_us: int) -> None:
-        """The first word may still be about the mission before."""
+        """Reject the mission; the first report may still be about the previous one."""
         if self._unfit_since_us is None:
             self._unfit_since_us = now_us
         elif now_us - self._unfit_since_us >= UNFIT_FOR_US:
@@ -175,12 +175,12 @@ class Begin:
             self.result = TransferResult("rejected", words)
 
     def leave(self, why: str) -> None:
-        """Ask no more: another has taken the vehicle. What needs no asking is watched on."""
+        """Send no command any more: autopilot or pilot took over. Without one, wait on."""
         if self._asks and self.result is None:
             self.result = TransferResult("failed", why)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Ask no more."""
+        """Cancel: send no command any more."""
         self.result = TransferResult("cancelled", "cancelled")
         return []
 
@@ -189,7 +189,7 @@ class Begin:
         return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Ask again where it was seen not to be there; wait on; give up."""
+        """Repeat the command if the old item was seen; else wait; give up after ``TRIES``."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         self._tries += 1

@@ -1,8 +1,8 @@
-"""What values a message may carry: whatever is not finite, or absurd, goes no further. Pure.
+"""Bounds of message fields: a value that is not finite, or is implausible, is not used. Pure.
 
-One table for all messages that the bridge reads for what they say of a vehicle. A message with one
-value out of bounds is not used at all. Integers that mean "unknown" are allowed by name; floats
-that may be NaN for "unknown" (``UNKNOWN``) are decoded as such.
+One table for all messages from which the bridge reads a vehicle's state. A message with one value
+out of bounds is not used at all. Integers that mean "unknown" are allowed by name; floats that may
+be NaN for "unknown" (``UNKNOWN``) are decoded as such.
 
 Sources: common.xml of MAVLink for units and unknowns; latitude, longitude and angles by definition;
 heights from the Dead Sea (-430 m) to twice the ceiling of any aircraft here; speeds of air from
@@ -26,7 +26,7 @@ MOST_PARAM = 1e12  # of an item: no command has any that comes near
 
 
 class Bound(NamedTuple):
-    """Least and greatest value of a field; ``also`` is one value beyond that means unknown."""
+    """Minimum and maximum of a field; ``also`` is a value beyond them that means unknown."""
 
     field: str
     least: float
@@ -77,7 +77,7 @@ UNKNOWN: Final = {
 
 
 def out_of_bounds(message: Message) -> str | None:
-    """Which value of a message cannot be, in words; None if all can."""
+    """The first value of a message that is out of bounds, in words; None if there is none."""
     kind = message.get_type()
     for field, least, most, also in BOUNDS.get(kind, ()):
         value = getattr(message, field)
@@ -93,7 +93,7 @@ def _unknown(kind: str, field: str, value: Any) -> bool:
 
 
 def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
-    """The same of the first of some items that has such a value."""
+    """The first value of the items that is out of bounds, in words; None if there is none."""
     found = (f"item {n}: {words}" for n, item in enumerate(items) if (words := _absurd_item(item)))
     return next(found, None)
 

@@ -297,7 +297,7 @@ class VehicleClient:
         return self._events.popleft() if self._events else None
 
     def report(self, event: ClientEvent) -> None:
-        """Have what the link's owner noticed of this vehicle among its events."""
+        """Add an event about this vehicle that the link's owner detected."""
         self._events.append(event)
 
     def next_timer(self) -> int:
@@ -364,7 +364,7 @@ class VehicleClient:
             self._go_on(now_us)
 
     def _mode_changed(self, before: int, was_armed: bool, now_us: int) -> None:
-        """Leave the vehicle to the one who has taken it: its autopilot, or a pilot by radio."""
+        """Stop transfers and commands if its autopilot, or a pilot by radio, has taken over."""
         mode, stack = self.custom_mode, self._known_stack()
         if mode != before and not self._asked_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)

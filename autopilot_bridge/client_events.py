@@ -98,7 +98,7 @@ class Battery:
     current_a: float | None
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return self.percent, self.voltage_v, self.current_a
 
 
@@ -110,7 +110,7 @@ class Health:
     unhealthy: tuple[str, ...]
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return self.unhealthy
 
 
@@ -123,7 +123,7 @@ class GpsFix:
     satellites: int | None
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return self.fix, self.satellites
 
 
@@ -135,7 +135,7 @@ class SystemState:
     state: str
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return (self.state,)
 
 
@@ -147,7 +147,7 @@ class LandedState:
     state: str
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return (self.state,)
 
 
@@ -163,20 +163,20 @@ class FenceStatus:
     kind: str  # "" while nothing is breached
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return self.breached, self.kind
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorStatus:
-    """What keeps the position estimate from being trusted, in words, reported on change."""
+    """Problems of the position estimate, in words, reported on change."""
 
     at_us: int
     healthy: bool
     problems: tuple[str, ...]
 
     def without_time(self) -> tuple[object, ...]:
-        """What makes it news when it changes."""
+        """The fields whose change is reported."""
         return (self.problems,)
 
 
@@ -268,7 +268,7 @@ AlarmKind = Literal["source", "clock", "jump", "value"]
 
 @dataclass(frozen=True, slots=True)
 class SameSystemId:
-    """Two remotes of one link send as one system; what ``left_out`` sends is not used."""
+    """Two remotes of one link send with one system id; messages of ``left_out`` are not used."""
 
     at_us: int
     kept: str
@@ -276,7 +276,7 @@ class SameSystemId:
 
     @property
     def kind(self) -> AlarmKind:
-        """What it is about."""
+        """The kind of the alarm."""
         return "source"
 
     def __str__(self) -> str:
@@ -289,7 +289,7 @@ class SameSystemId:
 
 @dataclass(frozen=True, slots=True)
 class RemoteChanged:
-    """The vehicle is taken from another remote, after silence of the one before."""
+    """The vehicle is bound to another remote, after silence of the previous one."""
 
     at_us: int
     before: str
@@ -297,7 +297,7 @@ class RemoteChanged:
 
     @property
     def kind(self) -> AlarmKind:
-        """What it is about."""
+        """The kind of the alarm."""
         return "source"
 
     def __str__(self) -> str:
@@ -309,7 +309,7 @@ class RemoteChanged:
 
 @dataclass(frozen=True, slots=True)
 class Implausible:
-    """A message of the vehicle says what cannot be (``clock``, ``jump``, ``value``)."""
+    """A message of the vehicle is implausible (``clock``, ``jump``, ``value``)."""
 
     at_us: int
     kind: AlarmKind
@@ -321,7 +321,7 @@ class Implausible:
 
 @dataclass(frozen=True, slots=True)
 class AlarmEnded:
-    """What raised alarms of a kind has not been seen for a while."""
+    """The cause of the alarms of a kind has not been seen for a while."""
 
     at_us: int
     kind: AlarmKind
@@ -329,7 +329,7 @@ class AlarmEnded:
 
 @dataclass(frozen=True, slots=True)
 class ClockChanged:
-    """The autopilot's time since boot goes on from another value, and it was not restarted."""
+    """The autopilot's time since boot continues from another value without a restart."""
 
     at_us: int
 

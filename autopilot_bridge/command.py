@@ -27,7 +27,7 @@ RESULTS = {
 # A refusal's reason may come as a text a moment after it (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
-HEARTBEAT_US = 1_200_000  # within which one comes
+HEARTBEAT_US = 1_200_000  # a HEARTBEAT arrives within this time
 WARNING = mavlink.MAV_SEVERITY_WARNING
 
 
@@ -80,9 +80,9 @@ class CommandSequence:
     ) -> None:
         """``bytewise`` is how the autopilot carries parameters that are whole numbers.
 
-        ``behind_heartbeats``: it is repeated only right after one, so that a mode which the
-        autopilot has chosen meanwhile is known by then. One that ``insists`` is repeated all the
-        same where no heartbeat comes.
+        ``behind_heartbeats``: a command is repeated only right after a HEARTBEAT, so that a mode
+        which the autopilot selected meanwhile is known by then. ``insists``: it is repeated even
+        if no HEARTBEAT arrives.
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
@@ -104,7 +104,7 @@ class CommandSequence:
 
     @property
     def steps(self) -> tuple[AnyStep, ...]:
-        """What it consists of."""
+        """The steps of the order."""
         return self._steps
 
     def start(self, now_us: int) -> list[Message]:

@@ -32,7 +32,7 @@ class Peer(Protocol):
 
 @runtime_checkable
 class RemotesPeer(Protocol):
-    """A peer that tells the remotes of a link apart; their names are the wire's."""
+    """A peer that distinguishes the remotes of a link, by the names that the wire gives."""
 
     called: str  # the remote that the link calls; "" where it waits for them
 

@@ -59,7 +59,7 @@ class FleetLink:
         expects: bool = False,
         signed: bool = False,
     ) -> None:
-        """With ``expects`` only the vehicles of ``expect`` are taken notice of.
+        """With ``expects`` only the vehicles of ``expect`` are accepted.
 
         ``signed``: what arrives has a signature that was checked.
         """
@@ -81,7 +81,7 @@ class FleetLink:
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, most_speed_m_s: float | None = None) -> VehicleClient:
-        """A client for a vehicle that is to be heard here. Raises BridgeError for one twice."""
+        """A client for a vehicle of this link. Raises BridgeError for one expected twice."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
         return self._client(system, most_speed_m_s)

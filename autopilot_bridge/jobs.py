@@ -7,9 +7,9 @@ download: file, or else items
 clear: itself
 
 It holds where the autopilot would otherwise fly a list that is half overwritten. It reads back if a
-check is asked for, and to say what the vehicle holds where the upload's end does not tell. Where
-another takes the vehicle meanwhile (failsafe, a pilot by radio), its mode is left alone, and what
-would have to be asked for is not begun.
+check is requested, and to report what the vehicle holds where the upload's end does not show it. If
+a failsafe or a pilot by radio takes over meanwhile, the mode is not changed, and a mission that
+would need a command is not begun.
 """
 
 from collections.abc import Callable
@@ -96,8 +96,8 @@ class Job:
     paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
     before: Onboard = NOTHING
-    looked: bool = False  # it was read back since it should have begun
-    taken: str = ""  # why the mode is left alone from now on
+    looked: bool = False  # it was read back after it should have begun
+    taken: str = ""  # why the mode is not changed any more; "" if it may be
     cancelled: bool = False
 
 
@@ -160,9 +160,9 @@ class Jobs:
             job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
 
     def taken(self, why: str) -> None:
-        """The autopilot or a pilot has taken the vehicle: what is under way leaves its mode alone.
+        """The autopilot or a pilot has taken over: the current upload no longer changes the mode.
 
-        Uploads that have not begun yet look for themselves when they do.
+        Uploads that have not begun yet check the mode when they begin.
         """
         job = self._job
         if job is None or job.action != "upload":
@@ -360,7 +360,7 @@ class Jobs:
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
     def _begun(self, job: Job, address: Address, seen: Seen) -> Transfer | TransferResult:
-        """What sees to it that a mission on board is flown."""
+        """The step that begins the mission on board."""
         if job.kind != "mission" or not job.items or job.looked:
             return accepted(job)
         if job.taken and not seen.stack.atomic_upload:
@@ -404,14 +404,14 @@ class Jobs:
 
 
 def lacks(job: Job) -> str:
-    """What PX4 does not say of a mission that it will not fly (1.17: by no text)."""
+    """A likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
     return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
 
 
 def accepted(job: Job) -> TransferResult:
-    """The result of an upload whose mission is held, and flown unless another took the vehicle."""
+    """The result of an upload that is held, and flown unless autopilot or pilot took over."""
     words = f"accepted; {job.taken}, and its mode was not changed" if job.taken else "accepted"
     return TransferResult("accepted", words, 0, None, job.items, "the new one")
 

@@ -114,7 +114,7 @@ class MavsdkVehicle:
         self._commands: asyncio.Queue[tuple[str, tuple[Step, ...]]] = asyncio.Queue()
         self._begin: MissionBegin | None = None  # under way
         self._asked_modes = AskedModes()
-        self._taken: list[str] = []  # why the vehicle was left to others, each time
+        self._taken: list[str] = []  # why autopilot or pilot took over, each time
         self._heartbeats = 0
         self._mavsdk: Any = None
         self._missions: Any = None
@@ -279,7 +279,7 @@ class MavsdkVehicle:
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
         """Take in whole frames of the vehicle's remote, for MAVSDK and our own watch.
 
-        MAVSDK gets nothing before a HEARTBEAT has shown which remote that is, and nothing absurd.
+        MAVSDK gets no frame before a HEARTBEAT identifies the remote, and none out of bounds.
         """
         if self._source is None:
             self._source = Source(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
@@ -314,7 +314,7 @@ class MavsdkVehicle:
                 self._outgoing.append(self._codec.encode(request))
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
-        """Take note of a mode that nobody asked for here."""
+        """Note a mode that was not commanded here."""
         if self.stack is not None and not self._asked_modes.has(mode, now_us):
             self._taken.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
@@ -338,7 +338,7 @@ class MavsdkVehicle:
         return min((timer for timer in timers if timer is not None), default=None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Tell of a link that is lost, and of alarms that have ended."""
+        """Report a lost link, and alarms that have ended."""
         self._events.extend(self._watch.handle_timer(now_us))
         self._events.extend(self._watch.end_alarms(now_us))
         if self._source is not None:
@@ -507,7 +507,7 @@ class MavsdkVehicle:
             words = f"the vehicle holds the mission but did not begin it: {begun.reason}"
             return replace(ended, outcome=begun.outcome, reason=words, code=None)
         if paused and len(self._taken) > taken:
-            words = f"accepted; {self._taken[-1]}, and its mode is left alone"
+            words = f"accepted; {self._taken[-1]}, and its mode was not changed"
             return replace(ended, reason=words)
         if paused:
             flies, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
@@ -527,7 +527,7 @@ class MavsdkVehicle:
     async def _made_current(
         self, seq: int, wire_items: Items, before: Onboard, stack: Stack
     ) -> TransferResult:
-        """Have a mission on board begun: see ``begin.py``."""
+        """Begin the mission on board: see ``begin.py``."""
         address = Address(MAVSDK_IDS, self._target)
         later = range(seq, len(wire_items))
         shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)

@@ -2,10 +2,10 @@
 
 waiting --HEARTBEAT in a mode to be left--> asked --HEARTBEAT in the wanted mode--> ended
 asked --COMMAND_ACK that refuses--> ended
-any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken the vehicle
+any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
 The command leaves right behind a heartbeat, and is repeated (its acknowledgement may be lost) only
-behind another: what the autopilot has chosen in between is seen, and left alone.
+behind another: a mode that the autopilot selects in between is seen, and not overridden.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -19,7 +19,7 @@ TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """Why something ends that would change the mode."""
+    """The reason to end an operation that would change the mode."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
@@ -79,12 +79,12 @@ class SetMode:
         return []
 
     def leave(self, why: str) -> None:
-        """Ask no more: another has taken the vehicle."""
+        """Send no command any more: the autopilot or a pilot has taken over."""
         if self.result is None:
             self.result = TransferResult("failed", why)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Ask no more."""
+        """Cancel: send no command any more."""
         self.result = TransferResult("cancelled", "cancelled")
         return []
 

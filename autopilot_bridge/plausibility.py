@@ -1,4 +1,4 @@
-"""Whether an autopilot's times since boot and places can be its own. Pure; no clock is read.
+"""Whether an autopilot's times since boot and positions are plausible. Pure; no clock is read.
 
 ``now_us`` is the clock of the link (for a log, the times that its messages were recorded at).
 
@@ -9,17 +9,17 @@ seconds' worth), or behind the latest time by more than ``BACK_US`` (five second
 used. Delays and bursts are behind the line, so they are in order.
 
 Autopilots begin at zero: PX4 sends ``hrt_absolute_time``, ArduPilot ``millis``, both counted from
-the boot. So it was *restarted* only if all that comes for ``REBOOT_KEPT_US``, ``KEPT`` messages or
-more, goes on from a time that is no longer than it was not heard. Any other time from which all
-messages go on for ``CHANGED_KEPT_US`` is adopted as the autopilot's new one, and mission time goes
-on from where it was: the autopilot's clock was set, or this machine's stood still.
+the boot. So it was *restarted* only if all messages for ``REBOOT_KEPT_US``, ``KEPT`` or more of
+them, continue from a time since boot that is no longer than the silence before them. Any other time
+from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new one, and
+mission time continues without a jump: the autopilot's clock was set, or this machine's stood still.
 
-*Places.* None is used that is farther from the last ones than the airframe flies in the time
-between. Places that follow each other in this way for ``PLACES_KEPT_US`` are adopted: a simulator's
-vehicle was moved, or a position estimate was wrong and is right again.
+*Positions.* None is used that is farther from the last ones than the airframe flies in the time
+between. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
+simulator's vehicle was moved, or a position estimate was wrong and is right again.
 
-What is no farther than these limits cannot be told from the vehicle's own on one remote. Signed
-links keep it out.
+A forged message within these limits cannot be distinguished from the vehicle's own on one remote.
+Signed links prevent forgery.
 """
 
 import math
@@ -57,7 +57,7 @@ PlaceVerdict = Literal["kept", "beyond", "adopted"]
 
 @dataclass(slots=True)
 class _Base:
-    """Times that go on from each other, but not from the ones used."""
+    """A consistent series of times that does not continue the accepted one."""
 
     first_boot_us: int
     first_us: int
@@ -70,7 +70,7 @@ class _Base:
         return self.boot_us - BACK_US <= boot_us <= most_us
 
     def runs(self) -> bool:
-        """Whether it goes on as a clock does: one value again and again is none."""
+        """Whether it advances as a clock does, and is not one repeated value."""
         return self.boot_us - self.first_boot_us >= SLOWEST * (self.at_us - self.first_us)
 
 
@@ -90,7 +90,7 @@ class BootClock:
 
     @property
     def rate(self) -> float:
-        """Seconds of the autopilot in a second of the link, at most."""
+        """The highest rate of the autopilot's clock, relative to the link's clock."""
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
@@ -100,7 +100,7 @@ class BootClock:
         return round(boot_us - self._latest_us - self.rate * (now_us - self._heard_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
-        """Whether a time since boot is used; ``rebooted`` and ``changed``: from here on anew."""
+        """Whether a time since boot is used; ``rebooted``, ``changed``: a new series begins."""
         if self._latest_us is None:
             self._begin(boot_us, now_us)
             return "kept"
@@ -144,7 +144,7 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """The greatest that may count as the latest: one that is ahead makes no true one old."""
+        """The maximum for the latest time, so that one ahead does not make true ones late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line
@@ -179,7 +179,7 @@ class BootClock:
 
 @dataclass(slots=True)
 class _Elsewhere:
-    """Places that follow each other, but not the ones used."""
+    """A consistent series of positions that does not continue the accepted one."""
 
     first: Position
     last: Position
@@ -187,17 +187,17 @@ class _Elsewhere:
 
 
 class Reach:
-    """The places of one airframe."""
+    """The positions that one airframe can reach."""
 
     def __init__(self, speed_m_s: float | None) -> None:
-        """``speed_m_s``: it is never faster, over the ground or up and down; None: not known."""
+        """``speed_m_s``: its maximum, over the ground and vertically; None: not known."""
         self._speed_m_s = speed_m_s
         self._last: Position | None = None
         self._anchor: Position | None = None  # of some time ago, so that errors do not add up
         self._other: _Elsewhere | None = None
 
     def forget_times(self) -> None:
-        """Times since boot begin anew: what comes next is compared by the link's clock."""
+        """The time since boot has restarted: compare the next position by the link's clock."""
         self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:

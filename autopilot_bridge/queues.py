@@ -66,7 +66,7 @@ class Commands:
         self._begun = False
 
     def leave_mode(self, why: str, now_us: int) -> list[Message]:
-        """Another has taken the vehicle: end what would change its mode, or arm it, again."""
+        """Autopilot or pilot took over: end commands that would change the mode or arm."""
         kept = []
         for number, (command_id, sequence) in enumerate(self._queue):
             if self._modes[command_id] or ARM in sequence.steps:
@@ -78,7 +78,7 @@ class Commands:
         return self.begin_next(now_us)
 
     def _sent(self, messages: list[Message], now_us: int) -> list[Message]:
-        """Note which modes were asked for, if anything was."""
+        """Note which modes were commanded, if anything was sent."""
         if messages and self._queue:
             self._asked_modes.ask(self._modes[self._queue[0][0]], now_us)
         return messages

@@ -3,13 +3,12 @@
 A vehicle is bound to the remote (address and port, or connection) on which a HEARTBEAT of its
 autopilot was found first. Messages with its system id from another remote are not used while the
 first one sends, and raise an alarm. After ``timeout_us`` of silence a HEARTBEAT from another remote
-moves it there: an autopilot that was restarted, or whose network changed, has another port. That is
-an alarm too, unless the link is signed: a signature that was checked is proof. When an earlier
-remote sends again it outranks those that came later, so what took over in the meantime is left out
-again.
+binds the vehicle to that one: an autopilot that was restarted, or whose network changed, has
+another port. That raises an alarm too, unless the link is signed: a checked signature is proof.
+When an earlier remote sends again it outranks later ones, whose messages are not used any more.
 
-It cannot be known whether the first one was the vehicle: if something else was there before it, the
-alarm stands until it is gone. Only a signed link keeps it out.
+Whether the first remote is the vehicle's cannot be decided here: if a forger sends before the
+vehicle, the alarm stands until the forger stops. Only a signed link prevents that.
 
 On a link that calls one address (``udpout``) that address outranks all others.
 """
@@ -34,12 +33,12 @@ class Source:
         self._signed = signed
         self._heard_us = 0
         self._ranked: list[str] = []  # remotes it was taken from, in the order found
-        self._other: tuple[str, int] | None = None  # heard beside it, and when
+        self._other: tuple[str, int] | None = None  # another remote that sends, and when it did
         self._raised: type[SourceAlarm] | None = None
         self._alarm_until_us: int | None = None
 
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
-        """Whether a message of the vehicle's autopilot is used that came from a remote.
+        """Whether a message with the vehicle's system id from a remote is used.
 
         ``is_heartbeat``: it is a HEARTBEAT of an autopilot of a kind that is known.
         """

@@ -218,7 +218,7 @@ class Telemetry:
         return [event] if self._changes.has(event) else []
 
     def take_back(self, kind: str) -> None:
-        """The last message of a kind is not used: none after it is late because of it."""
+        """Forget the time of an unused message, so that later ones do not count as late."""
         self._boot_us[kind] = self._before_us
 
     def _late(self, kind: str, message: Message) -> bool:

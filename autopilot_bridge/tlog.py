@@ -56,5 +56,5 @@ class Tlog:
 
 
 def _private(path: str, flags: int) -> int:
-    """For the user alone, and nothing behind a symbolic link."""
+    """Open for the user alone; a symbolic link is an error."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o600)

@@ -1,12 +1,12 @@
-"""The states in which an autopilot shows trouble, as events: pure functions of a message.
+"""The failure states that an autopilot reports, as events: pure functions of a message.
 
-Which flags of the position estimate count, by what the stacks make of them (read: ArduPilot 4.6.2
+Which flags of the position estimate count, by their use in the stacks (read: ArduPilot 4.6.2
 ``AP_NavEKF3_Control.cpp`` ``updateFilterStatus``, PX4 1.17 ``ekf_helper.cpp``
 ``get_ekf_soln_status``):
 
 - attitude, horizontal velocity and absolute horizontal position: valid or not, on both;
 - constant position mode: ArduPilot without any aiding; PX4 sets it also while standing still, so
-  there it counts for nothing;
+  there it is ignored;
 - a glitch of the satellites' position: one sample is enough for either, so it counts only when two
   messages in a row have it;
 - PX4 without the prediction of the absolute position: satellites are not fused (any more), the
@@ -66,7 +66,7 @@ def fence_status(message: Message, at_us: int) -> FenceStatus:
 
 
 def estimator_problems(message: Message) -> tuple[str, ...]:
-    """What keeps the position from being trusted, by EKF_STATUS_REPORT or ESTIMATOR_STATUS."""
+    """Problems of the position estimate, by EKF_STATUS_REPORT or ESTIMATOR_STATUS."""
     flags = message.flags
     problems = [words for flag, words in NEEDED if not flags & flag]
     if message.get_type() == "EKF_STATUS_REPORT":
@@ -83,14 +83,14 @@ def estimator_problems(message: Message) -> tuple[str, ...]:
 
 
 class Estimator:
-    """The position estimate's problems: each counts from when it is sure until it stays away."""
+    """Problems of the position estimate: from ``FOUND_AFTER`` until ``GONE_AFTER`` messages."""
 
     def __init__(self) -> None:
         self._seen: dict[str, int] = {}  # messages in a row that had it; of what does not count yet
         self._gone: dict[str, int] = {}  # messages in a row without it; of what counts
 
     def receive(self, message: Message, at_us: int) -> EstimatorStatus:
-        """What counts after this message."""
+        """The status after this message."""
         now = estimator_problems(message)
         self._gone = {
             words: 0 if words in now else absent + 1

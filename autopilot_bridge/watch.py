@@ -40,7 +40,7 @@ class Watch:
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, most_speed_m_s: float | None = None
     ) -> None:
-        """Positions that are not reached at ``most_speed_m_s`` are not used; None: all are."""
+        """Positions out of reach at ``most_speed_m_s`` are not used; None: all are."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
@@ -92,14 +92,14 @@ class Watch:
         return min(self._alarms.values(), default=None)
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """Tell of alarms whose cause has not been seen for a while."""
+        """End alarms whose cause has not been seen for a while."""
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
         for kind in ended:
             del self._alarms[kind]
         return [AlarmEnded(now_us, kind) for kind in ended]
 
     def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
-        """Take in a message of this vehicle's autopilot; ``used`` tells whether it can be so."""
+        """Take in a message of this vehicle's autopilot; ``used``: whether it is plausible."""
         absurd = out_of_bounds(message)
         self.used = absurd is None
         if absurd is not None:
@@ -122,7 +122,7 @@ class Watch:
         return events
 
     def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
-        if verdict == "back":  # so does a restart; else it shows when the old time goes on
+        if verdict == "back":  # may be a restart; if not, the old time continues
             self._back_us = ahead_us
             return []
         if verdict == "kept":

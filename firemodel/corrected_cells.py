@@ -130,7 +130,7 @@ def corrected_arrival(
     """
     marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
-    come = np.isfinite(arrival_s)  # what fire has not come to stays so, and costs nothing
+    come = np.isfinite(arrival_s)  # cells without fire stay so, and are skipped
     centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
     found = np.full(arrival_s.shape, np.inf)
     found[come] = method(fire, marks).ignition_time_s(centres)

@@ -247,7 +247,7 @@ class GaussianCorrected:
         given: _Prior,
     ) -> _Prior:
         """The prior under which the marks that burn are the most likely."""
-        burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # one without weight says nothing
+        burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
         if np.count_nonzero(burning) < 3:
             return given
         y, sd2 = b[burning] / w[burning], 1.0 / w[burning]

@@ -82,7 +82,7 @@ class WeatherStream:
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
     def since(self, time_s: float) -> "WeatherStream":
-        """The same from a time on; the entry that holds then is said to have held before."""
+        """The stream from a time on; the entry that holds then also covers earlier times."""
         first, *later = self.entries[self.index_at(time_s) :]
         return WeatherStream((replace(first, at_s=min(first.at_s, 0.0)), *later))
 

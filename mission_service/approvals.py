@@ -12,7 +12,7 @@ from mission_service.vehicle import Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0
 GOOD_FOR_S = 60.0  # afterwards it is planned anew: the front has moved on
-AHEAD_SHARE = 0.5  # of the horizon: a mission that leads so far beyond a refused one is another
+AHEAD_SHARE = 0.5  # of the horizon: a mission that extends so far beyond a refused one differs
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class MissionApprovals:
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """A mission is unlike a refused one if it leads farther than this beside or beyond it."""
+        """Set how far beside or beyond a refused mission another one must lead to differ."""
         self._proposals: dict[str, Proposal] = {}
         self._beside_m = path_tolerance_m
         self._beyond_m = AHEAD_SHARE * horizon_m
@@ -39,7 +39,7 @@ class MissionApprovals:
     def held_back(
         self, commands: Iterable[AnyCommand], vehicles: Mapping[str, Vehicle], at_s: float
     ) -> list[AnyCommand]:
-        """The same commands with each mission proposed instead of sent, or not even proposed."""
+        """The commands, with each upload replaced by a proposal; dropped if it was refused."""
         found: list[AnyCommand] = []
         for command in commands:
             if not isinstance(command, UploadMission):
@@ -68,8 +68,7 @@ class MissionApprovals:
         return [ProposeMission(vehicle.name, *mission)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Whether a mission was due at once for another reason than a refused one, or leads
-        elsewhere."""
+        """Whether a mission differs from a refused one in its path or in why it was due."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
@@ -89,7 +88,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Whether the mission of this hash was proposed; none like it is proposed again."""
+        """Refuse the mission of this hash, and similar ones; False if it was not proposed."""
         proposal = self._taken(vehicle, named)
         if proposal is None:
             return False
@@ -97,7 +96,7 @@ class MissionApprovals:
         return True
 
     def lapsed(self, vehicle: Vehicle, at_s: float) -> list[WithdrawMission]:
-        """Withdraw what has waited too long; what was due then is still due."""
+        """Withdraw an expired proposal; its reason stays due."""
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []

@@ -1,7 +1,7 @@
 """What an autopilot reports of itself, as lines and alarms for operators. Pure.
 
-Each alarm is raised when its cause is reported and cleared when the end of it is; a text has no
-end: its alarm is cleared once no further one has come for a while.
+Each alarm is raised when its cause is reported and cleared when the end of the cause is reported. A
+text has no end: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
@@ -23,7 +23,7 @@ MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "au
 
 
 def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-    """What an event means for operators; nothing for events that are no reports."""
+    """Announcements and alarms for an autopilot's report; none for other events."""
     match event:
         case AutopilotText():
             return _text(vehicle, event)
@@ -58,7 +58,7 @@ def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
 
 
 def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Clear the alarm of a text that nothing has followed for a while."""
+    """Clear the alarm of a text after ``TEXT_STANDS_S`` without another one."""
     if vehicle.text_at_s is None or at_s - vehicle.text_at_s < TEXT_STANDS_S:
         return []
     vehicle.text_at_s = None
@@ -78,7 +78,7 @@ def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
 def _alarm(
     vehicle: Vehicle, alarm: str, raised: bool, words: str, severity: Severity
 ) -> list[AnyCommand]:
-    """The alarm, and a line with it; or that it is over."""
+    """Raise an alarm and announce it, or clear it."""
     if not raised:
         return [ClearAlarm(vehicle.name, alarm)]
     return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, alarm, words, severity)]

@@ -244,7 +244,7 @@ class BurnFlight:
         return []
 
     def _why_over(self, at_us: int) -> str | None:
-        """Why the plan or its approval holds no longer, by time alone."""
+        """Why the plan or its approval has expired; None if neither has."""
         over = "it has expired" if self.approvals.out_of_date(at_us) else None
         return self.approvals.lapsed(at_us) or over
 

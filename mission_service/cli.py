@@ -163,7 +163,7 @@ def run(
 ) -> None:
     """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C.
 
-    Killed or stopped by SIGTERM it goes on where it was when it is started again. The journal of
+    After a kill or SIGTERM it resumes where it was when it is started again. The journal of
     any other run in OUT is kept under another name.
 
     With --vehicle and --broker each vehicle of a formation has a process of its own.

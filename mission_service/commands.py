@@ -42,7 +42,7 @@ class ProposeMission(Command, frozen=True, tag=True):
 
 
 class WithdrawMission(Command, frozen=True, tag=True):
-    """A mission that was proposed is proposed no more, and cannot be accepted."""
+    """Withdraw a proposed mission, so that it can no longer be accepted."""
 
     mission_id: int
     why: str
@@ -94,7 +94,7 @@ class Announce(Command, frozen=True, tag=True):
 
 
 class RaiseAlarm(Command, frozen=True, tag=True):
-    """Something is wrong until it is cleared; ``alarm`` names what, once for each vehicle."""
+    """Raise an alarm until it is cleared; ``alarm`` is its kind, one of a kind per vehicle."""
 
     alarm: str
     text: str
@@ -102,7 +102,7 @@ class RaiseAlarm(Command, frozen=True, tag=True):
 
 
 class ClearAlarm(Command, frozen=True, tag=True):
-    """What ``alarm`` named is wrong no more."""
+    """Clear the alarm of this kind."""
 
     alarm: str
 

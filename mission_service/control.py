@@ -25,11 +25,11 @@ from mission_service.requests import KNOWN, event_of
 
 MOST_LINE_BYTES = 64 * 1024
 MOST_CLIENTS = 16
-MOST_WAITING = 64  # beyond MOST_CLIENTS only an abort is taken; beyond this the oldest such goes
+MOST_WAITING = 64  # beyond MOST_CLIENTS only an abort is accepted; beyond this one is cut
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
-MOST_OWED = 100  # lines that wait, before more are read
-FRESH_S = 2.0  # what a client sent so shortly before it went is still meant
+MOST_OWED = 100  # waiting lines at which reading pauses
+FRESH_S = 2.0  # lines sent so shortly before a client closes are carried out
 LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
 
 Answer = dict[str, Any]
@@ -68,11 +68,11 @@ class Desk:
         self._burned_ha = burned_ha
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
-        """The answer to one request; never raises for anything that it may say.
+        """Handle one request and return the reply; never raises for its content.
 
         ``may_approve``: whether its user has the role approve (``requests.event_of``).
-        ``confirm`` in the answer: a vehicle was not ordered, since that would end what its
-        autopilot or pilot has chosen; the same request with ``confirmed`` does.
+        ``confirm`` in the reply: the order was not carried out, since it would end a mode that
+        autopilot or pilot selected; the same request with ``confirmed`` is carried out.
         """
         if isinstance(request, dict) and request.get("do") == "status":
             return {"ok": True, "status": self._status()}
@@ -175,7 +175,7 @@ def _clear(path: Path) -> None:
 
 
 async def serve_control(listening: socket.socket, desk: Desk) -> None:
-    """Answer clients until cancelled. Raises what was a defect in an answer."""
+    """Answer clients until cancelled. Raises the exception of a request that failed."""
     loop = asyncio.get_running_loop()
     clients = _Clients(desk, loop.create_future())
     server = await loop.create_unix_server(lambda: _Client(clients), sock=listening)
@@ -188,7 +188,7 @@ async def serve_control(listening: socket.socket, desk: Desk) -> None:
 
 
 class _Clients:
-    """Who is connected, in the order they came."""
+    """Connected clients, in the order of their arrival."""
 
     def __init__(self, desk: Desk, failed: asyncio.Future[None]) -> None:
         self.desk = desk
@@ -196,7 +196,7 @@ class _Clients:
         self.there: dict[_Client, None] = {}
 
     def come(self, client: "_Client") -> bool:
-        """Whether there was no place for it, so that it may only abort."""
+        """Add a client; True if there was no place for it, so that it may only abort."""
         late = len(self.there) >= MOST_CLIENTS
         if len(self.there) >= MOST_WAITING:
             next(each for each in self.there if each.late).cut()
@@ -205,10 +205,10 @@ class _Clients:
 
 
 class _Client(asyncio.Protocol):
-    """One client. What it has sent whole is done, though it is gone by then.
+    """One client. A complete line is carried out even if the client has disconnected by then.
 
-    An abort is done as soon as it is read, and before what came before it; its line needs no end.
-    Of other lines one is done in each turn of the loop. Answers are in the order of lines.
+    An abort is carried out as soon as it is read, before earlier lines; it needs no newline. Of
+    other lines one is handled in each turn of the event loop. Replies are in the order of lines.
     """
 
     def __init__(self, clients: _Clients) -> None:
@@ -222,14 +222,14 @@ class _Client(asyncio.Protocol):
         self._turn_comes = self._unread = self._ended = self._gone = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """A place for it."""
+        """Add the client."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self.late = self._clients.come(self)
         self._silence = self._loop.call_later(self._idle_s, self.cut)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It is gone; what it sent just now is done all the same."""
+        """Disconnected; lines sent within ``FRESH_S`` are still carried out."""
         self._gone = True
         self._silence.cancel()
         self._clients.there.pop(self, None)
@@ -243,7 +243,7 @@ class _Client(asyncio.Protocol):
         self._transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        """Cut what came into lines."""
+        """Split received data into lines."""
         self._read_s = self._loop.time()
         if self._after_abort:
             data, self._after_abort = data.removeprefix(b"\n"), False
@@ -267,11 +267,11 @@ class _Client(asyncio.Protocol):
         return True
 
     def pause_writing(self) -> None:
-        """Its answers are not read."""
+        """The client does not read its replies."""
         self._unread = True
 
     def resume_writing(self) -> None:
-        """They are."""
+        """The client reads its replies again."""
         self._unread = False
         self._go_on()
 
@@ -301,7 +301,7 @@ class _Client(asyncio.Protocol):
             self._loop.call_soon(self._turn)
 
     def _turn(self) -> None:
-        """Do and answer one line."""
+        """Handle and answer one line."""
         self._turn_comes = False
         if self._owed:
             first = self._owed.popleft()

@@ -59,7 +59,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
-WAITS = "on the ground: it waits for an operator to start it"
+WAITS = "on the ground: it waits until it is started by an operator"
 # Orders that come all the time: only their refusal is worth a word.
 UNTOLD = ("orbit", "change speed")
 
@@ -132,7 +132,7 @@ class Core:
         return commands
 
     def _watched(self, event: AnyEvent) -> list[AnyCommand]:
-        """Which part of the front is left, or watched again, after an event."""
+        """Report a part of the front that an event leaves unwatched, or watched again."""
         if not self._along_front:
             return []
         names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
@@ -145,9 +145,10 @@ class Core:
         return self._watch.after(name, watches, self.steering.presence)
 
     def _withheld(self, command: AnyCommand) -> bool:
-        """The last lock: nothing changes a mode that autopilot or pilot chose, or starts by itself.
+        """Whether a command must not be sent: the last check, which the callers make as well.
 
-        What leads here sees to that as well; an order that an operator has confirmed passes.
+        It would change a mode that the autopilot or the pilot selected, or start a vehicle without
+        an operator's order. An order that an operator has confirmed passes.
         """
         if type(command) not in LEADS_TO:
             return False
@@ -192,7 +193,7 @@ class Core:
             case Telemetry():
                 at_s, told = event.at_us / 1e6, texts_over(vehicle, event.at_us / 1e6)
                 if vehicle.presence.airborne and not was.airborne:
-                    vehicle.start_again_at_s = None  # it was a takeoff that was to be ordered
+                    vehicle.start_again_at_s = None  # the start that was due was a takeoff
                     told += self._found_in_air(vehicle, was)
                 return [*told, *self._moved(vehicle, at_s, decision)]
             case UploadFinished():
@@ -243,7 +244,7 @@ class Core:
         if vehicle.doubt is not None and self.scenario.planner.rule != BURN:
             return []  # until its mission was read back
         if not presence.position_good:
-            return []  # dead reckoning is nothing to decide by: it flies the mission on board
+            return []  # no decision by dead reckoning: it flies the mission on board
         commands: list[AnyCommand] = []
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
@@ -276,7 +277,7 @@ class Core:
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission; a takeoff waits until no other is near, after a flight for a crew."""
+        """Start the mission; a takeoff waits for separation, and after a flight for an order."""
         vehicle.start_again_at_s = None
         if vehicle.presence.taken_over:
             return []
@@ -360,7 +361,7 @@ class Core:
         return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
 
     def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
-        """Nothing that was to be ordered or sent later outlives what it was for."""
+        """Cancel the vehicle's pending commands and its proposed mission."""
         vehicle.end_intentions()
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
@@ -370,7 +371,7 @@ class Core:
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
-        # What is on board begins in the air: it takes off again with another.
+        # The mission on board begins in the air: a takeoff needs another one.
         vehicle.sent_home = vehicle.going_home = False
         vehicle.flown_line = vehicle.refusal = None
         self.spacing.forget(vehicle.name)
@@ -492,8 +493,8 @@ class Core:
     def _may_start_again(self, vehicle: Vehicle) -> bool:
         """Whether a start that was refused is still wanted.
 
-        Autopilots refuse to arm until they know where they are: on the ground it is ordered again.
-        In the air only a vehicle that is led by its mission alone.
+        Autopilots refuse to arm until they have a position: on the ground the start is repeated.
+        In the air it is repeated only for a vehicle that flies by its mission.
         """
         presence = vehicle.presence
         if presence.taken_over or presence.recalled or vehicle.ordered:
@@ -501,7 +502,7 @@ class Core:
         return self.leader.in_mission(vehicle.name) or not presence.airborne
 
     def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
-        """Whether a mission was started in the air as those before: no refusal, hold or return."""
+        """Whether a start in flight was announced before, with no refusal, hold or return since."""
         known = vehicle.start_told and vehicle.presence.airborne
         if event.command in ("start mission", "hold", "return"):
             vehicle.start_told = event.command == "start mission"
@@ -516,17 +517,14 @@ class Core:
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
         self.spacing.forget(vehicle.name)
-        then = (
-            "it waits for an operator to start it"
-            if vehicle.waits_for_crew
-            else "a mission is sent"
-        )
+        waits = "it waits until it is started by an operator"
+        then = waits if vehicle.waits_for_crew else "a mission is sent"
         words = say(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 
 
 class _Was(NamedTuple):
-    """What was so of a vehicle before an event."""
+    """The state of a vehicle before an event."""
 
     airborne: bool
     recalled: bool

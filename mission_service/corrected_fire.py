@@ -2,8 +2,8 @@
 
 The fire without corrections burns on beside the corrected one, so that an undo brings it back.
 Whatever changes, the corrected fire is begun again at that moment from arrival times set right.
-Of more than ``MAX_STEPS`` corrections and erasures the older half is settled: what holds of it is
-part of the fire without corrections from then on, and is neither listed nor undone any more.
+Of more than ``MAX_STEPS`` corrections and erasures the older half is settled: it becomes part of
+the fire without corrections, is no longer listed and can no longer be undone.
 """
 
 import copy
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 AHEAD_S = 3600.0  # what the fire does so far ahead tells how marks there reach back
 MARKS_APART_CELLS = 1.0
-MAX_STEPS = 256  # a correction takes as long as there are marks to fit
+MAX_STEPS = 256  # the time of a correction grows with the marks to fit
 
 MOST_MARKS = 150  # a fit takes as long as the cube of their number
 
@@ -63,7 +63,7 @@ class CorrectedFire:
         """
         match event:
             case WindTold():
-                # A fire begun again needs no weather of before: winds told for weeks do not add up.
+                # A restarted fire needs no earlier weather, so the stream stays short for weeks.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:

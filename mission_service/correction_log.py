@@ -64,7 +64,7 @@ class CorrectionLog:
         return tuple(reversed(found))
 
     def settle(self, count: int) -> tuple[Held, ...]:
-        """Take the first ``count`` steps out for good; which of their corrections hold now."""
+        """Remove the first ``count`` steps; returns those of their corrections that hold now."""
         settled = {id(step) for step in self.steps[:count]}
         found = tuple(each for each in self.held() if id(each.correction) in settled)
         del self.steps[:count]

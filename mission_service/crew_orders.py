@@ -64,12 +64,12 @@ class CrewOrders:
                 return []
 
     def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
-        """Those that this process flies; others get their orders from their own."""
+        """Order the named vehicle, or all, among those that this process flies."""
         named = self.vehicles if not name else [name] if name in self.vehicles else []
         return [command for each in named for command in order(self.vehicles[each])]
 
     def _ordered(self, vehicle: Vehicle, event: Ordered) -> list[AnyCommand]:
-        """Carry out an order, or ask whether it may end what autopilot or pilot chose."""
+        """Carry out an order; ask first if it would end a mode that autopilot or pilot selected."""
         was_taken_over = vehicle.presence.taken_over
         if self.steering.admits(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
@@ -84,7 +84,7 @@ class CrewOrders:
         return [say(vehicle, words, warning=True)]
 
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
-        """Hold; a vehicle in a mode that its autopilot or pilot chose holds when it leaves that."""
+        """Hold; in a mode that its autopilot or pilot selected, only once that has ended."""
         at_s, mode = event.at_us / 1e6, vehicle.presence.mode
         if not vehicle.presence.needs_confirmation("hold"):
             return self._hold(vehicle, event.by, at_s, "aborted")
@@ -104,9 +104,7 @@ class CrewOrders:
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
                 if not vehicle.presence.airborne:
-                    why = (
-                        "it is on the ground: nothing is sent; it waits for an operator to start it"
-                    )
+                    why = "it is on the ground: nothing is sent until an operator starts it"
                     return [say(vehicle, f"told to return by {by}, but {why}", warning=True)]
                 self.steering.recall(vehicle.name, at_s)
                 vehicle.sent_home = True

@@ -208,7 +208,7 @@ def warm_up_for(scenario: Scenario, landscape: Landscape) -> None:
 def _journal_of(
     run: Run, known: Known, cut_off: Unfinished | None, tell: Callable[[str, str], None]
 ) -> Journal:
-    """The journal that is gone on with, or a new one; an earlier one is kept."""
+    """The journal to resume, or a new one; an earlier one is renamed."""
     kept = None if cut_off else set_aside(run.journal_path)
     if kept is not None:
         tell("service", f"the journal of an earlier run is kept as {kept.name}; this is a new one")
@@ -258,9 +258,9 @@ async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, dow
 
 
 def replay(cut_off: Unfinished, service: Service) -> None:
-    """Let a fresh core and all that follows it have the past; nothing is carried out.
+    """Apply the journal to a fresh core and all other folds; no command is carried out.
 
-    Begins again where a line cannot be handled, without that line. Raises JournalError.
+    Starts over without a line that cannot be handled. Raises JournalError.
     """
     begun = Frozen(service.kept(), service.known)
     while True:
@@ -349,7 +349,7 @@ def desk_of(
 
     words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
     names = tuple(section.name for section in scenario.flown)
-    area = None if burn is not None else burned_ha  # in a burn it is what is believed that changes
+    area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
     return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words, area)
 
 
@@ -405,7 +405,7 @@ async def _told_to_stop(hub: Hub) -> None:
 
 
 async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
-    """Hand on what one connection brings of the vehicles on it until cancelled."""
+    """Pass the events of all vehicles of one connection to the service until cancelled."""
     connection = on_it[0].connection
     while True:
         await connection.wait()

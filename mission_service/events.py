@@ -2,8 +2,8 @@
 
 ``at_us`` is mission time in integer microseconds; 0 is the time of ignition of the scenario.
 
-Limits of values are part of the types: the journal reads each line again before it writes it, so no
-event with a value beyond them, or with one that is no number, is journalled or handled.
+Limits of values are part of the types: the journal decodes each line before it writes it, so an
+event with a value out of range, or one that is not a number, is neither journalled nor handled.
 """
 
 from typing import Annotated, Any, Literal
@@ -169,7 +169,7 @@ class SystemStateChanged(Event, frozen=True, tag=True):
 
 
 class LandedStateChanged(Event, frozen=True, tag=True):
-    """Where the autopilot takes itself to be: ``on ground``, ``in air``, ``landing`` ..."""
+    """The landed state by the autopilot's estimate: ``on ground``, ``in air``, ``landing`` ..."""
 
     state: str
 
@@ -182,7 +182,7 @@ class FenceStatusChanged(Event, frozen=True, tag=True):
 
 
 class EstimatorStatusChanged(Event, frozen=True, tag=True):
-    """Whether the autopilot trusts its position, and what is wrong with it, in words."""
+    """Whether the autopilot's position estimate is healthy, and its problems in words."""
 
     healthy: bool
     problems: tuple[str, ...]
@@ -206,8 +206,8 @@ class DropFinished(Event, frozen=True, tag=True):
 class HostTime(Event, frozen=True, tag=True):
     """The host's monotonic clock at this mission time; in burns, about once a second.
 
-    Mission time is the autopilot's, which may be slow or stand still: limits on what people have
-    approved hold by this clock as well.
+    Mission time follows the autopilot's clock, which may be slow or stop: limits of approvals are
+    measured by this clock as well.
     """
 
     monotonic_us: int
@@ -222,7 +222,7 @@ class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class Crew(_ByUser, frozen=True, tag=True, kw_only=True):
     """What a user did or reported; not of one vehicle. ``station`` is where they are.
 
-    ``may_approve``: by a user with the role approve, as the interface that took it has checked.
+    ``may_approve``: whether the user has the role approve, as checked by the interface.
     """
 
     may_approve: bool = False
@@ -331,8 +331,8 @@ class Resumed(Crew, frozen=True, tag=True):
 class LinesSkipped(Crew, frozen=True, tag=True):
     """Lines of the journal that a restart has skipped, as (segment, line, why).
 
-    They could not be read or handled; the journal of before is gone on with as if they were not
-    there, by the commands that it has.
+    They could not be read or handled. The restart applied the rest of the journal without them,
+    with the commands that it records.
     """
 
     lines: tuple[tuple[Count, Count, str], ...]
@@ -344,7 +344,7 @@ Order = Literal["hold", "resume", "return", "start"]
 class Ordered(Crew, frozen=True, tag=True):
     """What a vehicle is to do by a person's word; all of them without a name.
 
-    ``confirmed``: even if that ends what its autopilot or its pilot has chosen, a failsafe say.
+    ``confirmed``: even if that ends a mode that autopilot or pilot selected, such as a failsafe.
     """
 
     vehicle: str
@@ -352,7 +352,7 @@ class Ordered(Crew, frozen=True, tag=True):
     confirmed: bool = False
 
 
-SERVICE = "service"  # ``by`` of what the service orders by itself; no interface takes it
+SERVICE = "service"  # ``by`` of the service's own orders; no interface accepts it
 
 
 class MissionWanted(Crew, frozen=True, tag=True):

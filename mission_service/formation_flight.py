@@ -209,7 +209,7 @@ class FormationFlight:
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return
         if event.mode == led.mode and led.leads and event.mode != "mission":
-            return  # told again after the service was down
+            return  # reported again after the service was down
         if event.mode != led.mode:  # both stacks forget the speed with the mode
             led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":

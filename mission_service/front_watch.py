@@ -1,4 +1,4 @@
-"""Which part of the front is watched no more when a vehicle leaves it. Pure."""
+"""Which part of the front is no longer watched when a vehicle leaves it. Pure."""
 
 from collections.abc import Mapping
 
@@ -95,7 +95,7 @@ class FrontWatch:
     def _left(
         self, name: str, fire: FireMap, presence: Mapping[str, Presence]
     ) -> NDArray[np.int64]:
-        """The bearings that the vehicle was the nearest to, of those that share its map."""
+        """The bearings to which it was the nearest of the vehicles that share its map."""
         places = {
             each: here
             for each in (name, *sorted(self._watching))

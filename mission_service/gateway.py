@@ -57,7 +57,7 @@ RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
-    # What shows trouble is to be known within two seconds.
+    # Reports of failures must arrive within two seconds.
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
     mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot's
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,  # ArduPilot's
@@ -75,7 +75,7 @@ BURN_RATES_HZ = {
 }
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
-# Texts below this severity are not passed on, nor one again within this time: stacks repeat.
+# Texts below this severity, and repetitions of a text within this time, are dropped.
 LEAST_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
 MOST_TEXTS_KEPT = 32
@@ -380,7 +380,7 @@ class Gateway:
         yield MissionHeld(now_us, self.name, known, None if items is None else len(items))
 
     def _text(self, event: bridge.Text) -> AutopilotText | None:
-        """A text that is worth a word, unless it stands there already."""
+        """An autopilot's text, unless it is unimportant or a repetition."""
         text = printable(event.text)
         if event.severity > LEAST_SEVERITY or not text:
             return None
@@ -393,7 +393,7 @@ class Gateway:
         return AutopilotText(self._clock.now_us, self.name, event.severity, text)
 
     def _status_changed(self, status: StatusChanged) -> StatusChanged:
-        """The client reports it when it changes; kept, for it is asked for after a restart."""
+        """Keep a state, which the client reports only on change, for a restart."""
         self._status[type(status)] = status
         return status
 

@@ -5,9 +5,9 @@ event or one command; the last one says that the run ended in order. Every line 
 that runs on from the line before (the header's stands alone), so that a line that was changed,
 lost, added or moved is found and named.
 
-What is written can be read: each line is decoded again before it is written, and refused if that is
-not the same event or command (msgspec writes NaN as null) or if a value is beyond the limits of its
-type. A journal and its states are for their user alone, and never behind a symbolic link.
+Each line that is written can be read back: it is decoded before it is written, and refused if the
+result differs (msgspec writes NaN as null) or a value is beyond the limits of its type. A journal
+and its states are readable by their user alone; a symbolic link in their place is refused.
 """
 
 import contextlib
@@ -198,7 +198,7 @@ def _opened(path: Path, new: bool) -> int:
 
 
 def _refuse_live(path: Path) -> None:
-    """Raise JournalError for what a live run has left: nothing is written over it."""
+    """Raise JournalError if a live run's journal is there, which is not overwritten."""
     if not begins_journal(path):
         return
     with path.open("rb") as file:
@@ -228,12 +228,12 @@ def begins_journal(path: Path) -> bool:
 
 
 def event_body(event: AnyEvent) -> bytes:
-    """The line of an event without its checksum. Raises RefusedEventError: it cannot be read."""
+    """The line of an event without its checksum. Raises RefusedEventError if unreadable."""
     return _EVENT + _readable(event, _decode_event)
 
 
 def command_body(command: AnyCommand) -> bytes:
-    """The line of a command without its checksum. Raises RefusedEventError: it cannot be read."""
+    """The line of a command without its checksum. Raises RefusedEventError if unreadable."""
     return _COMMAND + _readable(command, _decode_command)
 
 
@@ -322,7 +322,7 @@ class JournalReader:
             yield self.entry(number, body, intact)
 
     def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
-        """What follows a place; lines that were altered or cannot be read as such."""
+        """Entries after a place; altered and undecodable lines as ``Unreadable``."""
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
@@ -365,7 +365,7 @@ class JournalReader:
 
 
 def _lines_in(file: BinaryIO, first_bytes: int) -> int:
-    """How many lines end in the first bytes of a file, which are read."""
+    """Read the first bytes of a file; returns how many lines end in them."""
     count = 0
     while first_bytes > 0 and (piece := file.read(min(first_bytes, 1 << 20))):
         count += piece.count(b"\n")

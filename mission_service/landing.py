@@ -32,7 +32,7 @@ def needs_landing(section: VehicleSection) -> bool:
 
 
 class Landing:
-    """The landing that missions of a vehicle end with, if they must: by the scenario's weather."""
+    """The landing at the end of a vehicle's missions, if needed, by the scenario's weather."""
 
     def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
         """Raises ScenarioError if no approach is clear."""
@@ -40,11 +40,11 @@ class Landing:
         self._landscape = landscape
         self._weather = weather_of(scenario) if needs_landing(section) else None
         self._items: tuple[MissionItem, ...] = ()
-        self._wind_from_deg = math.nan  # that these are laid for
+        self._wind_from_deg = math.nan  # that the items are planned for
         self.at(scenario.start_s)
 
     def at(self, at_s: float) -> tuple[MissionItem, ...]:
-        """As a mission that is made at a mission time has it: into the wind of then."""
+        """The items of a landing into the wind at a mission time; () if none is needed."""
         if self._weather is None:
             return ()
         wind_from_deg = self._weather.at(at_s).wind_from_deg

@@ -28,9 +28,9 @@ from mission_service.shared_links import sharing
 from mission_service.signed import Refusals, refusal, signings
 
 TELL_SILENCE_AFTER_US = 4_000_000
-# Airframes fly faster than they are told to: ArduPlane 23 m/s of 15 (seen), and more in a dive.
+# Airframes exceed the commanded airspeed: ArduPlane 23 m/s of 15 (seen), and more in a dive.
 FASTER = 2.0
-STRONGEST_WIND_M_S = 30.0  # that they are flown in; what a scenario has may be more
+STRONGEST_WIND_M_S = 30.0  # for flights; a scenario may have more
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
     "clock": "severe",
@@ -58,7 +58,7 @@ class Link:
 
 
 def most_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
-    """What a vehicle is never faster than over the ground, in m/s."""
+    """The upper bound of a vehicle's ground speed, in m/s."""
     fastest_m_s = section.airspeed_m_s
     if scenario.planner.rule == "formation":
         fastest_m_s = max(fastest_m_s, section.most_airspeed_m_s)
@@ -161,7 +161,7 @@ def connected(links: dict[str, Link]) -> list[list[Link]]:
 
 
 def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
-    """Vehicle, kind and words of the links' alarms since the last time; no words: it has ended."""
+    """Vehicle, kind and words of link alarms since the last call; no words: it has ended."""
     found = []
     for name, link in links.items():
         while link.gateway.link_alarms:

@@ -1,7 +1,7 @@
-"""Files for their user alone: mode 0600, in folders of mode 0700, never behind a symbolic link.
+"""Files that only their user can read: mode 0600, in folders of mode 0700, no symbolic links.
 
-A link that was planted where a journal or a state is to be written would have the service write to
-what the link names, with its user's rights; so it is refused, and never followed.
+A symbolic link planted in the place of a journal or a state would make the service write to its
+target with the rights of the service's user; so it is refused, and never followed.
 """
 
 import errno
@@ -22,12 +22,12 @@ def opened(path: Path, flags: int) -> int:
 
 
 def in_words(error: OSError) -> str:
-    """Why a file that was to be opened for writing was not."""
+    """Why a file could not be opened for writing."""
     return LINK if error.errno == errno.ELOOP else f"cannot be written: {error.strerror}"
 
 
 def refuse_links(folder: Path, stem: str) -> None:
-    """Raise MissionServiceError in one line if a file whose name begins so is a symbolic link."""
+    """Raise MissionServiceError if a file whose name begins with ``stem`` is a symbolic link."""
     for each in sorted(folder.glob(f"{stem}*")):
         if each.is_symlink():
             raise MissionServiceError(f"{each}: {LINK}, or choose another --out")
@@ -40,7 +40,7 @@ def written_by_others(folder: Path) -> bool:
 
 @contextmanager
 def private() -> Iterator[None]:
-    """All that this process makes meanwhile is for its user alone."""
+    """Within it all files that this process creates are for its user alone (umask 077)."""
     before = os.umask(0o077)
     try:
         yield

@@ -31,7 +31,7 @@ from mission_service.steering import AIRBORNE_M
 from mission_service.track import Track
 
 MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
-MAX_REASONS = 100  # told apart, of missions: they may name people; all others are OTHER
+MAX_REASONS = 100  # different ones, of missions (they may name users); others count as OTHER
 OTHER = "other"
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
 

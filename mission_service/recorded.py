@@ -71,7 +71,7 @@ class Recorded:
             yield found
 
     def _entries(self) -> Iterator[tuple[JournalReader, Entry]]:
-        """Without the lines that a restart has skipped; what follows them is not sure."""
+        """Entries without the lines that a restart skipped; those after them are not ``sure``."""
         sure = True
         for reader, number, body, intact in self._lines():
             if (reader.segment, number) in self.skipped:
@@ -96,7 +96,7 @@ class Recorded:
                     content = reader.entry(number, body, intact).content
                     if isinstance(content, LinesSkipped):
                         found |= {(each[0], each[1]): each[2] for each in content.lines}
-        except JournalError:  # told when it is read
+        except JournalError:  # reported when it is read
             pass
         return found
 

@@ -27,9 +27,9 @@ class Recording:
         self._before_waiting = 0
 
     def event(self, event: AnyEvent) -> bool:
-        """Write down an input; whether it may be handled. Call it before that.
+        """Journal an event before it is handled; returns whether it may be handled.
 
-        Raises RefusedEventError for one that could not be read again.
+        Raises RefusedEventError for one that could not be read back.
         """
         self._urgent = isinstance(event, Aborted) and len(self._waiting) < MOST_WAITING
         self._before_waiting = len(self._waiting)

@@ -179,7 +179,7 @@ def core_stage(recorded: Recorded) -> Stage:
     expected: deque[AnyCommand] = deque()
     counts = {"events": 0, "commands": 0, "decisions": 0}
     for reader, entry in recorded.readable():
-        if not entry.sure:  # nobody knows what the core was
+        if not entry.sure:  # the state of the core is not known
             expected.clear()
             if entry.is_event:
                 counts["events"] += 1

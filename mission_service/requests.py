@@ -143,7 +143,7 @@ class Present(Request, frozen=True):
 class OrderRequest(Request, frozen=True):
     """An order to a vehicle; to all vehicles without a name.
 
-    ``confirmed``: even if that ends what its autopilot or pilot has chosen, a failsafe say.
+    ``confirmed``: even if that ends a mode that autopilot or pilot selected, such as a failsafe.
     Without it such an order is answered with a line that begins with ``confirm:``.
     """
 
@@ -255,8 +255,8 @@ def event_of(
 ) -> CrewEvent:
     """The event that a request stands for, at mission time ``at_us``.
 
-    ``may_approve``: whether its user has the role approve; None where an interface checks no names:
-    then whatever takes that role is by such a user, and nothing else.
+    ``may_approve``: whether its user has the role approve; None where an interface does not check
+    users: then the requests that need that role count as such a user's, and no others.
 
     ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
     those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and

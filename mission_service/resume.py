@@ -2,11 +2,11 @@
 
 Nothing of what was on its way is trusted: ``Resumed`` comes after the last event, and voids all.
 
-A line that cannot be read or handled ends a restart with the line's number. On request it is
-skipped, and that is written down (``LinesSkipped``), so that later restarts and replays do the
-same. From there to that event the core is not what it was: the journal's own commands count then.
-The last event of a journal is skipped without a request if it cannot be handled: its handling was
-cut off before it could be taken back.
+A line that cannot be read or handled ends a restart with an error that names the line. On request
+it is skipped, and ``LinesSkipped`` records that, so that later restarts and replays skip it too.
+Between the line and that event the core's state may differ from the live run's, so the recorded
+commands count. The last event of a journal is skipped without a request if it cannot be handled:
+the run was killed before it could take the event back.
 """
 
 from collections.abc import Callable, Iterator
@@ -49,7 +49,7 @@ class _Turn:
         return list(found)  # type: ignore[arg-type]
 
     def gives(self, commands: list[AnyCommand]) -> bool:
-        """Whether these are its commands, by what can be read of them."""
+        """Whether these equal its recorded commands, as far as those can be read."""
         return len(commands) == len(self.commands) and all(
             each is None or each[1].content == ours
             for each, ours in zip(self.commands, commands, strict=True)
@@ -61,7 +61,7 @@ class Unfinished:
 
     ``objects`` is the newest state that can be used, or None: then all is told from the beginning.
     ``passed_over`` says why newer states could not be; ``skipped`` why lines were, by (segment,
-    line), and ``skips_now`` those of them that the journal does not know of yet.
+    line), and ``skips_now`` those of them that the journal does not record yet.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Unfinished:
         self.passed_over: list[str] = []
         self.skipped: dict[Line, str] = {}
         self.skips_now: dict[Line, str] = {}
-        self._at: _Turn | None = None  # told to the core, and perhaps not yet to others
+        self._at: _Turn | None = None  # applied to the core, perhaps not yet to other folds
         self._place = chain.begin
         # With short segments the state of the last one's beginning is newer than ``journal.state``.
         usable: list[tuple[Rest, Path]] = []
@@ -132,8 +132,8 @@ class Unfinished:
 
         Raises JournalError where the core's are not the journal's, and UnhandledLineError where it
         fails (``skip_line`` may help then). Afterwards ``last_us`` is the latest mission time in
-        it, and ``missing`` are commands of the last event that the journal has not: nobody carried
-        them out, for they are written down first.
+        it, and ``missing`` are commands of the last event that the journal lacks: they were not
+        carried out, since commands are journalled first.
         """
         sure, self.missing = True, ()
         for turn in self._turns():
@@ -156,12 +156,12 @@ class Unfinished:
             yield turn.event, commands
 
     def skips(self, at_us: int) -> LinesSkipped | None:
-        """What is to be written down of the lines that were skipped this time."""
+        """The event that records the lines skipped by this restart; None if none were."""
         lines = tuple((*line, why) for line, why in self.skips_now.items())
         return LinesSkipped(at_us, "service", "", lines) if lines else None
 
     def unhandled(self, error: Exception) -> UnhandledLineError:
-        """Says that the line that was told last cannot be handled."""
+        """The error for the line that was applied last and cannot be handled."""
         assert self._at is not None
         words = " ".join(f"{type(error).__name__}: {error}".split())
         return UnhandledLineError(
@@ -169,9 +169,9 @@ class Unfinished:
         )
 
     def skip_line(self, problem: UnhandledLineError) -> None:
-        """Do without the line that cannot be handled; all is to be told again from the state.
+        """Skip the line that cannot be handled; the caller starts over from the state.
 
-        Raises the problem if that was not asked for, unless nothing came of that line any more.
+        Raises the problem unless skipping was requested, or the last event has no command.
         """
         assert self._at is not None
         cut_off = self._at.is_last and not self._at.commands
@@ -234,8 +234,8 @@ def unfinished(
 ) -> Unfinished | None:
     """The journal at ``path`` if it is a live run of this very scenario that was cut off.
 
-    Raises MissionServiceError for a symbolic link in its place, and JournalError if nobody can tell
-    because its first line is damaged.
+    Raises MissionServiceError for a symbolic link in its place, and JournalError if its first line
+    is damaged.
     """
     refuse_links(path.parent, path.stem)
     complete(path)
@@ -258,10 +258,10 @@ def unfinished(
 
 
 def set_aside(path: Path) -> Path | None:
-    """Keep what is in the place of a new journal under another name; returns where it is now.
+    """Rename a journal that is in the place of a new one; returns its new path.
 
-    Whatever was flown: journals are deleted by ``keep_mb`` alone. A file without a whole header
-    holds nothing, and is replaced; segments whose last one was moved away are kept.
+    Only ``keep_mb`` deletes journals. A file without a complete header holds no entry and is
+    replaced; segments whose last one was moved away are kept.
     """
     refuse_links(path.parent, path.stem)
     complete(path)

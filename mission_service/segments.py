@@ -83,9 +83,9 @@ def complete(path: Path) -> None:
 
 
 def move(path: Path, to: Path) -> None:
-    """Give a journal another name, with all its segments and the states these begin with.
+    """Rename a journal with all its segments and the states these begin with.
 
-    Its newest states are worth nothing there.
+    Its newest states, of no use under the new name, are deleted.
     """
     closed = closed_segments(path)
     for number in (*closed, max(closed, default=0) + 1):
@@ -162,7 +162,7 @@ class Chain:
                 yield reader, *line
 
     def trusted(self, place: Rest) -> Iterator[tuple[JournalReader, Entry | Unreadable]]:
-        """As ``after``; lines that were altered or cannot be read as such."""
+        """As ``after``; altered and undecodable lines as ``Unreadable``."""
         for reader, here in self._places(place):
             for entry in reader.trusted(here):
                 yield reader, entry

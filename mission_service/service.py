@@ -3,15 +3,14 @@
 Journal the event, let the core and all other folds have it, journal the commands, carry them out;
 and let the camera look at the fire whenever a position arrives.
 
-**Nothing in the journal can make a restart fail.** Three things see to that, for events are of two
-kinds. What people ask for is rare, and may be anything: it is tried on a copy of all folds (core,
-record, picture, interlock, missions) first, as a restart would tell it, and written down only if
-none of them raises; the copy takes some milliseconds, tens of them for a formation's maps. The fire
-is too large to be copied: it takes in what people say before anything else, wholly or not at all.
-Events of vehicles come too often to be tried: what they may say is limited by their types
-(``events.py``), and the journal refuses anything else before it is handled. If one still raises,
-that is a defect: it is taken out of the journal again, nothing of it is carried out, and the run
-ends with one line, for memory is no longer what the journal tells; started again it goes on.
+**Nothing in the journal can make a restart fail.** Requests of operators are rare and may have any
+content: each is first applied to a copy of all folds (core, record, picture, interlock, missions),
+as a restart applies it, and journalled only if none of them raises; the copy takes milliseconds,
+tens of them for a formation's maps. The fire is too large to be copied: it applies a request before
+all other folds, completely or not at all. Events of vehicles are too frequent for a copy: their
+types limit their values (``events.py``), and the journal refuses any other before it is handled. If
+one still raises, that is a defect: it is removed from the journal, none of its commands is carried
+out, and the run ends with one line, since memory and journal differ; after a restart it resumes.
 """
 
 import copy
@@ -134,7 +133,7 @@ class Service:
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = interlock_of(scenario.burn, world.landscape)
         self._refusals: set[str] = set()  # alarms of events that were refused
-        self.defect: RefusedEventError | None = None  # memory is not what the journal tells
+        self.defect: RefusedEventError | None = None  # memory and journal differ
 
     @property
     def world(self) -> FireWorld:
@@ -160,7 +159,7 @@ class Service:
                     self.picture.take(event, [])
 
     def clock_read(self, now_us: int) -> None:
-        """Handle the host's monotonic clock where people approve things: now and then."""
+        """In burns handle the host's monotonic clock, about once a second."""
         if self._interlock is None or now_us < self._host_time_due_us:
             return
         self._host_time_due_us = now_us + HOST_TIME_EVERY_US
@@ -195,7 +194,7 @@ class Service:
         self._pay(event.at_us, now_us)
 
     def _try(self, event: CrewEvent, now_us: int) -> None:
-        """Raise RefusedEventError for what would raise, here or at a restart."""
+        """Apply a request to a copy of the state. Raises RefusedEventError if that raises."""
         trial = copy.copy(self)
         try:
             trial.restore(copied({name: getattr(self, name) for name in TRIED}, self.known))
@@ -205,7 +204,7 @@ class Service:
                 if trial._interlock is not None:
                     trial._interlock.sent([command])
         except Exception as error:
-            if isinstance(event, Aborted):  # without the core, which would lead them on
+            if isinstance(event, Aborted):  # past the core, which cannot handle it
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
             raise _cannot(event, error) from error
@@ -243,7 +242,7 @@ class Service:
         now_us: int,
         skipped: LinesSkipped | None = None,
     ) -> None:
-        """After the past: write down the last commands that the journal lacks, and handle this.
+        """After the past events: journal the last commands that it lacks, then handle ``event``.
 
         ``skipped`` are lines of the journal that were left out of the past.
         """
@@ -310,7 +309,7 @@ class Service:
         return True
 
     def _is_good(self, event: AnyEvent) -> bool:
-        """Whether an event may be written down; else there is an alarm until one of its kind is."""
+        """Whether an event can be journalled; if not, raise an alarm until one of its kind can."""
         try:
             event_body(event)
         except RefusedEventError as error:
@@ -364,7 +363,7 @@ class Service:
             self._handle(self._held_back.popleft(), now_us)
 
     def _folded(self, event: AnyEvent) -> list[AnyCommand]:
-        """All folds but the fire take in an event; the commands that the core answers with."""
+        """Apply an event to all folds but the fire; returns the commands of the core."""
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:

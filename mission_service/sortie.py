@@ -1,4 +1,4 @@
-"""What a vehicle did in a run, in figures: missions, time in the air, orders, modes, losses."""
+"""Statistics of a vehicle in a run: missions, time in the air, commands, modes, link losses."""
 
 import math
 from collections import Counter
@@ -27,7 +27,7 @@ from mission_service.events import (
 )
 from mission_service.steering import AIRBORNE_M
 
-GAP_US = 5_000_000  # over a longer gap between positions nothing is known of the flight
+GAP_US = 5_000_000  # a longer gap between positions counts as no flight
 
 
 @dataclass

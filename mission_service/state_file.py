@@ -267,7 +267,7 @@ def read(path: Path, known: Known) -> dict[str, Any]:
 
 
 def copied(objects: dict[str, Any], known: Known) -> dict[str, Any]:
-    """Deep copies; what is known is shared. What they share stays shared."""
+    """Deep copies that share the ``known`` objects; references between them are kept."""
     pickled, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
     _Pickler(pickled, known, buffers).dump(objects)
     pickled.seek(0)

@@ -120,7 +120,7 @@ class Presence:
 
     @property
     def flies(self) -> bool:
-        """Online, in the air at a measured position, in a mode that was ordered, not homebound."""
+        """Online, in the air at a measured position, in a mode that was ordered, not returning."""
         counted_on = self.online and self.airborne and not self.recalled
         return counted_on and self.position_good and not self.taken_over
 
@@ -134,14 +134,15 @@ class Presence:
         return at_s <= self.expected_until_s.get(kind, -math.inf)
 
     def answered(self, kind: type[AnyCommand], at_s: float) -> None:
-        """A command was answered: its change of mode comes soon or not at all."""
+        """Note an acknowledged command: its mode change follows soon or not at all."""
         if kind in self.expected_until_s:
             self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
 
     def restart(self) -> None:
-        """Its autopilot was restarted: what it does now it has chosen itself.
+        """Reset after a restart of the autopilot; in flight its mode then counts as not ordered.
 
-        Its mode is the one it had until it reports another; a watchdog restarts it in flight too.
+        The mode stays the last one until another is reported. Watchdogs restart autopilots in
+        flight too.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
@@ -150,7 +151,7 @@ class Presence:
             setattr(self, each.name, getattr(fresh, each.name))
 
     def needs_confirmation(self, order: Order) -> bool:
-        """Whether an order would take the vehicle out of what its autopilot or pilot chose."""
+        """Whether an order would end a mode that the vehicle's autopilot or pilot selected."""
         if not (self.armed and self.airborne):
             return False
         chosen = self.taken_over or (self.in_failsafe and self.mode in GOING_HOME)
@@ -218,13 +219,13 @@ class Steering:
         self.planners[name].left(at_s)
 
     def sent(self, command: AnyCommand, at_s: float) -> None:
-        """Note a command that leaves: the modes that it leads to are expected from now on."""
+        """Note a command that is sent: the modes that it leads to are expected from now on."""
         if type(command) in LEADS_TO:
             presence = self.presence[command.vehicle]
             presence.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
     def admits(self, name: str, event: Ordered) -> bool:
-        """Whether an order is carried out; if so, it ends what autopilot or pilot chose."""
+        """Whether an order is carried out; if so, the mode counts as ordered from now on."""
         presence = self.presence[name]
         if event.by == SERVICE and not presence.flies:
             return False
@@ -241,7 +242,7 @@ class Steering:
             presence.mode_is_ordered = True
             presence.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # from here on it is led again, whoever sent it there
+        elif event.mode == MISSION:  # flown by its mission again, whatever changed the mode
             presence.recalled = presence.held_by_upload = False
             presence.mode_is_ordered = True
         else:
@@ -254,7 +255,7 @@ class Steering:
                 self.planners[event.vehicle].left(at_s)
 
     def _mode_chosen(self, presence: Presence, event: ModeChanged, armed_now: bool) -> None:
-        """The mode of an armed vehicle, other than its mission: one that was ordered, or not."""
+        """Classify a mode of an armed vehicle, other than its mission, as ordered or not."""
         at_s = event.at_us / 1e6
         leading = presence.leading_to(event.mode, at_s)
         arms = armed_now and not presence.airborne and event.mode not in GOING_HOME
@@ -265,7 +266,7 @@ class Steering:
         self._look_for_failsafe(event.vehicle, at_s)
 
     def _look_for_failsafe(self, name: str, at_s: float) -> None:
-        """A vehicle that holds during an upload, and reports a failsafe, holds because of that."""
+        """Attribute a hold during an upload to the failsafe that the vehicle reports."""
         presence = self.presence[name]
         if presence.held_by_upload and presence.in_failsafe:
             presence.mode_is_ordered = presence.held_by_upload = False
@@ -278,7 +279,7 @@ class Steering:
         fix_good: bool | None = None,
         estimator_healthy: bool | None = None,
     ) -> None:
-        """Whether positions are measured from now on; dead reckoning is nothing to decide by."""
+        """Note whether positions are measured; if not, the vehicle leaves its planner."""
         presence = self.presence[name]
         was_good = presence.position_good
         if fix_good is not None:

@@ -94,7 +94,7 @@ class Vehicle:
         return self.pending is not None or self.proposed is not None
 
     def end_intentions(self) -> None:
-        """What was to be ordered again, or once something else is done, is not any more."""
+        """Cancel commands that were to be repeated, or to follow another one."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
 

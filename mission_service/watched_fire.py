@@ -47,7 +47,7 @@ class WatchedFire:
     def look(self, here: Telemetry) -> Observed | None:
         """What a vehicle's camera sees from here, if it takes a picture now.
 
-        Nothing while the vehicle's position is not measured: what it saw would be put elsewhere.
+        Nothing while the vehicle's position is not measured: the view would be placed wrongly.
         """
         return self.seen_from(here) if self._is_due(here) else None
 

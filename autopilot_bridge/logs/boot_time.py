@@ -1,7 +1,7 @@
 """The time of a flight whose log has stamps of another clock: of a fast or slow simulator.
 
-Stamps of a .tlog are the recorder's. Where the autopilots' time since boot goes on at another rate,
-the flight happened on that time.
+Stamps of a .tlog are by the recorder's clock. If the autopilots' time since boot runs at another
+rate, the flight's time follows it.
 """
 
 from collections.abc import Iterator

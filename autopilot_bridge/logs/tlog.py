@@ -114,7 +114,7 @@ class TlogLog:
             yield frame, at_us
 
     def _samples(self) -> Iterator[Sample]:
-        """Where autopilots' clocks are, in the first records; it ends where they say little."""
+        """Times since boot of the autopilots in the first records, with their stamps."""
         codec = Codec(255, 0)
         for frame, stamp_us in islice(self._frames(), MOST_SURVEYED):
             system_id, component_id = source_of(frame)

@@ -203,7 +203,7 @@ class MockAutopilot:
             flight.current = 0
         if not self.stack.keeps_target:
             self._begin_anew()
-            # PX4 tells of it within the second, or at once where it begins elsewhere than asked.
+            # PX4 reports it within the second, or at once if it begins elsewhere than commanded.
             self.telemetry.expect_current(self.missions.start_at, self.flight)
         else:
             self.telemetry.tell_current(self.flight)

@@ -77,7 +77,7 @@ def battery_status(percent: int, voltage_v: float) -> Message:
 
 
 def landed_state(stack: Stack, flight: Flight) -> Message:
-    """EXTENDED_SYS_STATE; ArduPlane knows on the ground and in the air only."""
+    """EXTENDED_SYS_STATE; ArduPlane reports only on the ground and in the air."""
     state = mavlink.MAV_LANDED_STATE_IN_AIR
     if not flight.airborne:
         state = mavlink.MAV_LANDED_STATE_ON_GROUND
@@ -104,7 +104,7 @@ def system_status(stack: Stack, flight: Flight) -> int:
 
 
 def fence_status(breached: bool, boot_ms: int) -> Message:
-    """FENCE_STATUS of a fence in the plane."""
+    """FENCE_STATUS of a polygon fence."""
     kind = mavlink.FENCE_BREACH_BOUNDARY if breached else mavlink.FENCE_BREACH_NONE
     return mavlink.MAVLink_fence_status_message(breached, int(breached), kind, boot_ms)
 

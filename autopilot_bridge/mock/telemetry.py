@@ -77,7 +77,7 @@ class Telemetry:
         flight.texts.clear()
 
     def expect_current(self, seq: int, flight: Flight) -> None:
-        """A new list: its MISSION_CURRENT waits for its turn while the number is this."""
+        """A new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
         self._told_current = (seq, *self._missions.progress())
         if flight.current != seq:
             self.tell_current(flight)
@@ -169,7 +169,7 @@ class Telemetry:
         self._states(flight, steps)
 
     def _states(self, flight: Flight, steps: int) -> None:
-        """What shows trouble."""
+        """Messages that report failures."""
         boot_us, due = steps * STEP_US, self._intervals.due
         if due(LANDED, steps):
             self._send(instruments.landed_state(self._stack, flight))

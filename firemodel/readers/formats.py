@@ -1,7 +1,7 @@
-"""What a file is, by its content, before GDAL sees it: nothing is opened that names other files.
+"""Recognises a file's format by its content before GDAL opens it; refuses files that name others.
 
-GDAL tells formats by content too, and some of them (VRT, OGR-VRT, GDALG, web services) are lists of
-what to open or fetch, whatever the file is called. So the few formats of maps are told here.
+GDAL recognises formats by content too, and some of them (VRT, OGR-VRT, GDALG, web services) name
+files and URLs to open, whatever the file's extension. So the few accepted formats are checked here.
 """
 
 import json
@@ -36,7 +36,7 @@ OFFLINE = {  # for GDAL, should one of its formats name an address all the same
 
 
 def raster_driver(path: Path) -> str:
-    """GDAL's name of a raster's format. Raises FireModelError for one that is not taken."""
+    """GDAL's name of a raster's format. Raises FireModelError for one that is not accepted."""
     start = _start(path)
     if start.startswith(TIFF):
         return "GTiff"

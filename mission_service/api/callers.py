@@ -1,4 +1,4 @@
-"""Who is connected. Anybody can open connections: of too many the oldest without a token goes."""
+"""Open connections. Beyond a limit the oldest connection without a valid token is closed."""
 
 import ipaddress
 from collections import Counter
@@ -10,7 +10,7 @@ MOST_OF_AN_ADDRESS = 192  # of the unproven
 
 
 class Caller:
-    """One connection, from its first moment on. ``cut`` ends it."""
+    """One connection, from its acceptance on. ``cut`` closes it."""
 
     def __init__(self, client: str, cut: Callable[[], None]) -> None:
         self.client = client
@@ -18,14 +18,14 @@ class Caller:
 
 
 class Callers:
-    """All connections, in the order they came."""
+    """All connections, in the order of their arrival."""
 
     def __init__(self) -> None:
         self._unproven: dict[Caller, None] = {}
         self._proven: dict[Caller, None] = {}
 
     def come(self, caller: Caller) -> None:
-        """One more. Where there are too many, one goes: of its own address, or of the busiest."""
+        """Add a connection; beyond a limit close one, of its own or of the busiest address."""
         self._unproven[caller] = None
         counts = Counter(each.client for each in self._unproven)
         if counts[caller.client] > MOST_OF_AN_ADDRESS:
@@ -34,18 +34,18 @@ class Callers:
             self._cut_oldest(max(counts, key=lambda client: counts[client]))
 
     def prove(self, caller: Caller) -> None:
-        """It has shown a token; so it stays, as long as not too many have."""
+        """Keep a connection with a valid token; at most ``MOST_PROVEN`` are kept."""
         if caller in self._unproven and len(self._proven) < MOST_PROVEN:
             del self._unproven[caller]
             self._proven[caller] = None
 
     def leave(self, caller: Caller) -> None:
-        """It has ended."""
+        """Remove a connection that has ended."""
         self._unproven.pop(caller, None)
         self._proven.pop(caller, None)
 
     def cut_one(self) -> None:
-        """Make room: the oldest goes that has shown no token."""
+        """Close the oldest connection without a valid token."""
         for caller in self._unproven:
             self._cut_oldest(caller.client)
             return

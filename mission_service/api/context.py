@@ -63,7 +63,7 @@ class Api:
         return answer(self.desk(request.state.who, {**wanted, **named, "do": do}))
 
     def abort(self, who: Who, query_string: bytes) -> dict[str, Any]:
-        """Stop at once; the answer. Nothing is waited for, so a body cannot say who asks.
+        """Carry out an abort; returns the reply. The body, which may be incomplete, is not read.
 
         ``query_string``: ``by`` and ``station``, where a token leaves them open. Raises ApiError.
         """

@@ -1,10 +1,10 @@
 """What stands before all routes: who calls from where, how often, how much, how slowly.
 
 Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
-tokens, rates, numbers at once. Those without a token share a few places, so that they take none
-from others. An abort of a valid token passes all limits and is done here, on its headers; whether
-the service lives is told to anybody at any time. Bodies are read here too, before anything else is
-waited for: a request that came whole is done though its client has closed the connection meanwhile.
+tokens, rates, concurrent requests. Clients without a token have a separate limit. An abort with a
+valid token passes all limits and is carried out here, as soon as its headers have arrived; health
+routes pass all limits too. Bodies are read here before anything else is awaited, so that a complete
+request is carried out even if its client has closed the connection meanwhile.
 """
 
 import asyncio
@@ -33,7 +33,7 @@ HEALTH = ("/healthz", "/readyz")
 # Requests under way: of those with a token what reads (live streams among them) and what changes.
 MOST_READING, MOST_CHANGING = 64 + MOST_STREAMS, 64
 MOST_STRANGERS, MOST_OF_A_STRANGER = 32, 16  # without a token: the page
-SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # who does not read for so long is cut off
+SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # a client that reads nothing for so long is cut off
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "font-src 'self'; media-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
@@ -60,7 +60,7 @@ class Guard:
         now_s: Callable[[], float],
         abort: Callable[[Who, bytes], Any],
     ) -> None:
-        """``abort`` is done at once, for somebody and with a query string; it may raise ApiError.
+        """``abort`` is called at once with the user and the query string; it may raise ApiError.
 
         ``hosts``: the names and addresses it may be called by, without ports. Loopback is always
         right, and the address a connection came to. By these names a proxy that speaks TLS may
@@ -110,7 +110,7 @@ class Guard:
                 places.leave(client)
 
     def _places(self, scope: Scope) -> Places | None:
-        """Among how many a request is counted; None for what always gets through."""
+        """The limit that a request counts against; None for routes that are always served."""
         if scope["path"] == ABORT or scope["path"] in HEALTH:
             return None
         if scope["state"]["who"] is None:
@@ -118,7 +118,7 @@ class Guard:
         return self._readers if _reads(scope) else self._changers
 
     def _let_in(self, scope: Scope) -> str:
-        """The client. Raises ApiError unless it may go on; says in its state whose it is."""
+        """Check a request, note its user in its state, return its client. Raises ApiError."""
         headers = _headers(scope)
         host = self._right_host(headers.get(b"host", []), scope.get("server"))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
@@ -166,7 +166,7 @@ class _GoneError(Exception):
 
 
 async def _whole(scope: Scope, receive: Receive) -> Receive:
-    """The body of a request, read to its end; what gives it to the routes as one message.
+    """Read a whole body; returns a ``receive`` that gives it to the routes as one message.
 
     Raises ApiError 413 if it is too long, 408 if it does not come in time; _GoneError.
     """

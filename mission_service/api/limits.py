@@ -1,4 +1,4 @@
-"""How often a client may ask, and how many at once. Pure; ``now_s``: a clock that goes forward."""
+"""Limits of rates and of concurrent requests. Pure; ``now_s`` is a monotonic clock."""
 
 from collections import Counter, OrderedDict
 
@@ -42,7 +42,7 @@ class Places:
         self._inside: Counter[str] = Counter()
 
     def enter(self, client: str) -> bool:
-        """Whether there is a place, which is taken then until ``leave``."""
+        """Take a place until ``leave``; False if there is none."""
         if self._inside.total() >= self.most or self._inside[client] >= self._most_each:
             return False
         self._inside[client] += 1

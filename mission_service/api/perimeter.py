@@ -1,4 +1,4 @@
-"""Perimeters that others drew are read in a process of their own (``maps/perimeter_worker.py``)."""
+"""Reads uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
 
 import asyncio
 import signal
@@ -15,9 +15,9 @@ _decode = msgspec.json.Decoder(Done | Failed).decode
 
 
 async def read_aside(job: Job) -> Done:
-    """A perimeter and the corrections that it stands for.
+    """Read a perimeter and the corrections that follow from it.
 
-    Raises ApiError 422 in one line: for what the file is, or if its reader died or took too long.
+    Raises ApiError 422 for an unusable file, or if the process that reads it crashes or is slow.
     """
     process = await asyncio.create_subprocess_exec(
         *WORKER,

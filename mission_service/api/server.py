@@ -1,8 +1,8 @@
 """uvicorn inside the daemon: its tasks and signals are the daemon's, and so is its end.
 
 Of uvicorn there is the protocol (h11) and the loop around it. What is ours: the listening socket,
-TLS, when a connection has taken too long, which one goes when there are too many (``callers.py``),
-and the end. That reaches into uvicorn, so pyproject.toml names the versions it was written for.
+TLS, timeouts, which connection is closed when there are too many (``callers.py``), and the end.
+That reaches into uvicorn, so pyproject.toml names the versions it was written for.
 """
 
 import asyncio
@@ -70,8 +70,8 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
-    # Tickets are written before the request is read. To a client that has sent it and is gone that
-    # write fails, and with it asyncio drops what it has not read.
+    # Session tickets are written before the request is read. If the client has sent its request and
+    # closed the connection, this write fails, and asyncio discards the unread request.
     context.num_tickets = 0
     try:
         # Else a key with a password would have OpenSSL ask on the terminal.
@@ -158,12 +158,12 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
     async def _accept(self) -> None:
-        """Connections one by one, each counted before anything is read of it."""
+        """Accept connections one by one; each is counted before anything is read from it."""
         loop = asyncio.get_running_loop()
         while True:
             try:
                 there, address = await loop.sock_accept(self._listening)
-            except OSError:  # no file left for it, or it is gone already
+            except OSError:  # no file descriptor left, or the client has closed it
                 self._callers.cut_one()
                 await asyncio.sleep(NO_ROOM_S)
                 continue
@@ -174,7 +174,7 @@ class _Server(uvicorn.Server):
             task.add_done_callback(self._beginning.discard)
 
     async def _begin(self, there: socket.socket, caller: Caller) -> None:
-        """A protocol for a connection, after the handshake of TLS where there is one."""
+        """Attach the protocol to a connection, after its TLS handshake if there is one."""
         loop = asyncio.get_running_loop()
         begun = False
 
@@ -189,7 +189,7 @@ class _Server(uvicorn.Server):
                 ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_WITHIN_S,
             )
             begun = True
-        except OSError:  # it went in the middle of its handshake
+        except OSError:  # closed during its handshake
             pass
         finally:
             if not begun:
@@ -204,9 +204,9 @@ class _Server(uvicorn.Server):
 
 
 class Connection(H11Protocol):
-    """One connection, which may not dawdle over its headers.
+    """One connection, with a time limit for its headers.
 
-    Its requests can cut it off, and say that they have shown a token (``state``).
+    Through ``state`` its requests can close it, and mark it as one with a valid token.
     """
 
     def __init__(self, callers: Callers, caller: Caller, *args: Any) -> None:

@@ -27,15 +27,15 @@ class Error(msgspec.Struct):
 class Told(msgspec.Struct):
     """What was done: mission time, the event it became, and what the service said to it.
 
-    Of a correction of the fire (correct, erase, undo, redo) also the area burned before and after;
-    not in a burn, where it corrects what is believed.
+    For a correction of the fire (correct, erase, undo, redo) also the area burned before and after;
+    absent in a burn, where a correction changes the estimated fire.
     """
 
     ok: bool
     at_s: float
     event: str
     said: list[str]
-    confirm: bool = False  # not ordered: ask the person, then send it again with ``confirmed``
+    confirm: bool = False  # not carried out: ask the operator, then send it ``confirmed``
     burned_ha_before: float | None = None
     burned_ha_after: float | None = None
 

@@ -19,9 +19,9 @@ class Approval:
 
 
 class Approvals:
-    """One plan at a time, and the crew's word for it.
+    """One plan at a time, and the crew's approval of it.
 
-    Limits run on mission time and on the host's clock: what ends first by either is over.
+    Each limit ends when either mission time or the host's clock reaches it.
     """
 
     def __init__(self, burn: BurnSection) -> None:
@@ -36,11 +36,11 @@ class Approvals:
         self._approver_us = self._approver_host_us = 0  # last input that counts, by both clocks
 
     def host_time(self, event: HostTime) -> None:
-        """Take the host's clock."""
+        """Update the time of the host's clock."""
         self._host_us = event.monotonic_us
 
     def heard(self, event: Crew) -> None:
-        """Take input of a user: only an approver's at the approval's station shows presence."""
+        """Count a user's input as presence if it is an approver's at the same station."""
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:
             return
@@ -71,7 +71,7 @@ class Approvals:
         return None
 
     def out_of_date(self, at_us: int) -> bool:
-        """Whether the time of the plan proposed is over; not so where there is none."""
+        """Whether the proposed plan has expired; False if there is none."""
         if self.plan is None:
             return False
         good_for_us = self.plan.valid_until_us - self.plan.made_at_us

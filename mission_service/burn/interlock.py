@@ -93,7 +93,7 @@ class Interlock:
 
     An approval counts only for a plan proposed before, from a station of the scenario, with a
     complete GO list; a NO-GO ends it. It holds while the user that gave it, or another with the
-    role approve, is active at that station. Its limits run on mission time and on the host's clock.
+    role approve, gives input at that station. Limits: by mission time and by the host's clock.
     An abort, a restart of service or autopilot, a return home and a landing end it too and open the
     whole list: nothing is dropped until all is GO and a plan approved anew.
     A drop that was ordered once is never let out again, whatever became of it.
@@ -161,7 +161,7 @@ class Interlock:
                 self._begin_anew(f"aborted by {event.by} since")
             case Resumed():
                 self._begin_anew("the service was restarted since")
-                self._host_us = None  # its clock may have begun anew
+                self._host_us = None  # the monotonic clock may have restarted
                 for known in self._plans.values():
                     known.proposed_host_us = None
                 for name in self._vehicles:
@@ -345,7 +345,7 @@ class Interlock:
         return None
 
     def _passed_us(self, since_us: int | None) -> float:
-        """Time by the host's clock; endless where it is not known."""
+        """Elapsed time by the host's clock; infinite if unknown."""
         return math.inf if self._host_us is None or since_us is None else self._host_us - since_us
 
     def _vehicle_refuses(self, name: str, at_us: int) -> str | None:
@@ -410,7 +410,7 @@ class Interlock:
 
 
 def _attends(event: Crew, approved: Approved) -> bool:
-    """Whether an event shows that an approver is there."""
+    """Whether an event counts as presence of an approver."""
     if isinstance(event, Resumed) or event.station != approved.station:
         return False
     return event.by == approved.by or event.may_approve

@@ -1,8 +1,8 @@
-"""A process of its own that reads one perimeter: what others send may take it along when it dies.
+"""A separate process that reads one uploaded perimeter: a file can crash only this process.
 
-GEOS cannot be interrupted, holds the interpreter's lock for as long as it takes, and has ended
-processes. So nothing that came from outside is given to it in the process that flies. A ``Job``
-comes by stdin, ``Done`` or ``Failed`` goes by stdout.
+GEOS cannot be interrupted, holds the GIL for as long as it runs, and has crashed on invalid input,
+so the process that flies never passes uploaded geometry to it. A ``Job`` arrives on stdin, ``Done``
+or ``Failed`` is written to stdout.
 """
 
 import os
@@ -22,7 +22,7 @@ MOST_RINGS = 50
 MOST_POINTS = 900  # of a correction; less than requests may have
 MOST_MEMORY_BYTES = 2 * 1024**3
 MOST_CPU_S = 25
-NICENESS = 5  # those who fly come first
+NICENESS = 5  # below the process that flies
 
 
 class Job(msgspec.Struct):
@@ -47,7 +47,7 @@ class Failed(msgspec.Struct, tag="failed"):
 
 
 def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
-    """A request for each outline: the fire burns along it now. Raises FireModelError for many."""
+    """A request for each outline, burning now. Raises FireModelError for too many outlines."""
     rings = perimeter.rings()
     if len(rings) > MOST_RINGS:
         raise FireModelError(f"it has {len(rings)} outlines; at most {MOST_RINGS} are accepted")
@@ -56,7 +56,7 @@ def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
 
 
 def answer_to(job: Job) -> Done | Failed:
-    """What is in the file; never raises for anything that it may hold."""
+    """Read the file; never raises for its content."""
     try:
         found = read_perimeter_in(job.data, job.file_name, shapely.Polygon(job.outline))
         wanted = corrections_of(found)

@@ -1,17 +1,17 @@
-"""Rings with fewer corners. It takes n log n and never recurses: rings come from outside."""
+"""Simplifies rings in O(n log n) and without recursion, since rings are uploaded."""
 
 import heapq
 
 import shapely
 
 Ring = list[tuple[float, float]]
-TRIED = 4  # so many times the corners that are wanted, where fewer made sides cross
+TRIED = 4  # times ``most``: corners kept for a second try, if sides cross
 
 
 def thinned(ring: Ring, most: int) -> Ring:
-    """A ring of at most ``most`` corners with its shape kept at best; no sides cross.
+    """Simplify a ring to at most ``most`` corners with the least change; no sides cross.
 
-    The last corner is not the first again. Raises nothing: what cannot be kept is left out.
+    The first corner is not repeated at the end. Never raises: it leaves out what it cannot keep.
     """
     if len(ring) <= most:
         return ring

@@ -105,7 +105,7 @@ class Publisher:
         try:
             await self._talk(client)
         except Exception:
-            while not self._inbox.empty():  # it has come; that the broker is gone changes nothing
+            while not self._inbox.empty():  # received before the broker was lost: carried out
                 self._take(self._inbox.get_nowait())
             raise
 

@@ -31,7 +31,7 @@ class Lap:
 
 
 def remember(seen: list[Seen], one: Seen) -> None:
-    """Add what a camera saw on a lap; of a lap that does not end every other one is dropped."""
+    """Add an observation of a lap; of ``MAX_SEEN`` every second one is dropped first."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)

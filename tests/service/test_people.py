@@ -208,13 +208,13 @@ def test_settings_are_told_to_planners_that_have_them(fly: Fly) -> None:
     assert "nothing was changed" in team.tell(SettingsTold(team.now_us, *ANN, alpha=2.5))[0]
 
 
-def test_who_was_never_heard_is_told_to_hold_when_it_is(fly: Fly) -> None:
+def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) -> None:
     flight = fly()
     flight.tell(Aborted(flight.now_us, "", ""))
     flight.run(60.0)
     said = flight.over()
-    assert commands(said, Hold)
-    assert not commands(said, UploadMission), "nobody takes off after an abort"
+    for kind in (Hold, StartMission, UploadMission):
+        assert not commands(said, kind), "it stands: there is nothing to hold"
     texts = [each.text for each in said if isinstance(each, Announce)]
     assert "aborted by unknown" not in texts
 

@@ -1,4 +1,4 @@
-// The door (a token is asked for), questions before an order, and the list of keys.
+// The login (asks for a token), questions before an order, and the list of keys.
 
 import { byId, fill, h } from "./dom.ts";
 import { allShortcuts } from "./keys.ts";
