@@ -20,6 +20,7 @@ from mission_service.vehicle import Vehicle, say
 WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
+LANDED = "landed"
 
 
 def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
@@ -39,6 +40,10 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
         case LandedStateChanged(state="landing") if vehicle.presence.airborne:
             return [say(vehicle, "landing", warning=True)]
+        case LandedStateChanged():
+            down = vehicle.presence.airborne and event.state == "on ground"
+            words = f"on the ground in mode {vehicle.presence.mode}, and armed"
+            return _alarm(vehicle, LANDED, down, words, "severe")
         case _:
             return []
 
@@ -54,7 +59,7 @@ def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
 
 def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
     """The mode is one that was ordered."""
-    return [ClearAlarm(vehicle.name, MODE)]
+    return [ClearAlarm(vehicle.name, MODE), ClearAlarm(vehicle.name, LANDED)]
 
 
 def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:

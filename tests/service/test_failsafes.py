@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from autopilot_bridge.link import MemoryLink
+
 from mission_service.commands import (
     AnyCommand,
     Decided,
@@ -20,6 +22,7 @@ from mission_service.events import (
     AnyEvent,
     CommandFinished,
     FixTold,
+    LandedStateChanged,
     MissionAccepted,
     MissionRefused,
     MissionWanted,
@@ -214,10 +217,10 @@ def test_a_hold_that_has_no_answer_yet_is_not_repeated(fly: Fly) -> None:
     """A repeat would take the place of the one under way, and neither is ever acknowledged."""
     flight = fly()
     flight.run(400.0)
-    flight.sim.rigs[0].up.loss = 1.0
+    flight.sim.rigs[0]._up = MemoryLink(loss=1.0)
     order(flight, "hold")
     flight.run(60.0)
-    flight.sim.rigs[0].up.loss = 0.0
+    flight.sim.rigs[0]._up = MemoryLink()
     flight.run(20.0)
     assert flight.mode == "hold"
     refused = [line.text for line in flight.picture.news if "took its place" in line.text]
@@ -239,3 +242,15 @@ def test_the_unwatched_front_is_reported_again_after_a_restart(fly: Fly) -> None
 
 def test_a_text_of_the_autopilot_is_one_printable_line() -> None:
     assert printable("\x1b[31m\nlow\r\tbattery\x00") == "[31m low battery"
+
+
+def test_a_vehicle_on_the_ground_in_its_mission_is_reported(fly: Fly) -> None:
+    """A failed engine shows in neither stack's texts: PX4 1.17 sank and landed in its mission."""
+    flight = fly()
+    flight.run(400.0)
+    down = LandedStateChanged(flight.now_us, "hawk", "on ground")
+    flight.sim.service.take([down], flight.sim.link_us)
+    assert "on the ground" in alarm(flight, "landed")
+    up = LandedStateChanged(flight.now_us, "hawk", "in air")
+    flight.sim.service.take([up], flight.sim.link_us)
+    assert alarm(flight, "landed") == ""
