@@ -58,8 +58,11 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     ),
     "WIND": (Bound("direction", -360.0, 360.0), Bound("speed", 0.0, GUST_M_S)),
     "WIND_COV": (Bound("wind_x", -GUST_M_S, GUST_M_S), Bound("wind_y", -GUST_M_S, GUST_M_S)),
-    "SYS_STATUS": (Bound("battery_remaining", -1, 100), Bound("current_battery", -1, 32_767)),
-    "BATTERY_STATUS": (Bound("battery_remaining", -1, 100), Bound("current_battery", -1, 32_767)),
+    "SYS_STATUS": (Bound("battery_remaining", -1, 100), Bound("current_battery", -32_768, 32_767)),
+    "BATTERY_STATUS": (
+        Bound("battery_remaining", -1, 100),
+        Bound("current_battery", -32_768, 32_767),
+    ),
     "MISSION_CURRENT": (Bound("seq", 0, MOST_ITEMS),),
     "MISSION_ITEM_REACHED": (Bound("seq", 0, MOST_ITEMS),),
     "MISSION_COUNT": (Bound("count", 0, MOST_ITEMS),),

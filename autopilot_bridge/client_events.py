@@ -293,7 +293,7 @@ class RemoteChanged:
 
     at_us: int
     before: str
-    now: str
+    after: str
 
     @property
     def kind(self) -> AlarmKind:
@@ -302,7 +302,7 @@ class RemoteChanged:
 
     def __str__(self) -> str:
         return (
-            f"heard from {self.now} now, no more from {self.before}; if the autopilot was not "
+            f"heard from {self.after} now, no more from {self.before}; if the autopilot was not "
             "restarted and its network has not changed, this may not be the vehicle"
         )
 

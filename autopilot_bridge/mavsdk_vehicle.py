@@ -18,6 +18,9 @@ from typing import Any, Literal, Self, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.asked_modes import AskedModes, modes_asked
+from autopilot_bridge.begin import Begin as MissionBegin
+from autopilot_bridge.begin import Onboard
 from autopilot_bridge.check import check
 from autopilot_bridge.client_events import (
     ClientEvent,
@@ -25,6 +28,7 @@ from autopilot_bridge.client_events import (
     Connected,
     DropFinished,
     LinkRestored,
+    ModeChanged,
     Rebooted,
     TransferFinished,
 )
@@ -35,7 +39,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.fleet import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.framing import frames_of, source_of
 from autopilot_bridge.items import Items, jumps_moved
-from autopilot_bridge.jobs import Begin
+from autopilot_bridge.jobs import LAST_NAV, Begin
 from autopilot_bridge.mavsdk_library import (
     ACCEPTED,
     MAVSDK_IDS,
@@ -45,18 +49,19 @@ from autopilot_bridge.mavsdk_library import (
     raw_items,
     raw_message,
 )
+from autopilot_bridge.mode import changed_meanwhile
 from autopilot_bridge.orders import Dropper
+from autopilot_bridge.plan_id import mission_id_of
 from autopilot_bridge.rates import rate_requests
 from autopilot_bridge.signing import Counts, Signing
 from autopilot_bridge.sources import Source
 from autopilot_bridge.stacks import Stack, Step
 from autopilot_bridge.tlog import Tlog
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.watch import AUTOPILOT, Watch
 
 LOOK_EVERY_S = 0.05
 ANSWER_S = 1.5
-TRIES = 5
 FOUND_S = 10.0
 NOT_FOUND = "MAVSDK has not found the vehicle"
 SILENT_S = 120.0  # the longest mission on a slow radio takes less
@@ -107,7 +112,10 @@ class MavsdkVehicle:
         self._next_id = 1
         self._asked = asyncio.Event()
         self._commands: asyncio.Queue[tuple[str, tuple[Step, ...]]] = asyncio.Queue()
-        self._told_current: set[int] = set()
+        self._begin: MissionBegin | None = None  # under way
+        self._asked_modes = AskedModes()
+        self._taken: list[str] = []  # why the vehicle was left to others, each time
+        self._heartbeats = 0
         self._mavsdk: Any = None
         self._missions: Any = None
         self._direct: Any = None
@@ -291,14 +299,26 @@ class MavsdkVehicle:
                 self._mavsdk.pass_received_raw_bytes(frame)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        if message.get_type() == "MISSION_CURRENT":
-            self._told_current.add(message.seq)
+        mode = self._watch.custom_mode
         events = self._watch.receive(message, now_us)
+        self._heartbeats += message.get_type() == "HEARTBEAT"
+        if self._begin is not None:
+            self._begin.receive(message, now_us)
+        for event in events:
+            if isinstance(event, ModeChanged) and event.custom_mode != mode:
+                self._mode_changed(event.custom_mode, now_us)
         self._events.extend(events)
         news = any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events)
         if news and self.stack is not None:
             for request in rate_requests(self.stack, self._target):
                 self._outgoing.append(self._codec.encode(request))
+
+    def _mode_changed(self, mode: int, now_us: int) -> None:
+        """Take note of a mode that nobody asked for here."""
+        if self.stack is not None and not self._asked_modes.has(mode, now_us):
+            self._taken.append(changed_meanwhile(self.stack, mode))
+            if self._begin is not None:
+                self._begin.leave(self._taken[-1])
 
     def data_to_send(self) -> list[bytes]:
         """Frames to send, each handed out once."""
@@ -380,8 +400,15 @@ class MavsdkVehicle:
             self._tell(CommandFinished(self._clock(), name, accepted, reason))
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
-        """Commands one after another until one is refused; MAVSDK repeats them."""
+        """Commands one after another until one is refused; MAVSDK repeats them.
+
+        None goes out after the autopilot or a pilot has taken the vehicle.
+        """
+        taken = len(self._taken)
         for step in steps:
+            if len(self._taken) > taken:
+                return False, self._taken[-1]
+            self._asked_modes.ask(modes_asked(step, self._known_stack()), self._clock())
             command, asked = step.command, command_message(self._target, step, 0)
             try:
                 ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
@@ -394,7 +421,12 @@ class MavsdkVehicle:
                 return False, f"command {command} {RESULTS.get(result, f'MAV_RESULT {result}')}"
         return True, "accepted"
 
-    async def _change_mode(self, stack: Stack, custom_mode: int) -> tuple[bool, str]:
+    async def _change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
+        """Out of the mode ``before`` only, right behind a heartbeat that shows it."""
+        heartbeats = self._heartbeats
+        await self._until(lambda: self._heartbeats > heartbeats, 2 * ANSWER_S)
+        if self._watch.custom_mode != before:
+            return False, changed_meanwhile(stack, self._watch.custom_mode)
         accepted, reason = await self._steps((stack.set_mode(custom_mode),))
         if not accepted:
             return False, reason
@@ -452,8 +484,9 @@ class MavsdkVehicle:
         watch, hidden = self._watch, self._watch.hidden_items
         first = self._first(job)
         paused = job.holds_first and watch.in_mission and not stack.atomic_upload
+        before, taken = Onboard(None, watch.plan_id, watch.unfit), len(self._taken)
         if paused:
-            held, reason = await self._change_mode(stack, stack.hold_mode)
+            held, reason = await self._change_mode(stack, stack.mission_mode, stack.hold_mode)
             if not held:
                 words = f"it would not hold for the upload: {reason}"
                 return TransferResult("rejected", words, holds="the old one")
@@ -466,11 +499,18 @@ class MavsdkVehicle:
         if ended.outcome != "accepted":
             return ended
         ended = replace(ended, items=job.items)
-        if not await self._make_current(first):
-            words = "the vehicle holds the mission but did not begin it"
-            return replace(ended, outcome="failed", reason=words, code=None)
+        if len(self._taken) > taken and stack.keeps_target:
+            begun = TransferResult("failed", self._taken[-1])
+        else:
+            begun = await self._made_current(first, wire_items, before, stack)
+        if begun.outcome != "accepted":
+            words = f"the vehicle holds the mission but did not begin it: {begun.reason}"
+            return replace(ended, outcome=begun.outcome, reason=words, code=None)
+        if paused and len(self._taken) > taken:
+            words = f"accepted; {self._taken[-1]}, and its mode is left alone"
+            return replace(ended, reason=words)
         if paused:
-            flies, reason = await self._change_mode(stack, stack.mission_mode)
+            flies, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
             if not flies:
                 words = f"the vehicle holds the mission but did not fly on: {reason}"
                 return replace(ended, outcome="failed", reason=words, code=None)
@@ -484,14 +524,27 @@ class MavsdkVehicle:
         asked = self._watch.current or 0 if job.begin == "keep" else hidden + job.begin
         return min(max(asked, hidden), last)
 
-    async def _make_current(self, seq: int) -> bool:
-        asked = mavlink.MAVLink_mission_set_current_message(*self._target, seq)
-        for _ in range(TRIES):
-            self._told_current.clear()
-            await self._call(self._direct.send_message(raw_message(asked, self._target)))
-            if await self._until(lambda: seq in self._told_current, ANSWER_S):
-                return True
-        return False
+    async def _made_current(
+        self, seq: int, wire_items: Items, before: Onboard, stack: Stack
+    ) -> TransferResult:
+        """Have a mission on board begun: see ``begin.py``."""
+        address = Address(MAVSDK_IDS, self._target)
+        later = range(seq, len(wire_items))
+        shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)
+        begin = self._begin = MissionBegin(
+            *(address, seq, shown, len(wire_items), mission_id_of(wire_items, stack)),
+            *(before._replace(seq=self._watch.current), TransferTiming()),
+        )
+        try:
+            messages = begin.start(self._clock())
+            while begin.result is None:
+                for message in messages:
+                    await self._call(self._direct.send_message(raw_message(message, self._target)))
+                await asyncio.sleep(LOOK_EVERY_S)
+                messages = begin.handle_timer(self._clock())
+            return begin.result
+        finally:
+            self._begin = None
 
     async def _ask(self, call: Coroutine[Any, Any, Any]) -> str:
         """MAVSDK's verdict on a transfer, by its name."""

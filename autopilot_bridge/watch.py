@@ -44,6 +44,7 @@ class Watch:
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
+        self._restarted = False  # since its mode was reported
         self.current: int | None = None
         self.total: int | None = None
         self.plan_id: int | None = None  # of the mission on board; ArduPilot has none
@@ -137,6 +138,7 @@ class Watch:
         self._reach.forget_times()
         if verdict == "rebooted":
             self.current = self._reached = None
+            self._restarted = True
             return [Rebooted(now_us)]
         words = f"its time since boot jumped {by} and continues from there; it is used from now on"
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
@@ -202,7 +204,9 @@ class Watch:
             events.append(LinkRestored(now_us))
         self.critical = message.system_status in FAILSAFES
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        if (armed, message.custom_mode) != (self.armed, self.custom_mode):
+        changed = (armed, message.custom_mode) != (self.armed, self.custom_mode)
+        if changed or self._restarted:  # after a restart it is reported anew
+            self._restarted = False
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)
             events.append(ModeChanged(now_us, message.custom_mode, armed, name))

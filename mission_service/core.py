@@ -29,6 +29,7 @@ from mission_service.events import (
     CommandFinished,
     Crew,
     CrewEvent,
+    FenceStatusChanged,
     LinkLost,
     LinkRestored,
     MissionAccepted,
@@ -36,6 +37,7 @@ from mission_service.events import (
     MissionProgress,
     ModeChanged,
     Resumed,
+    SystemStateChanged,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -212,6 +214,11 @@ class Core:
             case MissionProgress(current_seq=seq) if seq > 0:
                 vehicle.takes_off = False  # the takeoff is behind it
                 return []
+            case SystemStateChanged() | FenceStatusChanged():
+                told = reported(vehicle, event)
+                if vehicle.presence.taken_over and not was.taken_over:  # the hold was a failsafe's
+                    told += self._taken_over(vehicle)
+                return told
             case _:
                 return reported(vehicle, event)
 
@@ -325,10 +332,7 @@ class Core:
         if event.mode == MISSION and event.armed:
             vehicle.start_again_at_s = None
         if presence.taken_over and (presence.airborne or vehicle.started):
-            commands: list[AnyCommand] = [*taken_over(vehicle)]
-            if not was.taken_over:
-                commands += self._end_intentions(vehicle, f"mode {event.mode} was not ordered")
-            return commands
+            return self._taken_over(vehicle)
         if presence.recalled and not was.recalled:
             return [_on_its_way_home(vehicle, event.mode)]
         if (was.recalled or was.taken_over) and event.mode == MISSION:
@@ -339,11 +343,14 @@ class Core:
     def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
         """What its mode means for a vehicle that has taken off, or is first seen in the air."""
         if vehicle.presence.taken_over:
-            why = f"mode {vehicle.presence.mode} was not ordered"
-            return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
+            return self._taken_over(vehicle)
         if vehicle.presence.recalled and not was.recalled:
             return [_on_its_way_home(vehicle, vehicle.presence.mode)]
         return []
+
+    def _taken_over(self, vehicle: Vehicle) -> list[AnyCommand]:
+        why = f"mode {vehicle.presence.mode} was not ordered"
+        return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
 
     def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
         """Nothing that was to be ordered or sent later outlives what it was for."""

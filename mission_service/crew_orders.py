@@ -50,7 +50,11 @@ class CrewOrders:
             case Ordered():
                 return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
             case Aborted():
-                return self._to_each("", lambda vehicle: self._abort(vehicle, event))
+                why = f"aborted by {event.by}"
+                return [
+                    *self._to_each("", lambda vehicle: self._abort(vehicle, event)),
+                    *self._to_each("", lambda vehicle: self._withdrawn(vehicle, why)),
+                ]
             case MissionWanted():
                 return self._to_each(event.vehicle, lambda vehicle: self._want(vehicle, event.by))
             case MissionAccepted() | MissionRefused():
@@ -68,6 +72,8 @@ class CrewOrders:
         was_taken_over = vehicle.presence.taken_over
         if self.steering.admits(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
+            if event.order in ("hold", "return"):
+                ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
             return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
@@ -156,9 +162,11 @@ class CrewOrders:
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"asked for by {by}", None
-        if self._approvals is None:
-            return []
-        return [*self._approvals.withdraw(vehicle, f"{by} asked for another mission")]
+        return self._withdrawn(vehicle, f"{by} asked for another mission")
+
+    def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
+        """What is proposed for a vehicle cannot be accepted any more."""
+        return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
     def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)

@@ -137,6 +137,22 @@ def test_a_breached_fence_is_reported_and_the_vehicle_left_alone(fly: Fly, stack
         assert not [at_s for at_s in times_s(lines, kind) if at_s > began_s + 1.5], kind
 
 
+def test_a_fence_that_holds_it_right_after_an_upload_is_reported_too(fly: Fly) -> None:
+    """A hold by then may be the upload's: the state that follows it tells them apart (PX4 1.17)."""
+    flight = fly(on("px4"))
+    flight.run(400.0)
+    uploads = flight.picture.vehicles["hawk"].uploads_accepted
+    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    while flight.picture.vehicles["hawk"].uploads_accepted == uploads:
+        flight.run(0.5)
+    flight.sim.rigs[0].mock.breach_fence(True)
+    flight.run(4.0)
+    assert flight.mode == "hold"
+    assert "not ordered" in alarm(flight, "mode")
+    flight.run(60.0)
+    assert flight.mode == "hold"
+
+
 def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
     flight = fly()
     flight.run(500.0)

@@ -19,7 +19,7 @@ FRONTS = tuple(SETTINGS)[:-1]
 
 @pytest.mark.parametrize(
     ("flown", "examples"),
-    [(FRONTS, 80), (("formation",), 10), (tuple(BURNS), 8)],
+    [(FRONTS, 80), (("formation",), 8), (tuple(BURNS), 5)],
     ids=["front", "formation", "burn"],
 )
 def test_no_vehicle_is_started_or_taken_over_without_a_person(
@@ -90,7 +90,7 @@ class StartsAfterARestart(Core):
     ("broken", "rule"),
     [
         (StartsAgainAfterALanding, "started after"),
-        (StartsWhateverItUploads, "StartMission to one that was taken"),
+        (StartsWhateverItUploads, "started after|StartMission to one that was taken"),
         (HoldsAgainInAFailsafe, "Hold to one that was taken"),
         (SeesNoFailsafe, "to one that was taken"),
         (StartsAfterARestart, "started after"),
@@ -103,4 +103,4 @@ def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str
         met: ClassVar[Counter[str]] = Counter()
 
     with pytest.raises(AssertionError, match=rule):
-        run(Machine, 300, STEPS, SEED)
+        run(Machine, 3000, STEPS, SEED)  # it ends at the first that it finds

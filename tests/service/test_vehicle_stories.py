@@ -181,9 +181,9 @@ def when_a_return_is_ended_by_its_restart_in_the_air(story: Story) -> None:
     flights.order(name, "hold", True)
     flights.all_goes_well(3)
     flights.order(name, "return", True)
-    flights.reboot(name, True, True)
+    flights.reboot(name, True, True)  # the order ends with that, refused
     flights.all_goes_well(20)
-    assert story.flown.mode == "return"
+    assert story.flown.mode == "hold"
 
 
 def when_it_restarts_in_the_air_in_a_failsafe(story: Story) -> None:

@@ -139,7 +139,7 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(picture, "MOST_NEWS", 10)
-    monkeypatch.setattr(record, "MAX_REVERSALS", 4)
+    monkeypatch.setattr(record, "MAX_REVERSALS", 1)
     monkeypatch.setattr(record, "MAX_REASONS", 3)
     monkeypatch.setattr(track, "MOST_POINTS", 64)
     monkeypatch.setattr(corrected_fire, "MAX_STEPS", 6)
