@@ -35,6 +35,8 @@ AHEAD_S = 3600.0  # what the fire does so far ahead tells how marks there reach 
 MARKS_APART_CELLS = 1.0
 MAX_STEPS = 256  # a correction takes as long as there are marks to fit
 
+MOST_MARKS = 150  # a fit takes as long as the cube of their number
+
 Begin = Callable[[Burning, WeatherStream], Fire]
 
 
@@ -86,7 +88,7 @@ class CorrectedFire:
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
         """A fire with what holds of corrections; the same object where nothing does."""
         spacing_m = MARKS_APART_CELLS * self._landscape.cell_size_m
-        marks = marks_held(held, self._landscape, spacing_m)
+        marks = few_of(marks_held(held, self._landscape, spacing_m))
         if not len(marks):
             return base
         ahead = copy.deepcopy(base)
@@ -97,6 +99,16 @@ class CorrectedFire:
         arrival_s = as_drawn(arrival_s, held, self._landscape)
         burning = burning_from_arrival(arrival_s, self._landscape, base.time_s)
         return self._begin(burning, base.weather)
+
+
+def few_of(marks: Floats) -> Floats:
+    """``MOST_MARKS`` of marks (n, 4) at most, evenly: enough to set the fire around them right.
+
+    The cells that were drawn are as they were drawn all the same (``as_drawn``).
+    """
+    if len(marks) <= MOST_MARKS:
+        return marks
+    return marks[np.round(np.linspace(0, len(marks) - 1, MOST_MARKS)).astype(np.int64)]
 
 
 def burning_now(fire: Fire) -> Burning:

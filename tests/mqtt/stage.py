@@ -43,7 +43,12 @@ def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]
     arrival_s = 30.0 * np.hypot(rows - 100, cols - 100)
     fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
     world = SimpleNamespace(fire=fire, landscape=landscape)
-    service: Any = SimpleNamespace(world=world, record=Record((), 0), picture=picture)
+    service: Any = SimpleNamespace(
+        world=world,
+        record=Record((), 0),
+        picture=picture,
+        recording=SimpleNamespace(trouble=""),
+    )
     service.announce = functools.partial(Service.announce, service)
     return Hub(
         scenario,
@@ -109,6 +114,8 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
         stage.task.cancel()
         _, left = await asyncio.wait([stage.task], timeout=PATIENCE_S)
         assert not left, "it does not end"
+        if not stage.task.cancelled():
+            stage.task.result()  # raises what ended it: the cause, should the block have failed
 
 
 @dataclass

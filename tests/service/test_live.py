@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from mission_service.control_client import Control
 from mission_service.replay import verify
 from tests.patience import PATIENCE_S
 
@@ -80,7 +81,11 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
         wait_for(said("link lost"), 60)
         with mock(port, tmp_path / "mock2.log"):
             wait_for(said("link restored"), 60)
-            wait_for(said("autopilot restarted"), 60)
+            wait_for(said("autopilot restarted: it waits for an operator to start it"), 60)
+            wait_for(said("on the ground: it waits for an operator to start it"), 60)
+            assert not said("start mission: accepted", times=2)()
+            with Control(tmp_path) as operator:
+                operator.ask(do="start", vehicle="hawk", by="ann", station="desk")
             wait_for(said("start mission: accepted", times=2), 60)
             uploads = log.read_text(encoding="utf-8").count("uploads accepted")
             wait_for(said("uploads accepted", times=uploads + 1), 60)
@@ -103,7 +108,7 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert vehicle["autopilot_restarts"] >= 1
     assert vehicle["announcements"]["warning"] >= 2
     assert summary["alarms"]["link"] >= 1
-    assert (summary["requests"], summary["service_restarts"]) == ({}, 0)
+    assert (summary["requests"], summary["service_restarts"]) == ({"Ordered": 1}, 0)
     # Started again it goes on with what it has counted.
     went_on = said("goes on with the run of")
     with process(arguments, log) as daemon:
@@ -150,7 +155,8 @@ def test_a_recording_in_which_vehicles_look_alike_is_told_of(tmp_path: Path) -> 
     log, tlog = tmp_path / "daemon.log", tmp_path / "both.tlog"
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{free_port()}"' for n in (0, 1)]
     ids = [f"vehicles.{n}.system_id=1" for n in (0, 1)]
-    changes = [word for change in (*links, *ids) for word in ("--set", change)]
+    http = 'service.http.listen="127.0.0.1:0"'  # another service may have the port of the scenario
+    changes = [word for change in (*links, *ids, http) for word in ("--set", change)]
     arguments = ["run", "demo", "--out", str(tmp_path), "--tlog", str(tlog), *changes]
     with process(arguments, log) as daemon:
         wait_for(lambda: "cannot be told apart in it" in log.read_text("utf-8"), 60)

@@ -2,11 +2,15 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
+from firemodel import corrected_cells
 from firemodel.errors import FireModelError
+from firemodel.rasterise import cells_of
 from mission_service.commands import (
     Announce,
     AnyCommand,
@@ -15,6 +19,8 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
+from mission_service.config import load_scenario
+from mission_service.corrected_fire import MOST_MARKS, few_of
 from mission_service.events import (
     Aborted,
     AnyEvent,
@@ -31,7 +37,9 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
+from mission_service.fire_setup import landscape_of
 from mission_service.planners.perimeter import PerimeterPlanner
+from mission_service.world import world_of
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
 
@@ -209,3 +217,45 @@ def test_who_was_never_heard_is_told_to_hold_when_it_is(fly: Fly) -> None:
     assert not commands(said, UploadMission), "nobody takes off after an abort"
     texts = [each.text for each in said if isinstance(each, Announce)]
     assert "aborted by unknown" not in texts
+
+
+def test_a_stroke_costs_the_same_however_many_places_it_has() -> None:
+    marks = np.column_stack([np.arange(45_000.0)] * 4)
+    few = few_of(marks)
+    assert len(few) == MOST_MARKS
+    assert (few[0] == marks[0]).all()
+    assert (few[-1] == marks[-1]).all()
+    assert (np.diff(few[:, 0]) > 0.0).all()
+    assert len(few_of(marks[:7])) == 7
+
+
+def test_a_drawn_area_is_as_drawn_though_few_of_its_marks_are_fitted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A fit of all would take as long as the cube of their number."""
+    scenario = load_scenario("demo")
+    landscape = landscape_of(scenario)
+    world = world_of(scenario, landscape)
+    world.advance(round(scenario.start_s * 1e6))
+    fitted: list[int] = []
+
+    whole = corrected_cells.corrected_arrival
+
+    def counted(arrival_s: Any, land: Any, marks: Any) -> Any:
+        fitted.append(len(marks))
+        return whole(arrival_s, land, marks)
+
+    monkeypatch.setattr(corrected_cells, "corrected_arrival", counted)
+    rows, cols = landscape.shape
+    corners = [(rows * 0.4, cols * 0.4), (rows * 0.4, cols * 0.7), (rows * 0.7, cols * 0.6)]
+    points = tuple(
+        (float(lat), float(lon))
+        for lat, lon in (landscape.lat_lon_of(*landscape.xy_of(*each)) for each in corners)
+    )
+    at_us = round(scenario.start_s * 1e6)
+    world.told(Corrected(at_us, "ann", "", "burned", "polygon", points, at_us))
+    assert fitted == [MOST_MARKS]
+    burned = np.isfinite(world.fire.arrival_time_s)
+    inside = cells_of([shapely.Polygon(landscape.xy_of_places(points))], landscape)
+    assert len(inside) > 500
+    assert burned[tuple(inside.T)].all()
