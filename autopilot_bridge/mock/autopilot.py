@@ -203,6 +203,7 @@ class MockAutopilot:
             flight.current = 0
         if not self.stack.keeps_target:
             self._begin_anew()
+        if not self.stack.keeps_target and self._flying_mission():
             # PX4 reports it within the second, or at once if it begins elsewhere than commanded.
             self.telemetry.expect_current(self.missions.start_at, self.flight)
         else:

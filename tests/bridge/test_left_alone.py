@@ -151,7 +151,7 @@ def test_an_order_that_took_anothers_place_is_not_stopped_by_that_ones_mode() ->
     pair.up = slow
     pair.client.start_mission(pair.now_us)
     pair.run_for(0.2)
-    lost = pair.up = MemoryLink(loss=1.0)
+    pair.up = MemoryLink(loss=1.0)
     pair.client.hold(pair.now_us)
     pair.run_for(1.0)
     for datagram in slow.receive(pair.now_us):

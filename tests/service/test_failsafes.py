@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.link import MemoryLink
-
 from mission_service.commands import (
     AnyCommand,
     Decided,
