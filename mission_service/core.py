@@ -203,7 +203,8 @@ class Core:
                 return [say(vehicle, f"connected ({event.stack})")]
             case LinkLost():
                 then = "the mission on board ends in a loiter"
-                if not self.leader.in_mission(vehicle.name):
+                left = vehicle.presence.taken_over or vehicle.presence.recalled
+                if left or not self.leader.in_mission(vehicle.name):
                     then = "it circles on where it is, or does what its autopilot is set to do then"
                 words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
                 return [say(vehicle, words, warning=True)]

@@ -163,6 +163,8 @@ class CrewOrders:
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"asked for by {by}", None
         presence = vehicle.presence
+        if not presence.position_good:
+            return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
         if presence.airborne and (presence.taken_over or presence.recalled or vehicle.ordered):
             words = f"mode {presence.mode}: a mission is sent once the vehicle is led again"
             return [say(vehicle, words, warning=True)]
