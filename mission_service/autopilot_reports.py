@@ -19,6 +19,8 @@ from mission_service.vehicle import Vehicle, say
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
 WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
+# Texts of PX4's mission protocol, critical by their severity: they follow repeated requests.
+OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LANDED = "landed"
 
@@ -73,7 +75,7 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
 def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
     words = f"autopilot: {event.text}"
     line = say(vehicle, words, warning=event.severity <= WARNING)
-    if event.severity > WARNING:
+    if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):
         return [line]
     vehicle.text_at_s = event.at_us / 1e6
     severity: Severity = "severe" if event.severity <= CRITICAL else "warning"

@@ -244,6 +244,8 @@ class Core:
             return hold_again(vehicle, at_s)
         if vehicle.doubt is not None and self.scenario.planner.rule != BURN:
             return []  # until its mission was read back
+        if presence.in_failsafe and presence.mode == MISSION:
+            return []  # ArduPlane lands by its mission in one: another mission would end that
         if not presence.position_good:
             return []  # no decision by dead reckoning: it flies the mission on board
         commands: list[AnyCommand] = []
@@ -284,7 +286,8 @@ class Core:
             return []
         if vehicle.waits_for_crew and not vehicle.presence.airborne:
             return [say(vehicle, WAITS, warning=True)]
-        if vehicle.presence.airborne or self._may_take_off(vehicle, at_s):
+        measured = vehicle.presence.position_good or not vehicle.presence.airborne
+        if measured and (vehicle.presence.airborne or self._may_take_off(vehicle, at_s)):
             return [StartMission(vehicle.name)]
         vehicle.start_again_at_s = at_s + CHECK_EVERY_S
         return []

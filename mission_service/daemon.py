@@ -111,7 +111,7 @@ async def serve(
             stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, tell
         )
         known = Known(scenario, landscape)
-        refuse_links(run.out, run.journal_path.stem)
+        refuse_links(run.out)
         cut_off = None
         if run.goes_on:
             cut_off = unfinished(run.journal_path, known, scenario, run.skip_unreadable)

@@ -196,6 +196,8 @@ class Gateway:
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
+            if self._mode is not None:  # before anything is ordered again
+                self._told.append(ModeChanged(at_us, self.name, *self._mode))
             self._told.append(_connected(at_us, self.name, stack))
             for status in self._status.values():
                 self._told.append(msgspec.structs.replace(status, at_us=at_us))

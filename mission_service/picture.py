@@ -70,7 +70,7 @@ LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
 # What alarms that follow from the flight begin with; others are of the service itself.
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
-    *("mode", "state", "fence", "estimator", "autopilot", "front", "landed"),
+    *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
 )
 
 

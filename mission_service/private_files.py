@@ -26,7 +26,7 @@ def in_words(error: OSError) -> str:
     return LINK if error.errno == errno.ELOOP else f"cannot be written: {error.strerror}"
 
 
-def refuse_links(folder: Path, stem: str) -> None:
+def refuse_links(folder: Path, stem: str = "") -> None:
     """Raise MissionServiceError if a file whose name begins with ``stem`` is a symbolic link."""
     for each in sorted(folder.glob(f"{stem}*")):
         if each.is_symlink():

@@ -27,7 +27,16 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import Landscape
 from mission_service.burn.interlock import Interlock
 from mission_service.burn.mission import has_drop
-from mission_service.commands import Announce, AnyCommand, Drop, Hold, Level, Say, UploadMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ClimbAndHold,
+    Drop,
+    Hold,
+    Level,
+    Say,
+    UploadMission,
+)
 from mission_service.config import Scenario
 from mission_service.config_sections import BurnSection
 from mission_service.core import Core
@@ -35,6 +44,7 @@ from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
     Aborted,
     AnyEvent,
+    AutopilotText,
     CommandFinished,
     Contact,
     Crew,
@@ -43,6 +53,7 @@ from mission_service.events import (
     Heard,
     HostTime,
     LinesSkipped,
+    ModeChanged,
     Observed,
     Resumed,
     Telemetry,
@@ -57,6 +68,7 @@ from mission_service.picture import Picture
 from mission_service.record import Record
 from mission_service.recording import Recording
 from mission_service.state_file import Known, copied
+from mission_service.steering import MISSION
 from mission_service.watched_fire import OF_FIRE, WatchedFire
 from mission_service.world import FireWorld, Window
 
@@ -130,6 +142,7 @@ class Service:
         self._gateways = gateways
         self._say = say
         self._said_yes: dict[tuple[str, str], int] = {}
+        self._modes_meanwhile: dict[str, str] = {}  # that are not recorded
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = interlock_of(scenario.burn, world.landscape)
         self._refusals: set[str] = set()  # alarms of events that were refused
@@ -150,13 +163,37 @@ class Service:
         self.clock_read(now_us)
         for event in events:
             if not isinstance(event, Telemetry):
-                self._handle(event, now_us)
+                if not self._handle(event, now_us):
+                    self._not_followed(event)
             elif self._is_good(event):  # before the fire burns on until then
                 observed = self.fire.look(event)
                 if observed is not None:
                     self._handle(observed, now_us)
                 if not self._handle(event, now_us) and self.picture:
                     self.picture.take(event, [])
+
+    def _not_followed(self, event: VehicleEvent) -> None:
+        """Report what operators must see though it is not recorded and nothing follows from it.
+
+        A mode that a vehicle has changed to meanwhile was chosen by its autopilot or pilot.
+        """
+        if not self.recording.trouble or self.picture is None:
+            return
+        name = event.vehicle
+        if isinstance(event, ModeChanged):
+            self._modes_meanwhile[name] = event.mode
+            words = f"{name}: mode {event.mode} since nothing can be recorded"
+            self.picture.alarm(f"unrecorded/{name}", words, "severe", name)
+        elif isinstance(event, AutopilotText):
+            self.announce(name, f"autopilot: {event.text}")
+
+    def _is_left(self, command: AnyCommand) -> bool:
+        """Whether an abort leaves a vehicle in a mode that the core has not followed."""
+        mode = self._modes_meanwhile.get(command.vehicle, MISSION)
+        if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
+            return False
+        self.announce(command.vehicle, f"left in mode {mode}, to which it has changed meanwhile")
+        return True
 
     def clock_read(self, now_us: int) -> None:
         """In burns handle the host's monotonic clock, about once a second."""
@@ -263,6 +300,10 @@ class Service:
         """Try to write again; goes on as after a restart. Whether there is no trouble any more."""
         if not self.recording.works_again():
             return False
+        for name in self._modes_meanwhile:
+            if self.picture is not None:
+                self.picture.clear(f"unrecorded/{name}")
+        self._modes_meanwhile.clear()  # each vehicle's mode is reported anew
         down_us = max(at_us - self._down_since_us, 0)
         self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
         return not self.recording.trouble
@@ -352,6 +393,8 @@ class Service:
         for command in commands if may_act else ():
             if isinstance(command, Say):
                 self._say(command.message)
+            elif self._is_left(command):
+                pass
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
             else:

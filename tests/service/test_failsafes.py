@@ -1,5 +1,7 @@
 """What the service does, and leaves alone, when a vehicle's autopilot or pilot takes it over."""
 
+import errno
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -253,3 +255,29 @@ def test_a_vehicle_on_the_ground_in_its_mission_is_reported(fly: Fly) -> None:
     up = LandedStateChanged(flight.now_us, "hawk", "in air")
     flight.sim.service.take([up], flight.sim.link_us)
     assert alarm(flight, "landed") == ""
+
+
+def test_an_abort_leaves_a_failsafe_that_could_not_be_recorded(
+    fly: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a full disk the core follows nothing; the newest mode is the autopilot's own report."""
+    flight = fly()
+    flight.run(400.0)
+    write = os.write
+
+    def full(file: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(flight.journal, "durable", True)
+    monkeypatch.setattr("mission_service.journal.os.write", full)
+    flight.sim.rigs[0].mock.battery_percent = 10.0
+    flight.run(5.0)
+    assert "mode return" in alarm(flight, "unrecorded")
+    flight.tell(Aborted(flight.now_us, *ANN))
+    flight.run(10.0)
+    monkeypatch.setattr("mission_service.journal.os.write", write)
+    assert flight.sim.service.mend(flight.now_us, flight.sim.link_us)
+    flight.run(10.0)
+    assert flight.mode == "return"
+    assert "not ordered" in alarm(flight, "mode")
+    assert alarm(flight, "unrecorded") == ""
