@@ -225,8 +225,12 @@ def test_who_takes_over_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None
         run.wait_for(run.said("link lost"))
         with closing(Forger(run.port)) as forger:
             forger.send(position(DAYS_30_MS))  # no heartbeat: not taken
-            forger.send(heartbeat(armed=True))
-            run.wait_for(run.said("link restored"))
+
+            def restored() -> bool:
+                forger.send(heartbeat(armed=True))
+                return run.said("link restored")()
+
+            run.wait_for(restored)  # once the vehicle has been silent for long enough
             run.wait_for(run.said(f"heard from {forger.address} now"))
             assert "source/hawk" in run.alarms()
             forger.send(position(DAYS_30_MS))
