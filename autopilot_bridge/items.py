@@ -154,6 +154,20 @@ def loiter_unlimited(
     )
 
 
+def change_speed(kind: int, speed_m_s: float) -> MissionItem:
+    """MAV_CMD_DO_CHANGE_SPEED, throttle unchanged; ``kind`` is a SPEED_TYPE."""
+    return MissionItem(
+        mavlink.MAV_CMD_DO_CHANGE_SPEED,
+        mavlink.MAV_FRAME_MISSION,  # PX4 refuses any other
+        x=0,
+        y=0,
+        z=0.0,
+        param1=float(kind),
+        param2=speed_m_s,
+        param3=-1.0,
+    )
+
+
 def takeoff(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, pitch_deg: float = 12.0
 ) -> MissionItem:

@@ -15,7 +15,6 @@ from autopilot_bridge.stacks import ARM, Place, Stack, Step
 
 NAN = math.nan
 CHANGE_MODE = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
-AIRSPEED, GROUNDSPEED = 0.0, 1.0
 SAME_PLACE = Place(mavlink.MAV_FRAME_GLOBAL, 2**31 - 1, 2**31 - 1, NAN)
 PX4_MOST_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
 PLANE_MOST_RADIUS_M = 32767.0
@@ -240,8 +239,9 @@ def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Step
     _checked_speed(speed_m_s)
     if orbiting and stack.name == "px4" and stack.vehicle == "copter":
         return (Step(mavlink.MAV_CMD_DO_ORBIT, (NAN, speed_m_s, NAN, NAN), SAME_PLACE),)
-    kind = AIRSPEED if stack.vehicle == "plane" else GROUNDSPEED
-    return (Step(mavlink.MAV_CMD_DO_CHANGE_SPEED, (kind, speed_m_s, -1.0)),)
+    plane = stack.vehicle == "plane"
+    kind = mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED
+    return (Step(mavlink.MAV_CMD_DO_CHANGE_SPEED, (float(kind), speed_m_s, -1.0)),)
 
 
 def _checked_speed(speed_m_s: float) -> None:

@@ -11,6 +11,7 @@ from mission_service.events import (
     FenceStatusChanged,
     LandedStateChanged,
     SystemStateChanged,
+    ThrustStatusChanged,
     VehicleEvent,
 )
 from mission_service.steering import FAILSAFE_STATES
@@ -22,7 +23,7 @@ TEXT_STANDS_S = 60.0
 # Texts of PX4's mission protocol, critical by their severity: they follow repeated requests.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
-LANDED = "landed"
+LANDED, THRUST = "landed", "thrust"
 
 
 def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
@@ -40,6 +41,11 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         case EstimatorStatusChanged():
             words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
+        case ThrustStatusChanged():
+            failed = vehicle.presence.airborne and not event.sufficient
+            sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
+            words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
+            return _alarm(vehicle, THRUST, failed, words, "severe")
         case LandedStateChanged(state="landing") if vehicle.presence.airborne:
             return [say(vehicle, "landing", warning=True)]
         case LandedStateChanged():

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 from firemodel.landscape import Landscape
+from mission_service.airspeed_watch import airspeed_compared
 from mission_service.approvals import MissionApprovals
 from mission_service.autopilot_reports import (
     back_under_control,
@@ -25,6 +26,7 @@ from mission_service.commands import (
 from mission_service.config import Scenario
 from mission_service.crew_orders import CrewOrders, hold_again
 from mission_service.events import (
+    AirspeedMeasured,
     AnyEvent,
     CommandFinished,
     Crew,
@@ -59,7 +61,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
-WAITS = "on the ground: it waits until it is started by an operator"
+WAITS = "on the ground: it waits for an operator to start it"
 # Orders that come all the time: only their refusal is worth a word.
 UNTOLD = ("orbit", "change speed")
 
@@ -191,7 +193,8 @@ class Core:
     ) -> list[AnyCommand]:
         match event:
             case Telemetry():
-                at_s, told = event.at_us / 1e6, texts_over(vehicle, event.at_us / 1e6)
+                at_s = event.at_us / 1e6
+                told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
                 if vehicle.presence.airborne and not was.airborne:
                     vehicle.start_again_at_s = None  # the start that was due was a takeoff
                     told += self._found_in_air(vehicle, was)
@@ -220,6 +223,9 @@ class Core:
             case ModeChanged():
                 vehicle.mode = event.mode
                 return self._mode_changed(vehicle, event, was)
+            case AirspeedMeasured():
+                vehicle.airspeed_m_s = event.airspeed_m_s
+                return []
             case MissionProgress(current_seq=seq) if seq > 0:
                 vehicle.takes_off = False  # the takeoff is behind it
                 return []
@@ -521,7 +527,7 @@ class Core:
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
         self.spacing.forget(vehicle.name)
-        waits = "it waits until it is started by an operator"
+        waits = "it waits for an operator to start it"
         then = waits if vehicle.waits_for_crew else "a mission is sent"
         words = say(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]

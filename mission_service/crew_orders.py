@@ -70,6 +70,9 @@ class CrewOrders:
 
     def _ordered(self, vehicle: Vehicle, event: Ordered) -> list[AnyCommand]:
         """Carry out an order; ask first if it would end a mode that autopilot or pilot selected."""
+        obstacle = self._obstacle(vehicle, event.order)
+        if obstacle:
+            return [say(vehicle, obstacle, warning=True)]
         was_taken_over = vehicle.presence.taken_over
         if self.steering.admits(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
@@ -82,6 +85,15 @@ class CrewOrders:
         asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
         words = f"{asked}; order it again, confirmed, to carry it out"
         return [say(vehicle, words, warning=True)]
+
+    def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
+        """Why an order cannot be carried out, confirmed or not; its mode is then as before."""
+        presence, formation = vehicle.presence, self.scenario.planner.rule == FORMATION
+        if order == "start" and vehicle.ordered:
+            return "told to hold: resume it first"
+        if order == "resume" and formation and presence.airborne and not presence.online:
+            return "not heard: resume it when it is"
+        return ""
 
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
         """Hold; in a mode that its autopilot or pilot selected, only once that has ended."""
@@ -114,8 +126,6 @@ class CrewOrders:
             case "resume":
                 return self._resume(vehicle, by)
             case "start":
-                if vehicle.ordered:
-                    return [say(vehicle, "told to hold: resume it first", warning=True)]
                 vehicle.started, vehicle.waits_for_crew, vehicle.refusal = True, False, None
                 if vehicle.flown_line is None or not vehicle.presence.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
@@ -141,8 +151,6 @@ class CrewOrders:
 
     def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         in_formation = self.scenario.planner.rule == FORMATION
-        if in_formation and vehicle.presence.airborne and not vehicle.presence.online:
-            return [say(vehicle, "not heard: resume it when it is", warning=True)]
         vehicle.ordered, vehicle.hold_again_at_s = "", None
         self._call_off_return(vehicle)
         vehicle.return_again_at_s, vehicle.refusal = None, None

@@ -95,6 +95,20 @@ class WindMeasured(Event, frozen=True, tag=True):
     from_deg: Bearing
 
 
+class AirspeedMeasured(Event, frozen=True, tag=True):
+    """The mean airspeed of a while (VFR_HUD), reported when it has changed."""
+
+    airspeed_m_s: Velocity
+
+
+class ThrustStatusChanged(Event, frozen=True, tag=True):
+    """Whether the thrust suffices: it does not where a vehicle sinks at full throttle (VFR_HUD)."""
+
+    sufficient: bool
+    throttle_percent: Count
+    climb_m_s: Velocity
+
+
 class UploadFinished(Event, frozen=True, tag=True):
     """The outcome of one ``UploadMission``."""
 
@@ -425,6 +439,8 @@ VehicleEvent = (
     | MissionProgress
     | Observed
     | WindMeasured
+    | AirspeedMeasured
+    | ThrustStatusChanged
     | UploadFinished
     | MissionHeld
     | CommandFinished

@@ -48,6 +48,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.missions_held import as_uploaded
+from mission_service.speed_reports import SpeedReports
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
@@ -58,6 +59,7 @@ RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
     # Reports of failures must arrive within two seconds.
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
     mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot's
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,  # ArduPilot's
@@ -174,6 +176,7 @@ class Gateway:
         self._battery_pct: dict[int, float] = {}
         self._last: dict[type, VehicleEvent] = {}  # of what is told when it changes
         self._status: dict[type, StatusChanged] = {}  # the newest of each
+        self._speed_reports = SpeedReports()
         self._texts: dict[str, int] = {}  # when each was written last, on the link's clock
         self._offset_us: int | None = None
         self._least_behind_us = 0
@@ -193,6 +196,7 @@ class Gateway:
         """
         self._recognise = recognise
         self._last.clear()
+        self._speed_reports = SpeedReports()
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
@@ -325,6 +329,7 @@ class Gateway:
             case bridge.Rebooted():
                 self._offset_us = None
                 self._last.clear()  # all is to be told anew
+                self._speed_reports = SpeedReports()
                 self._texts.clear()
                 return VehicleRebooted(now_us, name)
             case bridge.MissionProgress():
@@ -335,6 +340,9 @@ class Gateway:
             case bridge.Wind():
                 speed_m_s, from_deg = round(event.speed_m_s, 2), round(event.from_deg, 1)
                 return WindMeasured(now_us, name, speed_m_s, from_deg)
+            case bridge.Speed():
+                self._told += self._speed_reports.of(event, name, now_us)
+                return None
             case bridge.TransferFinished(transfer_id=self._reading):
                 self._told += self._held(event.result.items)
                 return None

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot_bridge.items import MissionItem
+from autopilot_bridge.items import MissionItem, has_position
 from firemodel.landscape import Landscape
 from mission_service.planners.heights import heights_near
 from mission_service.steering import Here
@@ -54,7 +54,7 @@ def track_of(
     From ``start_m`` to its first point the vehicle is at that one's altitude, or will be at once.
     """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
-    flown = items[: last + 1]
+    flown = [item for item in items[: last + 1] if has_position(item.command)]
     lat, lon = (np.array([getattr(item, axis) for item in flown]) / 1e7 for axis in "xy")
     points = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
     altitudes = np.array([item.z for item in flown])

@@ -12,8 +12,9 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
+from autopilot_bridge.items import MissionItem, change_speed, loiter_unlimited, takeoff, waypoint
 from firemodel.landscape import Landscape
 from mission_service.config_sections import VehicleSection
 
@@ -100,6 +101,7 @@ def mission_along(
 ) -> tuple[MissionItem, ...]:
     """The items that fly a path (x, y in metres) and then loiter at its end without end.
 
+    The speed comes first (after a takeoff), in every mission: autopilots forget it with the mode.
     ``landing`` comes behind the loiter, for autopilots that ask for one; ``start_m`` is where the
     vehicle is, if it is in the air.
     """
@@ -112,7 +114,10 @@ def mission_along(
         needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, least_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
-    items = [
+    plane = vehicle.kind == "plane"
+    kind = mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED
+    items = [change_speed(kind, vehicle.airspeed_m_s)]
+    items += [
         waypoint(float(lat[index]), float(lon[index]), altitudes[index])
         for index in range(len(points) - 1)
     ]

@@ -70,6 +70,9 @@ class Vehicle:
     pending: Pending | None = None
     proposed: Pending | None = None  # waits for an operator's approval
     refusal: Refusal | None = None
+    airspeed_m_s: float | None = None  # a mean of what its autopilot measures
+    airspeed_differs_since_s: float | None = None  # from the commanded one
+    airspeed_alarm: bool = False
     text_at_s: float | None = None  # its autopilot's last warning that stands as an alarm
     flown_line: shapely.LineString | None = None  # of the mission on board that can be trusted
     takes_off: bool = False  # by its mission, and has not gone on to the next item

@@ -21,6 +21,7 @@ from autopilot_bridge.mock.course_of_items import (
     next_of,
 )
 from autopilot_bridge.mock.habits import habits_of
+from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.power import Battery
 from autopilot_bridge.stack_rules import TERRAIN_FRAMES
@@ -29,6 +30,7 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
+GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
 # How long a copter flies on without satellites before it lands where it believes to be, as the
 # stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -63,6 +65,7 @@ class Flight(Body):
     crashed: bool = False
     blind: bool = False  # it has given up its position, and takes no mode that needs one
     failsafe: bool = False  # it acts on one
+    engine_failed: bool = False
     fence: bool | None = None  # whether one is breached; None: none is switched on
     items: tuple[MissionItem, ...] = ()
     current: int = 0
@@ -99,7 +102,7 @@ class Flight(Body):
         )
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
         fresh.airborne, fresh.crashed = self.airborne, self.crashed
-        fresh.fence = self.fence
+        fresh.fence, fresh.engine_failed = self.fence, self.engine_failed
         fresh._stood_amsl_m = self._stood_amsl_m
         fresh.payload.outputs = self.payload.outputs
         return fresh
@@ -149,6 +152,19 @@ class Flight(Body):
             self.go_to(seq, now_s)
         else:
             self.current = seq
+
+    @property
+    def throttle_percent(self) -> int:
+        """As VFR_HUD has it."""
+        if not self.armed:
+            return 0
+        return 100 if self.engine_failed else 60
+
+    def fail_engine(self, failed: bool) -> None:
+        """Have it sink, whatever it is told, until the engine runs again; it reports nothing."""
+        self.engine_failed = failed
+        climb_m_s = -GLIDES_AT_M_S if failed else Limits().climb_m_s
+        self.limits = replace(self.limits, climb_m_s=climb_m_s)
 
     def change_cruise(self, airspeed_m_s: float) -> None:
         """What it flies unless told otherwise."""

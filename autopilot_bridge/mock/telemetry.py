@@ -149,7 +149,7 @@ class Telemetry:
         if due(VFR_HUD, steps):
             speeds = (motion.airspeed_m_s, motion.speed_m_s, motion.heading_rad)
             climb = (motion.altitude_m, motion.climb_m_s)
-            self._send(instruments.vfr_hud(*speeds, 60 if flight.armed else 0, *climb))
+            self._send(instruments.vfr_hud(*speeds, flight.throttle_percent, *climb))
         wind = (flight.wind.from_deg, flight.wind.speed_m_s)
         if due(WIND, steps):
             self._send(instruments.wind(*wind))

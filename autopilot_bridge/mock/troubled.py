@@ -56,6 +56,8 @@ class Troubled:
             self._due += [(start_s, self._gps(False)), (end_s, self._gps(True))]
         for start_s, end_s in faults.fence_breach:
             self._due += [(start_s, self._fence(True)), (end_s, self._fence(False))]
+        for start_s, end_s in faults.engine_failure:
+            self._due += [(start_s, self._engine(True)), (end_s, self._engine(False))]
         self._due.sort(key=lambda due: due[0])
 
     def receive_data(self, data: bytes, now_us: int) -> None:
@@ -131,6 +133,13 @@ class Troubled:
         def change(now_us: int) -> None:
             del now_us
             self.mock.positions = there
+
+        return change
+
+    def _engine(self, failed: bool) -> Callable[[int], None]:
+        def change(now_us: int) -> None:
+            del now_us
+            self.mock.flight.fail_engine(failed)
 
         return change
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
+from autopilot_bridge.items import MissionItem, change_speed, loiter_unlimited, takeoff, waypoint
 from firemodel.landscape import Landscape
 from mission_service.burn.plan import PathPoint
 from mission_service.burn.unit import unit_of
@@ -32,7 +32,6 @@ FLIES_ONLY = frozenset(
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
     )
 )
-GROUND_SPEED, CLIMB_SPEED, DESCENT_SPEED = 1.0, 2.0, 3.0  # SPEED_TYPE
 THERE_M = 2.0  # a corner counts as reached so near; ArduCopter has it by itself (WPNAV_RADIUS)
 BAND = 0.2  # of its height: a leg is flown from its height to so much more above the ground
 SAMPLES_A_CELL = 4
@@ -63,10 +62,10 @@ def mission_items(
     if from_ground:
         home = (vehicle.home_lat_deg, vehicle.home_lon_deg)
         items.append(takeoff(*home, _safe_amsl_m(first, burn), pitch_deg=0.0))
-    items.append(_speed(GROUND_SPEED, speed_m_s))
+    items.append(change_speed(mavlink.SPEED_TYPE_GROUNDSPEED, speed_m_s))
     if vehicle.stack == "ardupilot":
-        items.append(_speed(CLIMB_SPEED, burn.climb_m_s))
-        items.append(_speed(DESCENT_SPEED, burn.sink_m_s))
+        items.append(change_speed(mavlink.SPEED_TYPE_CLIMB_SPEED, burn.climb_m_s))
+        items.append(change_speed(mavlink.SPEED_TYPE_DESCENT_SPEED, burn.sink_m_s))
     there_m = THERE_M if vehicle.stack == "px4" else 0.0
     items += [
         waypoint(point.lat_deg, point.lon_deg, point.altitude_amsl_m, there_m) for point in path
@@ -102,12 +101,6 @@ def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
     """The safe height above the ground that a point's own height counts from, or the point's."""
     lift_m = max(burn.safe_height_m - point.height_m, 0.0)
     return round(point.altitude_amsl_m + lift_m, 2)
-
-
-def _speed(kind: float, speed_m_s: float) -> MissionItem:
-    return MissionItem(
-        mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, kind, speed_m_s, -1.0
-    )
 
 
 def plan_points(

@@ -24,6 +24,7 @@ def test_faults_are_read() -> None:
         *("refuse=5:1", "silent-after=4", "silence@5..6", "silence@9", "gps-loss@10..20"),
         *("reboot@30", "reboot@40", "battery-low@50", "stray-ack@1", "second-upload@2"),
         *("second-download@3.5", "fence-breach@60..70", "battery-emergency@80"),
+        "engine-failure@90",
     )
     assert parse_faults(words) == Faults(
         {(0, 3): 13, (0, 5): 1},
@@ -33,6 +34,7 @@ def test_faults_are_read() -> None:
         *([30.0, 40.0], [50.0], [1.0], [2.0], [3.5]),
         fence_breach=[(60.0, 70.0)],
         battery_emergency=[80.0],
+        engine_failure=[(90.0, float("inf"))],
     )
 
 

@@ -99,6 +99,23 @@ def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None
 
 
 @pytest.mark.parametrize("stack", STACKS)
+def test_an_engine_failure_is_reported_and_the_vehicle_left_alone(fly: Fly, stack: str) -> None:
+    flight = fly(on(stack))
+    flight.run(400.0)
+    assert not alarm(flight, "thrust")
+    failed_s = flight.now_s
+    flight.sim.rigs[0].mock.flight.fail_engine(True)
+    flight.run(2.0)
+    assert alarm(flight, "thrust").startswith("hawk: sinks by 3 m/s at 100 % of throttle")
+    assert flight.picture.alarms["thrust/hawk"].severity == "severe"
+    for kind in (Hold, StartMission):
+        assert not [at_s for at_s in times_s(flight.over(), kind) if at_s >= failed_s]
+    flight.sim.rigs[0].mock.flight.fail_engine(False)
+    flight.run(15.0)
+    assert not alarm(flight, "thrust")
+
+
+@pytest.mark.parametrize("stack", STACKS)
 def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: str) -> None:
     flight = fly(on(stack))
     flight.run(400.0)

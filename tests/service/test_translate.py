@@ -11,7 +11,7 @@ from firemodel.landscape import Landscape
 from mission_service.config_sections import VehicleSection
 from mission_service.translate import flyable, leg_altitudes_m, mission_along
 
-NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_TAKEOFF = 16, 17, 22
+NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_TAKEOFF, DO_CHANGE_SPEED = 16, 17, 22, 178
 
 
 def hills(rows: int = 60, cols: int = 60) -> Landscape:
@@ -40,7 +40,9 @@ def a_path() -> np.ndarray:
 @pytest.mark.parametrize(("clockwise", "radius_m"), [(True, 90.0), (False, -90.0)])
 def test_every_mission_ends_in_a_loiter_without_end(clockwise: bool, radius_m: float) -> None:
     items = mission_along(a_path(), clockwise, VEHICLE, LAND, from_ground=False)
-    assert [item.command for item in items[:-1]] == [NAV_WAYPOINT] * (len(items) - 1)
+    first, *waypoints, _ = [item.command for item in items]
+    assert (first, items[0].param1, items[0].param2) == (DO_CHANGE_SPEED, 0.0, 18.0)
+    assert waypoints == [NAV_WAYPOINT] * (len(items) - 2)
     assert items[-1].command == NAV_LOITER_UNLIM
     assert items[-1].param3 == radius_m
     assert not any(math.isnan(value) for item in items for value in (item.z, item.param3))
@@ -48,7 +50,7 @@ def test_every_mission_ends_in_a_loiter_without_end(clockwise: bool, radius_m: f
 
 def test_a_vehicle_on_the_ground_takes_off_first() -> None:
     items = mission_along(a_path(), True, VEHICLE, LAND, from_ground=True)
-    assert items[0].command == NAV_TAKEOFF
+    assert [item.command for item in items[:2]] == [NAV_TAKEOFF, DO_CHANGE_SPEED]
     assert (items[0].x, items[0].y) == (364700000, -843100000)
 
 

@@ -152,6 +152,8 @@ class Oracle:
             case VehicleRebooted():
                 self.met.append("reboot in the air" if told.airborne else "reboot on the ground")
                 told.needs_order |= told.armed or told.airborne
+                if told.airborne:  # a watchdog's, perhaps: open until its mode is reported
+                    told.judged = "either"
                 told.airborne = False  # until a position is known again
             case ModeChanged():
                 self._mode_changed(told, event, at_s, chosen_by)
@@ -177,6 +179,8 @@ class Oracle:
             told.airborne, told.judged = False, "ordered"
             return
         if same:
+            if event.mode == "mission":
+                told.judged = "ordered"
             return
         told.effects = [each for each in told.effects if each.until_s > at_s]
         may_be = [
@@ -204,7 +208,8 @@ class Oracle:
         asked = any(_asks(command, name) for command in commands)
         found: list[Violation] = []
         confirmed = event.confirmed
-        if self._must_ask(told, order) and not confirmed and not asked:
+        refused = order == "start" and told.held
+        if self._must_ask(told, order) and not (confirmed or asked or refused):
             found.append(Violation("no question", words))
         if asked and (confirmed or not self._may_ask(told, order)):
             found.append(Violation("needless question", words))
@@ -215,8 +220,8 @@ class Oracle:
         return found + self._carried_out(name, told, order, commands, words)
 
     def _must_ask(self, told: Told, order: Order) -> bool:
-        if not (told.taken and told.airborne and told.online):
-            return False
+        if not (told.taken and told.airborne and told.online) or told.licence:
+            return False  # an order that was confirmed since is enough
         return told.mode == "land" if order == "return" else True
 
     def _may_ask(self, told: Told, order: Order) -> bool:

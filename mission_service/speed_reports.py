@@ -1,0 +1,63 @@
+"""What the core is told of VFR_HUD, which arrives twice a second: changes only. Pure."""
+
+import math
+
+from autopilot_bridge.client_events import Speed
+from mission_service.events import AirspeedMeasured, ThrustStatusChanged
+
+AIRSPEED_OVER_US = 10_000_000  # gusts and turns average out
+AIRSPEED_CHANGED_M_S = 1.0
+# Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both go on in their mission, at full
+# throttle, and sink.
+FULL_THROTTLE_PERCENT, SINKING_M_S = 75, 1.0
+SINKING_FOR_US = 1_000_000
+RECOVERED_FOR_US = 10_000_000
+
+
+class SpeedReports:
+    """Mean airspeed and thrust of one vehicle."""
+
+    def __init__(self) -> None:
+        self._airspeeds_m_s: list[float] = []  # since the last mean
+        self._airspeeds_from_us = 0
+        self._reported_m_s = math.nan
+        self._thrust_sufficient = True
+        self._otherwise_since_us: int | None = None  # than reported
+
+    def of(
+        self, speed: Speed, name: str, now_us: int
+    ) -> list[AirspeedMeasured | ThrustStatusChanged]:
+        """What has changed with a VFR_HUD of a vehicle at mission time ``now_us``."""
+        found = (self._airspeed(speed, name, now_us), self._thrust(speed, name, now_us))
+        return [each for each in found if each is not None]
+
+    def _airspeed(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
+        """The mean of ``AIRSPEED_OVER_US`` if it has changed."""
+        if speed.airspeed_m_s is None:
+            return None
+        if not self._airspeeds_m_s:
+            self._airspeeds_from_us = now_us
+        self._airspeeds_m_s.append(speed.airspeed_m_s)
+        if now_us - self._airspeeds_from_us < AIRSPEED_OVER_US:
+            return None
+        mean_m_s = round(math.fsum(self._airspeeds_m_s) / len(self._airspeeds_m_s), 1)
+        self._airspeeds_m_s.clear()
+        if abs(mean_m_s - self._reported_m_s) < AIRSPEED_CHANGED_M_S:
+            return None
+        self._reported_m_s = mean_m_s
+        return AirspeedMeasured(now_us, name, mean_m_s)
+
+    def _thrust(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
+        """Whether it sinks at full throttle, if that has changed."""
+        sinks = speed.throttle_percent >= FULL_THROTTLE_PERCENT and speed.climb_m_s <= -SINKING_M_S
+        if sinks != self._thrust_sufficient:  # as reported
+            self._otherwise_since_us = None
+            return None
+        if self._otherwise_since_us is None:
+            self._otherwise_since_us = now_us
+        least_us = SINKING_FOR_US if sinks else RECOVERED_FOR_US
+        if now_us - self._otherwise_since_us < least_us:
+            return None
+        self._thrust_sufficient, self._otherwise_since_us = not sinks, None
+        climb_m_s = round(speed.climb_m_s, 1)
+        return ThrustStatusChanged(now_us, name, not sinks, speed.throttle_percent, climb_m_s)

@@ -1,0 +1,63 @@
+"""The airspeed of the scenario: commanded with each mission; an alarm where it is not flown."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mission_service import sim
+from mission_service.commands import ClearAlarm, RaiseAlarm
+from mission_service.config import load_scenario
+from mission_service.events import AirspeedMeasured, ModeChanged
+from mission_service.journal import JournalReader
+
+SHORT = ("start_s=3500", "duration_s=4300", "vehicles.0.airspeed_m_s=15")
+CRUISE_M_S = 22.0  # of an autopilot that no airspeed is commanded
+
+
+def flown(
+    path: Path, monkeypatch: pytest.MonkeyPatch, stack: str, least_m_s: float
+) -> tuple[list[float], list[RaiseAlarm | ClearAlarm], list[str]]:
+    """The airspeeds measured after two minutes of flight, alarms about them, and modes."""
+    ordinary = sim.mock_of
+
+    def mock_of(*given: object) -> object:
+        mock = ordinary(*given)  # type: ignore[arg-type]
+        mock.flight.change_cruise(CRUISE_M_S)
+        mock.flight.limits = replace(mock.flight.limits, least_airspeed_m_s=least_m_s)
+        return mock
+
+    monkeypatch.setattr(sim, "mock_of", mock_of)
+    overrides = (*SHORT, f"vehicles.0.stack={stack}")
+    sim.simulate(load_scenario("default", overrides), path, "")
+    contents = [entry.content for entry in JournalReader(path)]
+    measured = [each for each in contents if isinstance(each, AirspeedMeasured)]
+    alarms = [
+        each
+        for each in contents
+        if isinstance(each, RaiseAlarm | ClearAlarm) and each.alarm == "airspeed"
+    ]
+    modes = [each.mode for each in contents if isinstance(each, ModeChanged)]
+    return [each.airspeed_m_s for each in measured], alarms, modes
+
+
+@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+def test_missions_are_flown_at_the_airspeed_of_the_scenario(
+    stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured, alarms, modes = flown(tmp_path / "j.jsonl", monkeypatch, stack, least_m_s=10.0)
+    assert "mission" in modes
+    assert measured[-1] == pytest.approx(15.0, abs=1.0)
+    assert len(measured) < 10  # reported on change only
+    assert not alarms
+
+
+@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+def test_an_airspeed_that_the_vehicle_does_not_fly_raises_an_alarm(
+    stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured, alarms, _ = flown(tmp_path / "j.jsonl", monkeypatch, stack, least_m_s=18.0)
+    assert measured[-1] == pytest.approx(CRUISE_M_S, abs=1.0)
+    (alarm,) = alarms
+    assert isinstance(alarm, RaiseAlarm)
+    assert "flies 22 m/s through the air, its missions command 15" in alarm.text
