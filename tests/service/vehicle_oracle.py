@@ -24,12 +24,14 @@ from mission_service.events import (
     AnyEvent,
     Approved,
     CommandFinished,
+    FenceStatusChanged,
     LinkLost,
     LinkRestored,
     ModeChanged,
     Order,
     Ordered,
     Resumed,
+    SystemStateChanged,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -71,10 +73,17 @@ class Told:
     mode: str = ""
     judged: Judged = "ordered"
     needs_order: bool = False  # has flown, or was disarmed or ordered home: no start by itself
+    state: str = ""  # of its system
+    fence_breached: bool = False
     home: bool = False  # ordered home, by a person or by the service
     held: bool = False  # by a person
     licence: Licence = ""  # what people have ordered since the last mode that was not ordered
     effects: list[Effect] = field(default_factory=list)
+
+    @property
+    def failsafe(self) -> bool:
+        """Whether its autopilot reports one."""
+        return self.fence_breached or self.state in ("critical", "emergency", "flight termination")
 
     @property
     def taken(self) -> bool:
@@ -149,6 +158,10 @@ class Oracle:
                 self._answered(told, name, 0, at_s)
             case UploadFinished(mission_id=mission_id):
                 self._answered(told, "upload", mission_id, at_s)
+            case SystemStateChanged(state=state):
+                told.state = state
+            case FenceStatusChanged(breached=breached):
+                told.fence_breached = breached
             case VehicleRebooted():
                 self.met.append("reboot in the air" if told.airborne else "reboot on the ground")
                 told.needs_order |= told.armed or told.airborne
@@ -190,7 +203,7 @@ class Oracle:
         ]
         if event.mode == "mission":  # flown by what is on board: whoever did so hands it over
             told.judged = "ordered"
-            if chosen_by == "pilot" and not may_be:
+            if chosen_by == "pilot":
                 told.home = False
         elif chosen_by in ("service", "transfer"):
             told.judged = "ordered" if may_be and chosen_by == "service" else "either"
@@ -225,7 +238,8 @@ class Oracle:
         return told.mode == "land" if order == "return" else True
 
     def _may_ask(self, told: Told, order: Order) -> bool:
-        return told.armed and told.judged != "ordered"
+        failsafe = told.failsafe and told.mode in GOING_HOME  # which does not change the mode
+        return told.armed and (told.judged != "ordered" or failsafe)
 
     def _carried_out(
         self, name: str, told: Told, order: Order, commands: list[AnyCommand], words: str
