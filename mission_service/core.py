@@ -215,7 +215,7 @@ class Core:
                 vehicle.flown_line = None  # a new mission is due: the front has moved on
                 return [say(vehicle, "link restored")]
             case VehicleRebooted():
-                return self._rebooted(vehicle, was)
+                return self._rebooted(vehicle, event.at_us / 1e6, was)
             case CommandFinished():
                 return self._command_finished(vehicle, event)
             case MissionHeld():
@@ -338,7 +338,8 @@ class Core:
         return [say(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        if vehicle.return_again_at_s is None or at_s < vehicle.return_again_at_s:
+        again_at_s, airborne = vehicle.return_again_at_s, vehicle.presence.airborne
+        if again_at_s is None or at_s < again_at_s or not airborne:
             return []
         vehicle.return_again_at_s = None
         return [Return(vehicle.name)]
@@ -377,12 +378,12 @@ class Core:
 
     def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
         vehicle.waits_for_crew = True
+        vehicle.sent_home = vehicle.going_home = False
         ended = self._end_intentions(vehicle, "the vehicle was disarmed")
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
         # The mission on board begins in the air: a takeoff needs another one.
-        vehicle.sent_home = vehicle.going_home = False
         vehicle.flown_line = vehicle.refusal = None
         self.spacing.forget(vehicle.name)
         return [*ended, say(vehicle, "landed")]
@@ -518,11 +519,13 @@ class Core:
             vehicle.start_told = event.command == "start mission"
         return known and event.command == "start mission"
 
-    def _rebooted(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
-        """A restarted autopilot may hold any mission or none: begin with it anew."""
+    def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
+        """A restarted autopilot may hold any mission or none; an order home stays in force."""
         ended = self._end_intentions(vehicle, "the autopilot was restarted")
-        vehicle.deployed = vehicle.started = False
-        vehicle.sent_home = vehicle.going_home = False
+        vehicle.deployed = vehicle.started = vehicle.going_home = False
+        vehicle.sent_home &= vehicle.presence.recalled
+        if vehicle.sent_home:
+            vehicle.return_again_at_s = at_s
         vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.doubt = None
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne

@@ -115,18 +115,25 @@ class CrewOrders:
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
-                if not vehicle.presence.airborne:
+                presence = vehicle.presence
+                if not (presence.airborne or presence.armed):
                     why = "it is on the ground: nothing is sent until an operator starts it"
                     return [say(vehicle, f"told to return by {by}, but {why}", warning=True)]
                 self.steering.recall(vehicle.name, at_s)
                 vehicle.sent_home = True
-                vehicle.return_again_at_s = None if vehicle.presence.online else at_s
-                words = say(vehicle, f"told to return by {by}")
-                return [words, Return(vehicle.name)] if vehicle.presence.online else [words]
+                words = f"told to return by {by}"
+                if presence.airborne and presence.online:
+                    vehicle.return_again_at_s = None
+                    return [say(vehicle, words), Return(vehicle.name)]
+                vehicle.return_again_at_s = at_s
+                later = "" if presence.airborne else ": as soon as it has taken off"
+                return [say(vehicle, f"{words}{later}")]
             case "resume":
                 return self._resume(vehicle, by)
             case "start":
                 vehicle.started, vehicle.waits_for_crew, vehicle.refusal = True, False, None
+                vehicle.return_again_at_s = None
+                self._call_off_return(vehicle)
                 if vehicle.flown_line is None or not vehicle.presence.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
                     return [say(vehicle, f"start by {by}: as soon as it has a mission")]

@@ -141,12 +141,13 @@ class Presence:
     def restart(self) -> None:
         """Reset after a restart of the autopilot; in flight its mode then counts as not ordered.
 
-        The mode stays the last one until another is reported. Watchdogs restart autopilots in
-        flight too.
+        The mode stays the last one until another is reported, and an order home stays in force
+        while the vehicle is armed. Watchdogs restart autopilots in flight too.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
+        fresh.recalled = self.recalled and self.armed
         for each in fields(self):
             setattr(self, each.name, getattr(fresh, each.name))
 
@@ -242,9 +243,10 @@ class Steering:
             presence.mode_is_ordered = True
             presence.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # flown by its mission again, whatever changed the mode
-            presence.recalled = presence.held_by_upload = False
-            presence.mode_is_ordered = True
+        elif event.mode == MISSION:  # flown by its mission, whatever changed the mode
+            if (event.mode, event.armed) != before:  # and not only reported once more
+                presence.recalled = False
+            presence.held_by_upload, presence.mode_is_ordered = False, True
         else:
             changed = (event.mode, event.armed) != before
             if changed:

@@ -80,8 +80,8 @@ class SeesNoFailsafe(Core):
 class StartsAfterARestart(Core):
     """An autopilot that restarts on the ground is sent to the fire again, as before a flight."""
 
-    def _rebooted(self, vehicle: Vehicle, was: Any) -> list[AnyCommand]:
-        commands = super()._rebooted(vehicle, was)
+    def _rebooted(self, vehicle: Vehicle, at_s: float, was: Any) -> list[AnyCommand]:
+        commands = super()._rebooted(vehicle, at_s, was)
         vehicle.waits_for_crew = False
         return commands
 
