@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -108,28 +107,35 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
     near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # spares walking far off the grid
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
         vertices = shapely.get_coordinates(part)
-        chain = np.floor(
-            np.concatenate([_steps(a, b) for a, b in pairwise(vertices)] or [vertices])
-        )
+        chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
         joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # a side neighbour of both
         _mark(chain, touched)
         _mark(joints, touched)
 
 
-def _steps(start: Floats, end: Floats) -> Floats:
-    """A point in each cell from start to end, in order, both ends among them (n, 2).
+def _steps(vertices: Floats) -> Floats:
+    """A point in each cell along segments (n, 2), in order, all vertices among them (m, 2).
 
-    The lines between columns and rows cut the segment into pieces; each lies in one cell. The ends
-    are there so that lines which share a vertex share its cell, even where it lies on an edge.
+    The lines between columns and rows cut each segment into pieces; each lies in one cell. The
+    vertices are there so that lines which share one share its cell, even where it lies on an edge.
     """
-    way = end - start
-    cuts = [np.array([0.0, 1.0])]
+    start, way = vertices[:-1], np.diff(vertices, axis=0)
+    numbers = np.arange(len(way))
+    segment = [numbers, numbers]
+    at = [np.zeros(len(way)), np.ones(len(way))]
     for axis in (0, 1):
-        low, high = sorted((start[axis], end[axis]))
-        edges = np.arange(np.floor(low) + 1.0, np.ceil(high))
-        if edges.size:
-            cuts.append((edges - start[axis]) / way[axis])
-    at = np.sort(np.concatenate(cuts))
-    long_enough = np.diff(at) > SHORTEST
-    middles = ((at[:-1] + at[1:]) / 2.0)[long_enough]
-    return np.concatenate([start[None], start + middles[:, None] * way, end[None]])
+        low, high = np.sort(np.stack([vertices[:-1, axis], vertices[1:, axis]]), axis=0)
+        first = np.floor(low) + 1.0
+        count = np.maximum(np.ceil(high) - first, 0.0).astype(np.int64)
+        of = np.repeat(numbers, count)
+        edge = first[of] + np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+        segment.append(of)
+        at.append((edge - start[of, axis]) / way[of, axis])
+    segments, cuts = np.concatenate(segment), np.concatenate(at)
+    order = np.lexsort((cuts, segments))
+    segments, cuts = segments[order], cuts[order]
+    pieces = (segments[1:] == segments[:-1]) & (np.diff(cuts) > SHORTEST)
+    of, middle = segments[:-1][pieces], ((cuts[:-1] + cuts[1:]) / 2.0)[pieces]
+    points = np.concatenate([start, start[of] + middle[:, None] * way[of], vertices[1:]])
+    place = np.concatenate([np.full(len(way), -1.0), middle, np.full(len(way), 2.0)])
+    return points[np.lexsort((place, np.concatenate([numbers, of, numbers])))]
