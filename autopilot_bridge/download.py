@@ -10,8 +10,8 @@ from autopilot_bridge.codec import Message, item_of
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming, rejected
 
-# Each item is a question of its own: with a fifth lost both ways one of fifty would go without an
-# answer to six.
+# More tries for each item: with a fifth of the messages lost each way, a download of fifty items
+# would else fail now and then, since one request and its reply get through only two times of three.
 MORE_RETRIES = 2
 
 

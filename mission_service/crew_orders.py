@@ -81,7 +81,13 @@ class CrewOrders:
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
             return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
-        chosen = f"mode {vehicle.presence.mode}, which its autopilot or pilot selected"
+        presence = vehicle.presence
+        why = (
+            "which its autopilot or pilot selected"
+            if presence.taken_over
+            else "while its autopilot reports a failsafe"
+        )
+        chosen = f"mode {presence.mode}, {why}"
         asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
         words = f"{asked}; order it again, confirmed, to carry it out"
         return [say(vehicle, words, warning=True)]

@@ -341,7 +341,8 @@ class Interlock:
             return f"GO list: {len(self.open_items)} open, the first: {self.open_items[0]}"
         silent_us = max(at_us - known.attended_us, self._passed_us(known.attended_host_us))
         if silent_us > burn.crew_silent_s * 1e6:
-            return f"no input of an approver at {approved.station} for {silent_us / 1e6:.0f} s"
+            long = f"for {silent_us / 1e6:.0f} s" if math.isfinite(silent_us) else "since a restart"
+            return f"no input of an approver at {approved.station} {long}"
         return None
 
     def _passed_us(self, since_us: int | None) -> float:
