@@ -138,6 +138,8 @@ def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
                     planner.tune(event)
         case Aborted():
             silent.held |= set(steering.presence)
+            for presence in steering.presence.values():
+                presence.recalled &= presence.needs_confirmation("hold")
         case Ordered():
             for name in [event.vehicle] if event.vehicle else list(steering.presence):
                 _ordered(name, event, steering, silent)
@@ -151,6 +153,8 @@ def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
 
 def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> None:
     presence = steering.presence[name]
+    if event.order == "start" and name in silent.held:
+        return
     if not steering.admits(name, event):
         return
     match event.order:
@@ -159,13 +163,14 @@ def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> 
             presence.recalled = False
         case "return":
             silent.held.discard(name)
-            if presence.airborne and not presence.online:  # else a Return is recorded
+            returns_now = presence.airborne and presence.online  # then a Return is recorded
+            if (presence.airborne or presence.armed) and not returns_now:
                 steering.recall(name, event.at_us / 1e6)
         case "resume":
             silent.held.discard(name)
             presence.recalled = False
-        case _:
-            pass
+        case "start":
+            presence.recalled = False
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:

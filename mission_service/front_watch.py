@@ -29,7 +29,10 @@ def map_of(planner: Steered) -> FireMap | None:
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
-    """The whole-degree bearings, clockwise, that are nearer to ``own_deg`` than to any other."""
+    """The whole-degree bearings, clockwise, to which no other is nearer than ``own_deg``.
+
+    At least one: that of ``own_deg``, where others are within a degree of it.
+    """
     bearings = np.arange(BEARINGS)
 
     def away(deg: float) -> Floats:
@@ -37,9 +40,11 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
     nearest = np.ones(BEARINGS, dtype=bool)
     for other_deg in others_deg:
-        nearest &= away(own_deg) < away(other_deg)
+        nearest &= away(own_deg) <= away(other_deg)
     found = np.flatnonzero(nearest)
-    if found.size in (0, BEARINGS):
+    if not found.size:
+        return np.array([round(own_deg) % BEARINGS])
+    if found.size == BEARINGS:
         return found
     gap = int(np.argmax(np.diff(found, append=found[0] + BEARINGS)))
     return np.roll(found, -gap - 1)

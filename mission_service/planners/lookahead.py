@@ -70,14 +70,14 @@ class Moves(NamedTuple):
 
 
 def room_for(nodes: int, vehicles: int) -> Room:
-    """Arrays for roll-outs of this size."""
+    """Arrays for roll-outs of this size; zeros, since they are part of a recorded state."""
     return Room(
-        np.empty(nodes),
-        np.empty(vehicles, np.int64),
-        np.empty(vehicles),
-        np.empty(vehicles, np.int64),
-        np.empty(vehicles, np.int64),
-        np.empty(vehicles, np.int64),
+        np.zeros(nodes),
+        np.zeros(vehicles, np.int64),
+        np.zeros(vehicles),
+        np.zeros(vehicles, np.int64),
+        np.zeros(vehicles, np.int64),
+        np.zeros(vehicles, np.int64),
     )
 
 

@@ -5,16 +5,27 @@ import pytest
 
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.commands import Announce, AnyCommand, Hold, StartMission, UploadMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    Hold,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config import Scenario, load_scenario
 from mission_service.core import Core
 from mission_service.events import (
+    Aborted,
     AnyEvent,
     CommandFinished,
     LinkLost,
     LinkRestored,
+    MissionHeld,
     MissionProgress,
     ModeChanged,
+    Ordered,
+    Resumed,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -223,6 +234,37 @@ def test_an_autopilot_restarted_after_its_flight_waits_for_its_crew(land: Landsc
     (mission,) = uploads(flight.at_height(0.0))
     assert mission.items[0].command == NAV_TAKEOFF
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [Announce]
+
+
+def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    (mission,) = uploads(flight.at_height(0.0))
+    flight.finished(mission.mission_id, "accepted")
+    flight.tell(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
+    flight.at_height(8.0)
+    (told,) = flight.tell(Ordered(flight.at_us, "ann", "desk", "hawk", "return"))
+    assert isinstance(told, Announce)
+    assert told.text == "told to return by ann: as soon as it has taken off"
+    # Neither the service nor the autopilot forgets it when it is restarted.
+    flight.tell(Resumed(flight.at_us, "service", "", 1.0))
+    flight.tell(VehicleConnected(flight.at_us, "hawk", "a stack", True))
+    flight.tell(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
+    flight.tell(MissionHeld(flight.at_us, "hawk", mission.mission_id, 5))
+    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    assert Return not in kinds(flight.at_height(12.0))
+    assert kinds(flight.at_height(16.0)) == [Return]
+    assert not uploads(flight.at_height(20.0, later_s=10.0))
+
+
+def test_an_order_that_is_refused_leaves_the_mode_as_it_was(land: Landscape) -> None:
+    flight, _ = airborne(land, atomic=True)
+    flight.tell(Ordered(flight.at_us, "ann", "desk", "hawk", "hold"))
+    flight.tell(ModeChanged(flight.at_us, "hawk", 9, armed=True, mode="land"))
+    taken_over = flight.core.vehicles["hawk"].presence
+    assert taken_over.taken_over
+    flight.tell(Ordered(flight.at_us, "ann", "desk", "hawk", "start", confirmed=True))
+    assert taken_over.taken_over
+    assert Hold not in kinds(flight.tell(Aborted(flight.at_us, "ann", "desk")))
 
 
 def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:

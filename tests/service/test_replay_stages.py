@@ -18,7 +18,15 @@ from mission_service.config import flying, load_scenario
 from mission_service.decide import decide
 from mission_service.differences import compare, fields_that_differ
 from mission_service.errors import JournalError
-from mission_service.events import Corrected, Lit, Observed, Ordered, SettingsTold, WindTold
+from mission_service.events import (
+    Aborted,
+    Corrected,
+    Lit,
+    Observed,
+    Ordered,
+    SettingsTold,
+    WindTold,
+)
 from mission_service.fire_setup import landscape_of
 from mission_service.journal import Journal, JournalReader, header_of
 from mission_service.replay import as_json, in_text, verify
@@ -293,9 +301,16 @@ def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
 
 def test_planners_alone_know_what_people_said(tmp_path: Path) -> None:
     def told(simulation: Simulation) -> None:
-        for order, seconds in (("hold", 30.0), ("resume", 60.0), ("return", 20.0), ("resume", 0.0)):
+        orders = (
+            *(("hold", 30.0), ("resume", 60.0), ("return", 20.0), ("resume", 20.0)),
+            *(("return", 20.0), ("abort", 30.0), ("start", 20.0), ("resume", 20.0)),
+            *(("return", 20.0), ("start", 0.0)),
+        )
+        for order, seconds in orders:
             now_us = simulation.clock.now_us
-            simulation.service.tell(Ordered(now_us, *ANN, "", order), simulation.link_us)  # type: ignore[arg-type]
+            ordered = Ordered(now_us, *ANN, "", order)  # type: ignore[arg-type]
+            event = Aborted(now_us, *ANN) if order == "abort" else ordered
+            simulation.service.tell(event, simulation.link_us)
             simulation.run(now_us / 1e6 + seconds)
 
     path = flown(tmp_path / "journal.jsonl", 500.0, tell=told)
