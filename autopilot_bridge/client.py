@@ -305,7 +305,7 @@ class VehicleClient:
         timers = [
             self._heartbeat_due_us if self._heartbeats else None,
             self._jobs.next_timer(),
-            self._commands.next_timer(),
+            self._commands_timer(),
             self._drops.next_timer(),
             self._parameters.next_timer(),
             self._watch.alarm_timer(),
@@ -325,9 +325,15 @@ class VehicleClient:
             self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
         self._go_on(now_us)
-        self._send(*self._commands.handle_timer(now_us))
+        if now_us >= self._watch.undecided_until_us:
+            self._send(*self._commands.handle_timer(now_us))
         self._send(*self._drops.handle_timer(now_us))
         self._send(*self._parameters.handle_timer(now_us))
+
+    def _commands_timer(self) -> int | None:
+        """When a command is due to be repeated; not while the autopilot may have restarted."""
+        due_us = self._commands.next_timer()
+        return None if due_us is None else max(due_us, self._watch.undecided_until_us)
 
     # Messages -----------------------------------------------------------------------------------
 
@@ -354,7 +360,10 @@ class VehicleClient:
         if not self._watch.used:
             return
         self._drops.receive(message, now_us)
+        undecided = now_us < self._watch.undecided_until_us
         for protocol in (self._rates, self._commands, self._parameters):
+            if protocol is self._commands and undecided:
+                continue  # what it acknowledged may be undone: no next step
             if messages := protocol.receive(message, now_us):
                 self._send(*messages)
         if self._jobs.next_timer() is not None:  # a transfer is under way

@@ -31,6 +31,7 @@ FAILSAFES = (
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
 ALARM_ENDS_US = 10_000_000  # after the last message that raised it
+UNDECIDED_US = 2_000_000  # after the last time that went back; a restart is found within one
 NOT_USED = "the message is not used"
 
 
@@ -60,6 +61,7 @@ class Watch:
         self._reach = Reach(most_speed_m_s)
         self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
         self._back_us = 0  # by how much times since boot went back, if they did
+        self.undecided_until_us = 0  # whether it has restarted: the clock's verdict is not known
         self.used = True  # the last message, at least in part
 
     @property
@@ -124,7 +126,9 @@ class Watch:
     def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
         if verdict == "back":  # may be a restart; if not, the old time continues
             self._back_us = ahead_us
+            self.undecided_until_us = now_us + UNDECIDED_US
             return []
+        self.undecided_until_us = 0
         if verdict == "kept":
             ahead_us, self._back_us = self._back_us, 0
             if not ahead_us:

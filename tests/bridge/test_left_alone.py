@@ -4,9 +4,10 @@ from collections.abc import Callable
 from random import Random
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.asked_modes import AskedModes
-from autopilot_bridge.client_events import CommandFinished, TransferFinished
+from autopilot_bridge.client_events import CommandFinished, Rebooted, TransferFinished
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import takeoff
 from autopilot_bridge.link import MemoryLink
@@ -205,3 +206,39 @@ def test_a_failsafe_that_keeps_the_mode_is_not_thrown_out_of_its_landing() -> No
     assert ended.result.holds == "the new one"
     assert "went into failsafe meanwhile" in ended.result.reason
     assert pair.up.asked_to_begin() == []
+
+
+@pytest.mark.parametrize("stack", [PX4, ARDUPLANE], ids=["px4", "ardupilot"])
+def test_no_command_is_repeated_or_continued_while_the_autopilot_may_have_restarted(
+    stack: Stack,
+) -> None:
+    for after_s in (0.1 * step for step in range(1, 20)):
+        pair = Pair(mock_of(stack))
+        pair.run_for(8.0)
+        pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(5)), pair.now_us))
+        pair.run_for(3.0)
+        pair.down = Deaf()
+        pair.client.start_mission(pair.now_us)
+        pair.run_for(after_s)
+        pair.mock.reboot(pair.now_us)
+        pair.up = Noted()
+        pair.run_for(LONG_S)
+        (rebooted,) = pair.of(Rebooted)
+        assert not pair.of(CommandFinished)[-1].accepted
+        undecided_us = range(rebooted.at_us - SECOND + 50_000, rebooted.at_us)
+        assert not [at_us for at_us in pair.up.sent_at_us if at_us in undecided_us], after_s
+
+
+class Noted(MemoryLink):
+    """Notes when a command is sent; requests of rates are none."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent_at_us: list[int] = []
+
+    def send(self, datagram: bytes, now_us: int) -> None:
+        for message in Codec(1, 1).decode(datagram):
+            command = getattr(message, "command", mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
+            if command != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self.sent_at_us.append(now_us)
+        super().send(datagram, now_us)
