@@ -35,6 +35,7 @@ from autopilot_bridge.mission_file import (
     file_length,
     first_bad_item,
 )
+from autopilot_bridge.read_back import MISSION, with_unheld
 from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
 
 MOST_UNDER_WAY = 5  # the autopilot drops a sixth without a word
@@ -362,6 +363,8 @@ class FtpDownload(_FtpTransfer):
             items = decode_mission_file(data, self._address.mission_type)
         except BridgeError as error:
             return TransferResult("failed", str(error))
+        if self._address.mission_type == MISSION:
+            items = tuple(with_unheld(item) for item in items)
         if absurd := list_out_of_bounds(items):
             return TransferResult("failed", f"implausible value in the file: {absurd}")
         return TransferResult("accepted", f"{len(items)} items", items=items)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, has_position
 from autopilot_bridge.stack_rules import SAME_AS, TWIN, Rules, rules_of
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks import Stack, stack_named
 
 MISSION, FENCE, RALLY = (
     mavlink.MAV_MISSION_TYPE_MISSION,
@@ -17,6 +17,7 @@ MISSION, FENCE, RALLY = (
     mavlink.MAV_MISSION_TYPE_RALLY,
 )
 _ALTITUDE_TOLERANCE_M = 0.011
+_IN_FILES = rules_of(stack_named("ardupilot", "plane"))  # only ArduPilot has mission files
 
 
 def single(value: float) -> float:
@@ -119,6 +120,19 @@ def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -
     command = SAME_AS.get(item.command, item.command)
     carries_on = item.autocontinue if rules.trusting else 1
     return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, carries_on)
+
+
+def with_unheld(item: MissionItem, x: int = 0, y: int = 0, z: float = 0.0) -> MissionItem:
+    """An item of ArduPilot's mission file, with these values where its command holds none.
+
+    The file has there what is left in the autopilot's memory (read: 4.6.2, ``AP_Mission::get_item``
+    fills an item that was not set to zeros; seen: home's place in a DO_CHANGE_SPEED).
+    """
+    if takes_position(item, _IN_FILES):
+        return item
+    held = _IN_FILES.bare_xyz.get(item.command, "")
+    x, y = item.x if "x" in held else x, item.y if "y" in held else y
+    return replace(item, x=x, y=y, z=item.z if "z" in held else z)
 
 
 def _altitude(z: float, rules: Rules) -> float:

@@ -7,6 +7,8 @@ applied when its session is closed, by whomever. PX4 has no such files.
 from collections import deque
 from dataclasses import dataclass, replace
 
+from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_TYPE_MISSION
+
 from autopilot_bridge import ftp_packet as ftp
 from autopilot_bridge.codec import Message
 from autopilot_bridge.ftp_packet import Packet, packet_of
@@ -19,6 +21,7 @@ from autopilot_bridge.mission_file import (
     encode_mission_file,
 )
 from autopilot_bridge.mock.mission_server import MissionServer
+from autopilot_bridge.read_back import with_unheld
 
 QUEUE = 5
 WORK_US = 4_000  # seen: 109 writes in 0.46 s
@@ -136,6 +139,8 @@ class FtpServer:
             return _refusal(reply, ftp.FAIL)
         mission_type = self.session.mission_type
         held = tuple(self._missions.lists[mission_type])
+        if mission_type == MAV_MISSION_TYPE_MISSION and held:  # as seen: home's place
+            held = tuple(with_unheld(item, held[0].x, held[0].y, held[0].z) for item in held)
         whole = encode_mission_file(held, mission_type, (1, 1))
         most = min(request.size, ftp.MOST_DATA_BYTES)
         if request.opcode == ftp.BURST_READ and request.size == 0:

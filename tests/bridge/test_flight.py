@@ -14,7 +14,7 @@ from autopilot_bridge.client_events import (
     Position,
     Rebooted,
 )
-from autopilot_bridge.items import Items
+from autopilot_bridge.items import Items, change_speed
 from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
@@ -213,6 +213,22 @@ def test_a_shorter_mission_goes_to_an_ardupilot_without_a_hold(vehicle: str) -> 
     assert pair.of(ModeChanged) == []
     assert len(pair.mock.flight.items) == 1 + len(SHORTER)
     assert pair.mock.flight.current == 1
+
+
+@pytest.mark.parametrize("vehicle", ["plane", "copter"])
+@pytest.mark.parametrize("items", [NEW, SHORTER], ids=["longer", "shorter"])
+def test_a_mission_with_a_speed_goes_to_an_ardupilot_without_a_hold(
+    vehicle: str, items: Items
+) -> None:
+    """Seen on ArduPlane 4.6.2: a file shows home's place in items that have none."""
+    pair = flying(stack_named("ardupilot", vehicle))
+    pair.run_for(60.0)
+    pair.events.clear()
+    with_speed = (change_speed(0, 15.0), *items)
+    assert pair.result_of(reupload(pair, True, with_speed)).outcome == "accepted"
+    assert pair.of(ModeChanged) == []
+    (read,) = (pair.result_of(pair.client.download(pair.now_us)).items or ())[:1]
+    assert (read.x, read.y, read.z) == (0, 0, 0.0)
 
 
 def test_a_shorter_mission_that_goes_on_behind_its_end_is_not_laid_over_the_old_one() -> None:
