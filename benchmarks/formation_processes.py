@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from benchmarks.link_shared import free_ports
 from benchmarks.mosquitto import Mosquitto
 from mission_service.config import SHIPPED, Scenario, load_scenario, parse_scenario
+from mission_service.control_client import Control
 from mission_service.core import Core
 from mission_service.experiments.formation_world import FormationWorld, Rules, fly
 from mission_service.fire_setup import fire_of, landscape_of
@@ -50,6 +51,7 @@ CLI = [sys.executable, "-m", "mission_service.cli"]
 PRESENT_S = 10.0  # who said nothing for longer is not there
 LEAST_S, MOST_S = 120.0, 300.0  # for a formation to come to rest
 SAME_TIME_S = 1.0  # of two states that are compared
+NOT_ORDERED = "not ordered, selected by its autopilot or pilot"
 
 
 def scenario_of(folder: Path, count: int) -> Path:
@@ -96,6 +98,23 @@ class Stage:
         broker = ("--broker", self.broker.address)
         self._run(name, "run", str(self.path), "--vehicle", name, *broker, "--out", str(out))
 
+    async def take_over(self, name: str) -> None:
+        """A new process, without a journal, for a vehicle in flight: an operator hands it over.
+
+        Without a journal it is not known by whose order the vehicle circles: it is left alone.
+        """
+        reported = self._text(name).count(NOT_ORDERED)
+        since_us = self.now_us
+        self.start(name)
+        await self.until(
+            lambda: name in self.states and self.states[name].at_us > since_us, 120.0, "it is back"
+        )
+        await self.passes(10.0)
+        if self._text(name).count(NOT_ORDERED) > reported:
+            with Control(self.journals[name][-1].parent) as operator:
+                order = {"do": "resume", "vehicle": name, "confirmed": True}
+                operator.ask(**order, by="ann", station="desk")
+
     def start_mocks(self, speedup: float) -> None:
         """All planes, in one process."""
         self._run("mocks", "mock", str(self.path), "--speedup", str(speedup))
@@ -120,14 +139,17 @@ class Stage:
 
     def said(self, name: str, words: str) -> bool:
         """Whether a process has printed this."""
-        return words in (self.folder / f"{name}.log").read_text(encoding="utf-8")
+        return words in self._text(name)
+
+    def _text(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text(encoding="utf-8")
 
     def check(self) -> None:
         """Raises RuntimeError for a process that has ended by itself."""
         for name, process in self._processes.items():
             if process.poll() is not None:
-                log = (self.folder / f"{name}.log").read_text(encoding="utf-8")
-                raise RuntimeError(f"{name} ended with code {process.returncode}:\n{log[-2000:]}")
+                log = self._text(name)[-2000:]
+                raise RuntimeError(f"{name} ended with code {process.returncode}:\n{log}")
 
     # What is heard ----------------------------------------------------------------------------
 
@@ -275,7 +297,7 @@ async def run(count: int, speedup: float, folder: Path) -> dict[str, Any]:
             stage.kill(name)
         await settled(count - 2, "two killed")
         for name in lost:
-            stage.start(name)
+            await stage.take_over(name)
         await stage.until(lambda: len(stage.present()) == count, 120.0, "they are back")
         await settled(count, "two back")
         stage.broker.kill()

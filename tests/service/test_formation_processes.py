@@ -14,11 +14,24 @@ from mission_service.formation_seats import first_fire
 from mission_service.replay import verify
 
 NAMES, SPEEDUP = ("heron", "stork", "crane"), 10.0
+TRIES = 10
 
 
 def later_than(stage: Stage, names: Iterable[str], at_us: int) -> Callable[[], bool]:
     """Whether all of these have told a state since then."""
     return lambda: all(name in stage.states and stage.states[name].at_us > at_us for name in names)
+
+
+def maps_agree(folder: Path) -> bool:
+    """Whether all have the same map but for what was seen in the last seconds.
+
+    Without its history the one that came back late would lack many cells.
+    """
+    last = [sorted(folder.glob(f"{name}-*"))[-1] / "journal.jsonl" for name in NAMES]
+    heron, *others = map(map_of, last)
+    scenario = load_scenario(str(folder / "scenario.toml"))
+    grown = int(heron.sum()) - len(first_fire(scenario, landscape_of(scenario)))
+    return grown > 50 and all((heron != other).sum() < 0.2 * grown for other in others)
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto")
@@ -33,8 +46,7 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             assert {state.sender for state in stage.present()} == {first, third}
 
             # It joins the others' time. What the killed one said last may come late.
-            stage.start(killed)
-            await stage.until(later_than(stage, [killed], stage.now_us), 60.0, "it is back")
+            await stage.take_over(killed)
 
             stage.broker.kill()
             await asyncio.sleep(40.0 / SPEEDUP)
@@ -45,6 +57,11 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             on = later_than(stage, NAMES, at_us + 20_000_000)
             await stage.until(on, 30.0, "all talk again")
             await stage.passes(40.0)
+            for _ in range(TRIES):  # on a loaded machine messages are late
+                if maps_agree(tmp_path):
+                    return
+                await stage.passes(20.0)
+            raise AssertionError("the maps differ")
 
     asyncio.run(fly())
     for log in tmp_path.glob("*.log"):
@@ -54,12 +71,3 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
     assert len(journals) == len(NAMES) + 1
     result = verify(journals[-1])  # what was heard and said is reproduced too
     assert result.difference is None
-    # One that came back late and one that was there all the time have the same map but for what
-    # was seen in the last seconds; without its history the former would lack many cells.
-    last = [paths[-1] for paths in (sorted(tmp_path.glob(f"{name}-*")) for name in NAMES)]
-    heron, stork, crane = (map_of(folder / "journal.jsonl") for folder in last)
-    scenario = load_scenario(str(tmp_path / "scenario.toml"))
-    grown = int(heron.sum()) - len(first_fire(scenario, landscape_of(scenario)))
-    assert grown > 50
-    for other in (stork, crane):
-        assert int((heron != other).sum()) < 0.2 * grown

@@ -408,6 +408,7 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
             page.get_by_role("button", name="Refuse").click()
             wait_for(lambda: not waits(), 30, "it waits no more")
             assert on_board(service) is None
+            page.get_by_role("button", name="Plan and send now").click()  # not by itself: refused
             wait_for(waits, 60, "another one is proposed")
             picture(page, "accept")
             page.get_by_role("button", name="Accept").click()
