@@ -22,7 +22,9 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     mission is no longer flown.
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
-    in_mission = vehicle.presence.flies and vehicle.presence.mode == MISSION
+    presence = vehicle.presence
+    led = presence.airborne and not presence.taken_over
+    in_mission = led and (presence.mode == MISSION or presence.held_by_upload)
     if vehicle.section.kind != "plane" or measured_m_s is None or not in_mission:
         return _compared_equal(vehicle)
     if abs(measured_m_s - commanded_m_s) <= max(DIFFERENCE_M_S, DIFFERENCE_SHARE * commanded_m_s):

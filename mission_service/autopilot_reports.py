@@ -14,7 +14,7 @@ from mission_service.events import (
     ThrustStatusChanged,
     VehicleEvent,
 )
-from mission_service.steering import FAILSAFE_STATES
+from mission_service.steering import FAILSAFE_STATES, GOING_HOME
 from mission_service.vehicle import Vehicle, say
 
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
@@ -49,8 +49,10 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         case LandedStateChanged(state="landing") if vehicle.presence.airborne:
             return [say(vehicle, "landing", warning=True)]
         case LandedStateChanged():
-            down = vehicle.presence.airborne and event.state == "on ground"
-            words = f"on the ground in mode {vehicle.presence.mode}, and armed"
+            mode = vehicle.presence.mode
+            lands = mode in GOING_HOME  # it is disarmed next
+            down = vehicle.presence.airborne and event.state == "on ground" and not lands
+            words = f"on the ground in mode {mode}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")
         case _:
             return []

@@ -121,19 +121,19 @@ class CrewOrders:
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
-                presence = vehicle.presence
-                if not (presence.airborne or presence.armed):
-                    why = "it is on the ground: nothing is sent until an operator starts it"
-                    return [say(vehicle, f"told to return by {by}, but {why}", warning=True)]
+                presence, words = vehicle.presence, f"told to return by {by}"
                 self.steering.recall(vehicle.name, at_s)
                 vehicle.sent_home = True
-                words = f"told to return by {by}"
                 if presence.airborne and presence.online:
-                    vehicle.return_again_at_s = None
                     return [say(vehicle, words), Return(vehicle.name)]
+                # On the ground too: a start that was ordered before may still take effect.
                 vehicle.return_again_at_s = at_s
-                later = "" if presence.airborne else ": as soon as it has taken off"
-                return [say(vehicle, f"{words}{later}")]
+                if presence.airborne:
+                    return [say(vehicle, words)]
+                if presence.armed:
+                    return [say(vehicle, f"{words}: as soon as it has taken off")]
+                why = "it is on the ground: nothing is sent until an operator starts it"
+                return [say(vehicle, f"{words}, but {why}", warning=True)]
             case "resume":
                 return self._resume(vehicle, by)
             case "start":
@@ -172,6 +172,9 @@ class CrewOrders:
             vehicle.doubt = replace(vehicle.doubt, resumed=True)
             return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
         if in_formation and vehicle.presence.airborne:
+            if vehicle.accepted is None:  # it has no mission of ours to fly
+                vehicle.deployed, vehicle.holding = False, True
+                return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]
             # Into its mission, which ends at the fire's edge: from there it is led again.
             return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
         if vehicle.presence.airborne:  # by a new mission: the front has moved on
@@ -186,7 +189,8 @@ class CrewOrders:
         presence = vehicle.presence
         if not presence.position_good:
             return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
-        if presence.airborne and (presence.taken_over or presence.recalled or vehicle.ordered):
+        led = not (presence.airborne and (presence.taken_over or vehicle.ordered))
+        if presence.recalled or not led:
             words = f"mode {presence.mode}: a mission is sent once the vehicle is led again"
             return [say(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} asked for another mission")

@@ -164,7 +164,7 @@ def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> 
         case "return":
             silent.held.discard(name)
             returns_now = presence.airborne and presence.online  # then a Return is recorded
-            if (presence.airborne or presence.armed) and not returns_now:
+            if not returns_now:
                 steering.recall(name, event.at_us / 1e6)
         case "resume":
             silent.held.discard(name)

@@ -1,15 +1,17 @@
 """What the core is told of VFR_HUD, which arrives twice a second: changes only. Pure."""
 
 import math
+from collections import deque
 
 from autopilot_bridge.client_events import Speed
 from mission_service.events import AirspeedMeasured, ThrustStatusChanged
 
 AIRSPEED_OVER_US = 10_000_000  # gusts and turns average out
-AIRSPEED_CHANGED_M_S = 1.0
-# Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both go on in their mission, at full
-# throttle, and sink.
-FULL_THROTTLE_PERCENT, SINKING_M_S = 75, 1.0
+AIRSPEED_CHANGED_M_S = 0.5
+# Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both go on in their mission at full
+# throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
+FULL_THROTTLE_PERCENT, SINKING_M_S, SLOWER_M_S = 75, 1.0, 1.5
+SLOWER_THAN_US = 10_000_000  # than the mean of this time before
 SINKING_FOR_US = 1_000_000
 RECOVERED_FOR_US = 10_000_000
 
@@ -21,6 +23,7 @@ class SpeedReports:
         self._airspeeds_m_s: list[float] = []  # since the last mean
         self._airspeeds_from_us = 0
         self._reported_m_s = math.nan
+        self._newest: deque[tuple[int, float]] = deque()  # mission time, airspeed
         self._thrust_sufficient = True
         self._otherwise_since_us: int | None = None  # than reported
 
@@ -47,9 +50,24 @@ class SpeedReports:
         self._reported_m_s = mean_m_s
         return AirspeedMeasured(now_us, name, mean_m_s)
 
+    def _is_slower(self, airspeed_m_s: float | None, now_us: int) -> bool:
+        """Whether it has lost airspeed; so taken where none is measured."""
+        if airspeed_m_s is None:
+            return True
+        while self._newest and self._newest[0][0] < now_us - SLOWER_THAN_US:
+            self._newest.popleft()
+        before_m_s = [value for _, value in self._newest]
+        self._newest.append((now_us, airspeed_m_s))
+        if not before_m_s:
+            return False
+        return airspeed_m_s <= math.fsum(before_m_s) / len(before_m_s) - SLOWER_M_S
+
     def _thrust(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
         """Whether it sinks at full throttle, if that has changed."""
         sinks = speed.throttle_percent >= FULL_THROTTLE_PERCENT and speed.climb_m_s <= -SINKING_M_S
+        slower = self._is_slower(speed.airspeed_m_s, now_us)
+        if self._thrust_sufficient and not slower:
+            sinks = False
         if sinks != self._thrust_sufficient:  # as reported
             self._otherwise_since_us = None
             return None

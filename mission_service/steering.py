@@ -90,6 +90,7 @@ class Presence:
     online: bool = False
     airborne: bool = False
     recalled: bool = False  # on its way home, or told to go
+    recalled_on_ground: bool = False  # and not in the air since
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
     mode: str = ""  # as told last
@@ -148,6 +149,7 @@ class Presence:
         fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         fresh.recalled = self.recalled and self.armed
+        fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground
         for each in fields(self):
             setattr(self, each.name, getattr(fresh, each.name))
 
@@ -215,8 +217,9 @@ class Steering:
         return None
 
     def recall(self, name: str, at_s: float) -> None:
-        """The vehicle is told to fly home."""
-        self.presence[name].recalled = True
+        """Note an order to return; on the ground it stands until the vehicle is in the air."""
+        presence = self.presence[name]
+        presence.recalled, presence.recalled_on_ground = True, not presence.airborne
         self.planners[name].left(at_s)
 
     def sent(self, command: AnyCommand, at_s: float) -> None:
@@ -240,12 +243,13 @@ class Steering:
         presence.mode, presence.armed = event.mode, event.armed
         if not event.armed:
             presence.airborne = presence.recalled = presence.held_by_upload = False
+            presence.recalled_on_ground = False
             presence.mode_is_ordered = True
             presence.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
         elif event.mode == MISSION:  # flown by its mission, whatever changed the mode
             if (event.mode, event.armed) != before:  # and not only reported once more
-                presence.recalled = False
+                presence.recalled &= presence.recalled_on_ground
             presence.held_by_upload, presence.mode_is_ordered = False, True
         else:
             changed = (event.mode, event.armed) != before
@@ -302,6 +306,7 @@ class Steering:
         # Home may lie on a hill: once up, a vehicle flies until it disarms.
         if not presence.airborne and told.altitude_relative_m >= self._airborne_m:
             presence.airborne, presence.took_off_at_s = True, at_s
+            presence.recalled_on_ground = False
             if presence.mode in GOING_HOME:  # told before it was known to be in the air
                 self.recall(told.vehicle, at_s)
         if not presence.flies or at_s < self._deploy_at_s:

@@ -31,6 +31,7 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
 GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
+GLIDES_BY = 0.7  # and flies by so much of its airspeed
 # How long a copter flies on without satellites before it lands where it believes to be, as the
 # stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -162,9 +163,12 @@ class Flight(Body):
 
     def fail_engine(self, failed: bool) -> None:
         """Have it sink, whatever it is told, until the engine runs again; it reports nothing."""
+        if failed == self.engine_failed:
+            return
         self.engine_failed = failed
         climb_m_s = -GLIDES_AT_M_S if failed else Limits().climb_m_s
-        self.limits = replace(self.limits, climb_m_s=climb_m_s)
+        airspeed_m_s = self.limits.airspeed_m_s * (GLIDES_BY if failed else 1.0 / GLIDES_BY)
+        self.limits = replace(self.limits, climb_m_s=climb_m_s, airspeed_m_s=airspeed_m_s)
 
     def change_cruise(self, airspeed_m_s: float) -> None:
         """What it flies unless told otherwise."""
