@@ -172,7 +172,7 @@ class CrewOrders:
             vehicle.doubt = replace(vehicle.doubt, resumed=True)
             return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
         if in_formation and vehicle.presence.airborne:
-            if vehicle.accepted is None:  # it has no mission of ours to fly
+            if vehicle.flown_line is None:  # it has no mission on board that can be trusted
                 vehicle.deployed, vehicle.holding = False, True
                 return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]
             # Into its mission, which ends at the fire's edge: from there it is led again.
