@@ -128,6 +128,7 @@ class Oracle:
                     found += self._aborted(name, commands)
             case Approved():  # a burn's plan may be flown; it ends what was ordered before
                 for told in self.told.values():
+                    told.held = False  # of one that was taken once it is handed back
                     if not told.taken:
                         told.held = told.home = told.needs_order = False
                         told.licence = "lead"
