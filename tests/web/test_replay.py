@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.flights.replays import Replay, replayed
 from tests.flights.worlds import journal_in
@@ -99,6 +99,21 @@ def test_a_seek_back_moves_the_vehicle_and_takes_the_future_away(
     page.get_by_role("button", name="Ten seconds back").click()
     wait_for(lambda: log_s(replay) == 40, 10, "and back")
     wait_for(lambda: shown_at(page) == earlier, 10, "the same is seen")
+
+
+def test_an_answer_that_arrives_after_the_jump_changes_nothing(page: Page, replay: Replay) -> None:
+    at_40 = shown_at(page)
+
+    def late(route: Route) -> None:
+        answer = route.fetch()
+        assert answer.json()["seeking"]
+        wait_for(lambda: shown_at(page) != at_40, 10, "hawk jumps")
+        route.fulfill(response=answer)
+
+    page.route("**/v1/replay", late, times=1)
+    with page.expect_request_finished(lambda request: request.url.endswith("/v1/replay")):
+        page.locator("#replay input").fill("100")
+    expect(page.locator("#replay output")).to_have_text("1:40 / 2:40")
 
 
 def test_at_the_end_it_stays_and_begins_again(page: Page, replay: Replay) -> None:

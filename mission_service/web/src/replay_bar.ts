@@ -31,10 +31,15 @@ export function replayBar(store: Store): void {
   const lengthS = (now: Replay): number => (now.log_end_us - now.log_begin_us) / 1e6;
   const placeS = (now: Replay): number => wantedS ?? (now.log_at_us - now.log_begin_us) / 1e6;
 
-  /** Ask, and take the answer for how it is; what goes well needs no words. */
+  /**
+   * Ask, and show the answer, unless the stream has sent a state meanwhile: the answer may be
+   * older, and a paused replay sends no other.
+   */
   const ask = async (body: object): Promise<void> => {
+    const before = replay();
     try {
-      store.expect(without(await post<Replay>("replay", body)));
+      const answer = await post<Replay>("replay", body);
+      if (replay() === before) store.expect(without(answer));
     } catch (error) {
       say(`Replay: not done: ${wordsOf(error)}`, true);
     }
