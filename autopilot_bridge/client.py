@@ -360,12 +360,10 @@ class VehicleClient:
         if not self._watch.used:
             return
         self._drops.receive(message, now_us)
-        undecided = now_us < self._watch.undecided_until_us
-        for protocol in (self._rates, self._commands, self._parameters):
-            if protocol is self._commands and undecided:
-                continue  # what it acknowledged may be undone: no next step
-            if messages := protocol.receive(message, now_us):
-                self._send(*messages)
+        self._send(*self._rates.receive(message, now_us))
+        if now_us >= self._watch.undecided_until_us:  # else what it acknowledged may be undone
+            self._send(*self._commands.receive(message, now_us))
+        self._send(*self._parameters.receive(message, now_us))
         if self._jobs.next_timer() is not None:  # a transfer is under way
             self._send(*self._jobs.receive(message, now_us))
             self._go_on(now_us)

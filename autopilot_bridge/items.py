@@ -154,6 +154,12 @@ def loiter_unlimited(
     )
 
 
+def speed_type(vehicle_kind: str) -> int:
+    """The SPEED_TYPE in which a "plane" or "copter" is commanded its speed."""
+    plane = vehicle_kind == "plane"
+    return int(mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED)
+
+
 def change_speed(kind: int, speed_m_s: float) -> MissionItem:
     """MAV_CMD_DO_CHANGE_SPEED, throttle unchanged; ``kind`` is a SPEED_TYPE."""
     return MissionItem(

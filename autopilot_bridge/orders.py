@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.command import AnyStep, SetParameter
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import speed_type
 from autopilot_bridge.stacks import ARM, Place, Stack, Step
 
 NAN = math.nan
@@ -239,9 +240,8 @@ def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Step
     _checked_speed(speed_m_s)
     if orbiting and stack.name == "px4" and stack.vehicle == "copter":
         return (Step(mavlink.MAV_CMD_DO_ORBIT, (NAN, speed_m_s, NAN, NAN), SAME_PLACE),)
-    plane = stack.vehicle == "plane"
-    kind = mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED
-    return (Step(mavlink.MAV_CMD_DO_CHANGE_SPEED, (float(kind), speed_m_s, -1.0)),)
+    kind = float(speed_type(stack.vehicle))
+    return (Step(mavlink.MAV_CMD_DO_CHANGE_SPEED, (kind, speed_m_s, -1.0)),)
 
 
 def _checked_speed(speed_m_s: float) -> None:

@@ -74,7 +74,7 @@ class CrewOrders:
         if obstacle:
             return [say(vehicle, obstacle, warning=True)]
         was_taken_over = vehicle.presence.taken_over
-        if self.steering.admits(vehicle.name, event):
+        if self.steering.ordered(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
             if event.order in ("hold", "return"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
@@ -104,7 +104,7 @@ class CrewOrders:
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
         """Hold; in a mode that its autopilot or pilot selected, only once that has ended."""
         at_s, mode = event.at_us / 1e6, vehicle.presence.mode
-        if not vehicle.presence.needs_confirmation("hold"):
+        if self.steering.aborted(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
         vehicle.end_intentions()
@@ -122,7 +122,6 @@ class CrewOrders:
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
                 presence, words = vehicle.presence, f"told to return by {by}"
-                self.steering.recall(vehicle.name, at_s)
                 vehicle.sent_home = True
                 if presence.airborne and presence.online:
                     return [say(vehicle, words), Return(vehicle.name)]
@@ -158,7 +157,7 @@ class CrewOrders:
         return [words, Hold(vehicle.name)]
 
     def _call_off_return(self, vehicle: Vehicle) -> None:
-        vehicle.presence.recalled = vehicle.sent_home = vehicle.going_home = False
+        vehicle.sent_home = vehicle.going_home = False
         if vehicle.doubt is not None:
             vehicle.doubt = replace(vehicle.doubt, recalled=False)
 

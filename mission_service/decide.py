@@ -138,8 +138,8 @@ def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
                     planner.tune(event)
         case Aborted():
             silent.held |= set(steering.presence)
-            for presence in steering.presence.values():
-                presence.recalled &= presence.needs_confirmation("hold")
+            for name in steering.presence:
+                steering.aborted(name)
         case Ordered():
             for name in [event.vehicle] if event.vehicle else list(steering.presence):
                 _ordered(name, event, steering, silent)
@@ -152,25 +152,14 @@ def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
 
 
 def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> None:
-    presence = steering.presence[name]
     if event.order == "start" and name in silent.held:
         return
-    if not steering.admits(name, event):
+    if not steering.ordered(name, event):
         return
-    match event.order:
-        case "hold":
-            silent.held.add(name)
-            presence.recalled = False
-        case "return":
-            silent.held.discard(name)
-            returns_now = presence.airborne and presence.online  # then a Return is recorded
-            if not returns_now:
-                steering.recall(name, event.at_us / 1e6)
-        case "resume":
-            silent.held.discard(name)
-            presence.recalled = False
-        case "start":
-            presence.recalled = False
+    if event.order == "hold":
+        silent.held.add(name)
+    else:
+        silent.held.discard(name)
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:

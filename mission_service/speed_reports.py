@@ -1,4 +1,4 @@
-"""What the core is told of VFR_HUD, which arrives twice a second: changes only. Pure."""
+"""Changes of airspeed and thrust in VFR_HUD, which arrives twice a second. Pure."""
 
 import math
 from collections import deque

@@ -228,15 +228,29 @@ class Steering:
             presence = self.presence[command.vehicle]
             presence.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
-    def admits(self, name: str, event: Ordered) -> bool:
-        """Whether an order is carried out; if so, the mode counts as ordered from now on."""
+    def ordered(self, name: str, event: Ordered) -> bool:
+        """Take in an order; whether it is carried out. The mode then counts as ordered."""
         presence = self.presence[name]
         if event.by == SERVICE and not presence.flies:
             return False
         if presence.needs_confirmation(event.order) and not event.confirmed:
             return False
         presence.mode_is_ordered = True
+        if event.order == "return":
+            self.recall(name, event.at_us / 1e6)
+        else:
+            presence.recalled = False
         return True
+
+    def aborted(self, name: str) -> bool:
+        """Take in an abort; whether the vehicle is ordered to hold now.
+
+        In a mode that its autopilot or pilot selected it holds once that has ended.
+        """
+        presence = self.presence[name]
+        holds_now = not presence.needs_confirmation("hold")
+        presence.recalled &= not holds_now
+        return holds_now
 
     def _mode_changed(self, presence: Presence, event: ModeChanged) -> None:
         at_s, before = event.at_us / 1e6, (presence.mode, presence.armed)

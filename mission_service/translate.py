@@ -12,9 +12,15 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import MissionItem, change_speed, loiter_unlimited, takeoff, waypoint
+from autopilot_bridge.items import (
+    MissionItem,
+    change_speed,
+    loiter_unlimited,
+    speed_type,
+    takeoff,
+    waypoint,
+)
 from firemodel.landscape import Landscape
 from mission_service.config_sections import VehicleSection
 
@@ -114,9 +120,7 @@ def mission_along(
         needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, least_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
-    plane = vehicle.kind == "plane"
-    kind = mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED
-    items = [change_speed(kind, vehicle.airspeed_m_s)]
+    items = [change_speed(speed_type(vehicle.kind), vehicle.airspeed_m_s)]
     items += [
         waypoint(float(lat[index]), float(lon[index]), altitudes[index])
         for index in range(len(points) - 1)

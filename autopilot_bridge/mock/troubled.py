@@ -1,6 +1,7 @@
 """A mock with faults: it takes the mock's place on a link."""
 
 from collections.abc import Callable
+from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -43,21 +44,22 @@ class Troubled:
         self._outgoing: list[bytes] = []
         self._began_us: int | None = None
         self._due: list[tuple[float, Callable[[int], None]]] = []
-        self._due += [(at_s, mock.reboot) for at_s in faults.reboot]
-        for times, percent in (
-            (faults.battery_low, LOW_PERCENT),
-            (faults.battery_emergency, EMERGENCY_PERCENT),
+        for times, change in (
+            (faults.reboot, mock.reboot),
+            (faults.battery_low, partial(self._battery, LOW_PERCENT)),
+            (faults.battery_emergency, partial(self._battery, EMERGENCY_PERCENT)),
+            (faults.stray_ack, self._stray),
+            (faults.second_upload, self._upload),
+            (faults.second_download, self._download),
         ):
-            self._due += [(at_s, self._battery(percent - 1.0)) for at_s in times]
-        self._due += [(at_s, self._stray) for at_s in faults.stray_ack]
-        self._due += [(at_s, self._upload) for at_s in faults.second_upload]
-        self._due += [(at_s, self._download) for at_s in faults.second_download]
-        for start_s, end_s in faults.gps_loss:
-            self._due += [(start_s, self._gps(False)), (end_s, self._gps(True))]
-        for start_s, end_s in faults.fence_breach:
-            self._due += [(start_s, self._fence(True)), (end_s, self._fence(False))]
-        for start_s, end_s in faults.engine_failure:
-            self._due += [(start_s, self._engine(True)), (end_s, self._engine(False))]
+            self._due += [(at_s, change) for at_s in times]
+        for spans, trouble in (
+            (faults.gps_loss, self._lose_gps),
+            (faults.fence_breach, self._breach_fence),
+            (faults.engine_failure, self._fail_engine),
+        ):
+            for start_s, end_s in spans:
+                self._due += [(start_s, partial(trouble, True)), (end_s, partial(trouble, False))]
         self._due.sort(key=lambda due: due[0])
 
     def receive_data(self, data: bytes, now_us: int) -> None:
@@ -129,33 +131,17 @@ class Troubled:
 
     # What happens at a time ---------------------------------------------------------------------
 
-    def _gps(self, there: bool) -> Callable[[int], None]:
-        def change(now_us: int) -> None:
-            del now_us
-            self.mock.positions = there
+    def _lose_gps(self, lost: bool, _now_us: int) -> None:
+        self.mock.positions = not lost
 
-        return change
+    def _fail_engine(self, failed: bool, _now_us: int) -> None:
+        self.mock.flight.fail_engine(failed)
 
-    def _engine(self, failed: bool) -> Callable[[int], None]:
-        def change(now_us: int) -> None:
-            del now_us
-            self.mock.flight.fail_engine(failed)
+    def _breach_fence(self, breached: bool, _now_us: int) -> None:
+        self.mock.breach_fence(breached)
 
-        return change
-
-    def _fence(self, breached: bool) -> Callable[[int], None]:
-        def change(now_us: int) -> None:
-            del now_us
-            self.mock.breach_fence(breached)
-
-        return change
-
-    def _battery(self, percent: float) -> Callable[[int], None]:
-        def change(now_us: int) -> None:
-            del now_us
-            self.mock.battery_percent = percent
-
-        return change
+    def _battery(self, failsafe_percent: float, _now_us: int) -> None:
+        self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
         """MISSION_ACKs of a failure that is none of the station's: each is wrong in one way."""
