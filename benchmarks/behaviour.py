@@ -1,0 +1,186 @@
+"""What the project does, recorded before a change of its structure and compared after it.
+
+    python -m benchmarks.behaviour record FOLDER [PART ...]
+    python -m benchmarks.behaviour compare BEFORE AFTER
+
+``record`` runs this tree: ``sim`` and ``plan`` of every shipped scenario, every experiment, the
+OpenAPI description and the schemas of MQTT, or only the parts given (``sim/demo``, ``plan``). Some
+twenty minutes on two cores for all. ``compare`` prints the first differences of each file and exits
+with 1 if there is one. Journals are compared line by line without their checksums, descriptions
+without their prose.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import islice, zip_longest
+from pathlib import Path
+from typing import Any
+
+from mission_service.config import SHIPPED, load_scenario
+
+SCENARIOS = sorted(file.stem for file in SHIPPED.glob("*.toml"))
+EXPERIMENTS = ("beachly", "bent", "islam-hu", "virtual-agents")
+SCHEMAS = Path(__file__).parents[1] / "docs" / "schemas"
+PROSE = ("description", "title", "summary")
+UNSTABLE = ("crc", "created", "packages", "mission_service")  # of a journal's lines and header
+SHOWN = 5
+PROCESSES = 2
+TIMEOUT_S = 3600.0
+
+
+def record(folder: Path, wanted: list[str]) -> None:
+    """Write what this tree does into a folder: one file for each output."""
+    parts = dict(_parts(folder))
+    unknown = [each for each in wanted if not any(_is_in(name, each) for name in parts)]
+    if unknown:
+        sys.exit(f"{', '.join(unknown)}: no such part; there are {', '.join(parts)}")
+    chosen = [name for name in parts if not wanted or any(_is_in(name, each) for each in wanted)]
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        for name, _ in zip(chosen, pool.map(lambda each: parts[each](), chosen), strict=True):
+            sys.stdout.write(f"{name}\n")
+            sys.stdout.flush()
+
+
+def _is_in(name: str, part: str) -> bool:
+    return name == part or name.startswith(f"{part}/")
+
+
+def _parts(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
+    """What is recorded: a name, and a function that writes it into the folder."""
+    for name in SCENARIOS:
+        yield f"sim/{name}", partial(_sim, name, folder / "sim" / name)
+    for name in SCENARIOS:
+        yield f"plan/{name}", partial(_plans, name, folder / "plan" / name)
+    for name in EXPERIMENTS:
+        yield f"experiment/{name}", partial(_experiment, name, folder / "experiment")
+    yield "schemas", partial(_schemas, folder / "schemas")
+    yield "openapi", partial(_openapi, folder)
+
+
+def _service(*arguments: str) -> str:
+    """What the command line prints. Ends the program if it fails."""
+    command = (sys.executable, "-m", "mission_service.cli", *arguments)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(arguments)}: exit code {done.returncode}: {done.stderr[-500:]}")
+    return done.stdout
+
+
+def _sim(name: str, into: Path) -> None:
+    with tempfile.TemporaryDirectory() as out:
+        printed = _service("sim", name, "--out", out, "--json")
+        lines = (Path(out) / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+    into.mkdir(parents=True, exist_ok=True)
+    _write(into / "summary.json", json.loads(printed))
+    with (into / "journal.jsonl").open("w", encoding="utf-8") as file:
+        for line in lines:
+            file.write(json.dumps(_without(json.loads(line), UNSTABLE)) + "\n")
+
+
+def _plans(name: str, into: Path) -> None:
+    into.mkdir(parents=True, exist_ok=True)
+    for vehicle in load_scenario(name).vehicles:
+        file = into / f"{vehicle.name}.json"
+        _service("plan", name, "--vehicle", vehicle.name, "--output", str(file))
+
+
+def _experiment(name: str, into: Path) -> None:
+    into.mkdir(parents=True, exist_ok=True)
+    _write(into / f"{name}.json", json.loads(_service("experiment", name, "--json")))
+
+
+def _schemas(into: Path) -> None:
+    into.mkdir(parents=True, exist_ok=True)
+    for file in sorted(SCHEMAS.glob("*.json")):
+        _write(into / file.name, _without(json.loads(file.read_text(encoding="utf-8")), PROSE))
+
+
+def _openapi(folder: Path) -> None:
+    from tests.api.worlds import scenario_of, served, world_in
+
+    with tempfile.TemporaryDirectory() as out:
+        world = world_in(Path(out), scenario_of())
+        described = served(world).app.routes.openapi()
+    _write(folder / "openapi.json", _without(json.loads(json.dumps(described)), PROSE))
+
+
+def _write(file: Path, content: Any) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def _without(content: Any, keys: tuple[str, ...]) -> Any:
+    """JSON without these keys, unless what they hold is an object itself (a field so named)."""
+    if isinstance(content, dict):
+        return {
+            key: _without(value, keys)
+            for key, value in content.items()
+            if key not in keys or (keys is PROSE and isinstance(value, dict))
+        }
+    if isinstance(content, list):
+        return [_without(each, keys) for each in content]
+    return content
+
+
+def compare(before: Path, after: Path) -> int:
+    """Print where two records differ; the number of files that do."""
+    files = sorted({file.relative_to(each) for each in (before, after) for file in _files(each)})
+    if not files:
+        sys.exit(f"{before}, {after}: nothing is recorded there")
+    different = 0
+    for file in files:
+        found = list(islice(_differences(before / file, after / file), SHOWN))
+        different += bool(found)
+        for words in found:
+            sys.stdout.write(f"{file}: {words}\n")
+    sys.stdout.write(f"{len(files)} files, {different} differ\n")
+    return different
+
+
+def _files(folder: Path) -> list[Path]:
+    return [file for file in folder.rglob("*") if file.is_file()]
+
+
+def _differences(before: Path, after: Path) -> Iterator[str]:
+    for file in (before, after):
+        if not file.is_file():
+            yield f"not in {file.parent}"
+            return
+    lines = [file.read_text(encoding="utf-8").splitlines() for file in (before, after)]
+    for number, (old, new) in enumerate(zip_longest(*lines, fillvalue=""), 1):
+        if old != new:
+            yield f"line {number}:\n  - {_about(old, new)}\n  + {_about(new, old)}"
+
+
+def _about(line: str, other: str) -> str:
+    """A line from a little before its first difference from another."""
+    same = next((at for at, (a, b) in enumerate(zip(line, other, strict=False)) if a != b), 0)
+    start = max(0, same - 80)
+    return f"{'…' if start else ''}{line[start : start + 240]}"
+
+
+def main() -> int:
+    """Record or compare."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    recording = commands.add_parser("record")
+    recording.add_argument("folder", type=Path)
+    recording.add_argument("part", nargs="*")
+    comparing = commands.add_parser("compare")
+    comparing.add_argument("before", type=Path)
+    comparing.add_argument("after", type=Path)
+    asked = parser.parse_args()
+    if asked.command == "record":
+        record(asked.folder, asked.part)
+        return 0
+    return 1 if compare(asked.before, asked.after) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
