@@ -387,7 +387,7 @@ def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
 async def _told_to_stop(hub: Hub) -> None:
     """Order what the settings have vehicles do at the end; wait for their answers.
 
-    One in a mode that its autopilot or pilot chose is left in it (``Steering.admits``).
+    One in a mode that its autopilot or pilot chose is left in it (``Steering.ordered``).
     """
     settings = hub.settings
     if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
