@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-WEB := mission_service/web
+WEB := mission_service/interfaces/web
 MAP := $(WEB)/dist/index.html
 MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/panels/*.* public/*.*))
 
@@ -19,7 +19,7 @@ MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/pan
 web: $(MAP)
 
 $(MAP): $(MAP_SOURCES) | .venv/ready
-	$(BIN)/python -m mission_service.web.build
+	$(BIN)/python -m mission_service.interfaces.web.build
 	@touch $@
 
 demo: .venv/ready $(MAP)

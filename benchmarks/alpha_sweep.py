@@ -6,8 +6,8 @@ import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from mission_service.config import load_scenario
-from mission_service.sim import simulate
+from mission_service.config.scenario import load_scenario
+from mission_service.simulation.sim import simulate
 
 ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
 

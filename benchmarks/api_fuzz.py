@@ -14,9 +14,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from mission_service.api.limits import Buckets
-from mission_service.api.server import bound, serving
-from mission_service.service_config import HttpSection
+from mission_service.config.service import HttpSection
+from mission_service.interfaces.api.access.limits import Buckets
+from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
 
 CHECKS = (

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from mission_service.formation import intent, peers
+from mission_service.guidance.formation import intent, peers
 from tests.service.formation_worlds import (
     AVOIDANCES,
     SETTINGS,

@@ -10,7 +10,7 @@ import numpy as np
 from firemodel.corrections import PaperCorrected
 from firemodel.gaussian import GaussianCorrected
 from firemodel.marks import Simulation
-from mission_service.experiments.beachly_corrections import (
+from mission_service.experiments.beachly.corrections import (
     Floats,
     Method,
     case_of,
@@ -18,7 +18,7 @@ from mission_service.experiments.beachly_corrections import (
     in_period,
     marks_of_participant,
 )
-from mission_service.experiments.beachly_truth import random_burn
+from mission_service.experiments.beachly.truth import random_burn
 
 SEEDS = range(1000, 1010)
 LENGTHS_M = (10.0, 15.0, 20.0, 25.0, 40.0, 60.0, 100.0)

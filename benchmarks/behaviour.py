@@ -22,7 +22,7 @@ from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
-from mission_service.config import SHIPPED, load_scenario
+from mission_service.config.scenario import SHIPPED, load_scenario
 
 SCENARIOS = sorted(file.stem for file in SHIPPED.glob("*.toml"))
 EXPERIMENTS = ("beachly", "bent", "islam-hu", "virtual-agents")

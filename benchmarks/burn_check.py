@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.burn.planner import LinePlan, Situation
-from mission_service.config_sections import BurnSection
+from mission_service.config.sections import BurnSection
+from mission_service.guidance.burn.planner import LinePlan, Situation
 
 Floats = NDArray[np.float64]
 

@@ -20,11 +20,9 @@ import numpy as np
 import shapely
 
 from autopilot_bridge.items import MissionItem
-from mission_service.burn.mission import has_drop
-from mission_service.burn_flight import BurnFlight
 from mission_service.commands import ClimbAndHold, Drop, Propose, Return, UploadMission, Withdraw
-from mission_service.config import Scenario, load_scenario
-from mission_service.core import Core
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
 from mission_service.events import (
     Aborted,
     Answered,
@@ -41,10 +39,12 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, header_of
-from mission_service.segments import Chain
-from mission_service.sim import Simulation
+from mission_service.fire.setup import landscape_of
+from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.guidance.burn.mission import has_drop
+from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.segments import Chain
+from mission_service.simulation.sim import Simulation
 
 LAT, LON = 36.35, -84.16
 NORTH_DEG, EAST_DEG = 1.0 / 111_195.0, 1.0 / 89_560.0

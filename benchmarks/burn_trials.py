@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipse import EllipseFire, Spread, line_sources
-from mission_service.burn.lines import only_areas
-from mission_service.burn.planner import LinePlan, Situation
-from mission_service.burn.unit import Person, Unit
-from mission_service.config_sections import BurnSection, Station
+from mission_service.config.sections import BurnSection, Station
+from mission_service.guidance.burn.lines import only_areas
+from mission_service.guidance.burn.planner import LinePlan, Situation
+from mission_service.guidance.burn.unit import Person, Unit
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator

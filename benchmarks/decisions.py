@@ -21,11 +21,11 @@ from mission_service.experiments.front_walk import FrontWalk
 from mission_service.experiments.ideal_flight import look
 from mission_service.experiments.islam_hu import perimeter_planner
 from mission_service.experiments.predictive_flight import predictive_planner
-from mission_service.planners.balanced import Balanced
-from mission_service.planners.bent import LATER_PLANNERS, bent_rule
-from mission_service.planners.bent import PLANNERS as BENT_PLANNERS
-from mission_service.planners.protocol import Planner
-from mission_service.planners.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.protocol import Planner
+from mission_service.guidance.team.balanced import Balanced
+from mission_service.guidance.team.bent import LATER_PLANNERS, bent_rule
+from mission_service.guidance.team.bent import PLANNERS as BENT_PLANNERS
+from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
 
 SIZES = (500, 1000, 2000, 4000)  # cells of the front
 DECISIONS = 400

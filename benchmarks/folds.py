@@ -10,9 +10,9 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel import devs8, labels
 from firemodel.anyangle import AnyAngleFire
-from mission_service.formation.shared_map import SharedMap
-from mission_service.planners.lookahead import Moves
-from mission_service.track import Track
+from mission_service.guidance.formation.shared_map import SharedMap
+from mission_service.guidance.front.lookahead import Moves
+from mission_service.runtime.track import Track
 
 HEAPS = (devs8.Heap, labels.Heap)
 SIMPLE = (str, bytes, int, float, complex, type(None), type)

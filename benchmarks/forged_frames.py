@@ -28,13 +28,13 @@ from autopilot_bridge.fleet import FleetLink
 from autopilot_bridge.framing import frames_of
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from benchmarks.fuzz_frames import frame_of
-from mission_service.config import Scenario, load_scenario
-from mission_service.fire_setup import landscape_of
-from mission_service.gateway import rates_hz
-from mission_service.journal import Journal, header_of
-from mission_service.links import most_speed_m_s
-from mission_service.service import Service
-from mission_service.sim import Rig, Simulation
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import Journal, header_of
+from mission_service.runtime.engine import Service
+from mission_service.runtime.gateway import rates_hz
+from mission_service.runtime.links import most_speed_m_s
+from mission_service.simulation.sim import Rig, Simulation
 
 OWN = "192.0.2.1:14550"
 MOST_REMOTES = 5000

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from mission_service.commands import ChangeSpeed, Orbit, UploadMission
-from mission_service.config import load_scenario, parse_scenario
+from mission_service.config.scenario import load_scenario, parse_scenario
 from mission_service.events import CommandFinished, Telemetry, UploadFinished
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import JournalReader
-from mission_service.sim import simulate
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import JournalReader
+from mission_service.simulation.sim import simulate
 
 FROM_S = 600.0
 AGE_S = 20.0

@@ -15,13 +15,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.formation.fire_maps import AgentMaps
-from mission_service.formation.grid import Grid
-from mission_service.formation.messages import Digest, FireUpdate
-from mission_service.formation.monitoring import MonitoringArea, inaccuracy_cells
-from mission_service.formation.settings import Settings
-from mission_service.formation.shared_map import MapMessage, SharedMap
-from mission_service.formation.sight import look, mark
+from mission_service.guidance.formation.fire_maps import AgentMaps
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
+from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.shared_map import MapMessage, SharedMap
+from mission_service.guidance.formation.sight import look, mark
+from mission_service.peer_messages import Digest, FireUpdate
 
 GRID = Grid(500, 500, 10.0, 0.0, 5000.0)
 NONE = np.empty(0, dtype=np.int64)

@@ -31,21 +31,21 @@ from numpy.typing import NDArray
 
 from benchmarks.link_shared import free_ports
 from benchmarks.mosquitto import Mosquitto
-from mission_service.config import SHIPPED, Scenario, load_scenario, parse_scenario
-from mission_service.control_client import Control
-from mission_service.core import Core
+from mission_service.config.scenario import SHIPPED, Scenario, load_scenario, parse_scenario
+from mission_service.core.core import Core
 from mission_service.experiments.formation_world import FormationWorld, Rules, fly
-from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.formation.grid import grid_of
-from mission_service.formation.messages import State
-from mission_service.formation.monitoring import MonitoringArea
-from mission_service.formation.settings import Settings
-from mission_service.formation.warm_up import warm_up
-from mission_service.formation_flight import FormationFlight
-from mission_service.formation_mqtt import TIME, channel_of, decoded
-from mission_service.formation_seats import settings_of
-from mission_service.journal import JournalReader
-from mission_service.world import FireWorld
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.simulated import FireWorld
+from mission_service.guidance.formation.controller import FormationFlight
+from mission_service.guidance.formation.grid import grid_of
+from mission_service.guidance.formation.monitoring import MonitoringArea
+from mission_service.guidance.formation.seats import settings_of
+from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.warm_up import warm_up
+from mission_service.interfaces.control.client import Control
+from mission_service.interfaces.mqtt.peers import TIME, channel_of, decoded
+from mission_service.journal.journal import JournalReader
+from mission_service.peer_messages import State
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
 PRESENT_S = 10.0  # who said nothing for longer is not there

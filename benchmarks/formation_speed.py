@@ -14,7 +14,7 @@ from pathlib import Path
 
 from mission_service.experiments.formation_fires import DURATION_S, EXPERIMENTS, burned
 from mission_service.experiments.formation_world import FormationWorld, Rules, fly
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.settings import Settings
 
 SEED = 1
 SIM = "virtual-agents"
@@ -29,8 +29,8 @@ def ideal(uavs: int, duration_s: float = DURATION_S) -> None:
 
 def simulated() -> float:
     """``sim virtual-agents``; returns how long a time it flew."""
-    from mission_service.config import load_scenario
-    from mission_service.sim import simulate
+    from mission_service.config.scenario import load_scenario
+    from mission_service.simulation.sim import simulate
 
     scenario = load_scenario(SIM, ())
     with tempfile.TemporaryDirectory() as folder:

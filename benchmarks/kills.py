@@ -34,11 +34,11 @@ from typing import Any
 from autopilot_bridge.link import other_end
 from benchmarks.burn_frames import check as unapproved
 from benchmarks.link_shared import free_ports
-from mission_service.config import Scenario, flying, load_run
-from mission_service.control_client import Control
+from mission_service.config.scenario import Scenario, flying, load_run
 from mission_service.errors import ControlError, RequestError
-from mission_service.replay import verify
-from mission_service.segments import begin_state, closed_segments
+from mission_service.interfaces.control.client import Control
+from mission_service.journal.segments import begin_state, closed_segments
+from mission_service.replay.verification import verify
 
 RULES = {"damped": "demo", "team.balanced": "team", "formation": "virtual-agents", "burn": "burn"}
 GOES_ON_WITHIN_S = 5.0
@@ -123,9 +123,9 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
 
     from autopilot_bridge.mock.fleet import Fleet
     from autopilot_bridge.mock.process import serve
-    from mission_service.clocks import clock_us
-    from mission_service.fire_setup import landscape_of
-    from mission_service.sim import mock_of
+    from mission_service.fire.setup import landscape_of
+    from mission_service.runtime.clocks import clock_us
+    from mission_service.simulation.sim import mock_of
 
     scenario = flying(load_run(name, changes)[0])
     landscape = landscape_of(scenario)

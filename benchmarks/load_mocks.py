@@ -23,7 +23,7 @@ from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.mock.process import serve
 from autopilot_bridge.mock.troubled import Troubled
 from benchmarks.link_shared import clock_us
-from mission_service.mocks import Surroundings, from_scenario
+from mission_service.simulation.mocks import Surroundings, from_scenario
 
 STAMP = struct.Struct("<Biiq")
 POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)

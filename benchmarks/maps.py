@@ -15,11 +15,11 @@ from firemodel.default_landscape import jacksboro
 from firemodel.devs8 import Devs8Fire
 from firemodel.fire import Fire
 from firemodel.weather import Weather, WeatherStream
-from mission_service.maps import overlay
-from mission_service.maps.forecast import Forecasts
-from mission_service.maps.fronts import contours_geojson, probability_geojson
-from mission_service.maps.mercator import WORLD_M, mercator_box
-from mission_service.maps.terrain import TerrainTiles
+from mission_service.fire.forecast import Forecasts
+from mission_service.interfaces.maps import overlay
+from mission_service.interfaces.maps.fronts import contours_geojson, probability_geojson
+from mission_service.interfaces.maps.mercator import WORLD_M, mercator_box
+from mission_service.interfaces.maps.terrain import TerrainTiles
 
 HOUR_S = 3600.0
 CELLS, CELL_M = 500, 20.0

@@ -12,10 +12,10 @@ from typing import Any, get_args
 
 import msgspec
 
-from mission_service.flights.playing import ReplayState
-from mission_service.mqtt.commands import ABORT, TAKEN
-from mission_service.mqtt.messages import Alarms, Command, Reply, ServiceStatus
-from mission_service.mqtt.topics import (
+from mission_service.core.requests import AnyRequest, Replay
+from mission_service.interfaces.mqtt.commands import ABORT, TAKEN
+from mission_service.interfaces.mqtt.messages import Alarms, Command, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.topics import (
     ALARM,
     EVENT,
     FRONT,
@@ -25,8 +25,8 @@ from mission_service.mqtt.topics import (
     STATUS,
     TELEMETRY,
 )
-from mission_service.mqtt.topics import VEHICLE as STATE
-from mission_service.picture import (
+from mission_service.interfaces.mqtt.topics import VEHICLE as STATE
+from mission_service.runtime.picture import (
     Alarm,
     ItemState,
     Mission,
@@ -36,7 +36,7 @@ from mission_service.picture import (
     TelemetryState,
     VehicleState,
 )
-from mission_service.requests import AnyRequest, Replay
+from mission_service.runtime.play_head import ReplayState
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

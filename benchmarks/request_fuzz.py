@@ -31,23 +31,23 @@ import numpy as np
 from msgspec import inspect as kinds
 
 from benchmarks.folds import difference
-from mission_service import requests
-from mission_service.config import Scenario, flying, load_scenario, one_of_many
-from mission_service.core import Core
-from mission_service.daemon import desk_of, replay, warm_up_for
+from mission_service.config.scenario import Scenario, flying, load_scenario, one_of_many
+from mission_service.core import requests
+from mission_service.core.core import Core
 from mission_service.errors import JournalError
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, header_of
-from mission_service.mqtt.commands import TAKEN, Doorkeeper
-from mission_service.picture import Picture
-from mission_service.record import Record
-from mission_service.replay import verify
-from mission_service.resume import unfinished
-from mission_service.segments import begin_state, newest_state, synced
-from mission_service.service import Service
-from mission_service.sim import Simulation
-from mission_service.state_file import Frozen, Known, code_digest, write
-from mission_service.world import world_of
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import world_of
+from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
+from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.recovery import unfinished
+from mission_service.journal.segments import begin_state, newest_state, synced
+from mission_service.journal.snapshot import Frozen, Known, code_digest, write
+from mission_service.live.daemon import desk_of, replay, warm_up_for
+from mission_service.replay.verification import verify
+from mission_service.runtime.engine import Service
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.record import Record
+from mission_service.simulation.sim import Simulation
 
 REQUESTS = 10_000
 A_FORK = 40  # requests

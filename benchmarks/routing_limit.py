@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from mission_service.experiments.fires import ISLAM_HU, SCHEMES, Scheme, islam_hu_burn
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.planners.following import bearing_deg
-from mission_service.planners.front_shape import ring_of_cells
-from mission_service.planners.perimeter import PerimeterPlanner
-from mission_service.planners.protocol import Decision
+from mission_service.guidance.front.following import bearing_deg
+from mission_service.guidance.front.front_shape import ring_of_cells
+from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.protocol import Decision
 
 SWEEPS = (1, 2, 3, 4, 6, 8)
 REACHES = (0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4)

@@ -10,8 +10,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from mission_service.config import load_scenario
-from mission_service.sim import simulate
+from mission_service.config.scenario import load_scenario
+from mission_service.simulation.sim import simulate
 
 PARTS = {
     "planner and core": "core.py:handle",

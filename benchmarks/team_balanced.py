@@ -15,8 +15,14 @@ from typing import Any, NamedTuple
 from mission_service.experiments.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.experiments.team_fires import SPEED_M_S, team_fires
-from mission_service.planners.balanced import Balanced
-from mission_service.planners.bent import BENCHMARKS, IMPORTANCES, NEGOTIATIONS, PLANNERS, bent_rule
+from mission_service.guidance.team.balanced import Balanced
+from mission_service.guidance.team.bent import (
+    BENCHMARKS,
+    IMPORTANCES,
+    NEGOTIATIONS,
+    PLANNERS,
+    bent_rule,
+)
 
 SIZES = (2, 3, 4, 5, 6)
 LOST_SEAT = 1

@@ -18,8 +18,8 @@ from typing import Any
 import click
 import httpx
 
-from mission_service.api.server import bound, serving
-from mission_service.service_config import HttpSection
+from mission_service.config.service import HttpSection
+from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import World, scenario_of, served, world_in
 
 LIMIT_MS = 50.0

@@ -5,8 +5,8 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
-from mission_service.burn.plan import IgnitionPlan
-from mission_service.formation.messages import AnyMessage
+from mission_service.ignition_plan import IgnitionPlan
+from mission_service.peer_messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]

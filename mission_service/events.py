@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from mission_service.formation.messages import AnyMessage
+from mission_service.peer_messages import AnyMessage
 
 MissionUs = Annotated[int, Meta(ge=-(10**15), le=10**15)]  # 30 years
 DurationS = Annotated[float, Meta(ge=0, le=1e9)]

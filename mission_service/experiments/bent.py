@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mission_service.experiments.ring_flight import fly_team
 from mission_service.experiments.ring_history import EVERY_S, RingStep, ring_history
 from mission_service.experiments.team_fires import uneven
-from mission_service.planners.balanced import Balanced
-from mission_service.planners.bent import (
+from mission_service.guidance.team.balanced import Balanced
+from mission_service.guidance.team.bent import (
     BENCHMARKS,
     IMPORTANCES,
     LATER_NEGOTIATIONS,
@@ -24,7 +24,7 @@ from mission_service.planners.bent import (
     PLANNERS,
     bent_rule,
 )
-from mission_service.planners.ring import TeamRule
+from mission_service.guidance.team.ring import TeamRule
 
 Floats = NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from firemodel.probabilistic import ProbabilisticFire
 from firemodel.weather import WeatherStream
 from mission_service.experiments.fires import flat, wind
 from mission_service.experiments.static_placement import coverage, weights_of
-from mission_service.formation.fire_maps import AgentMaps
-from mission_service.formation.forces import tie_rad
-from mission_service.formation.grid import Grid
-from mission_service.formation.rollout import unroll
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.fire_maps import AgentMaps
+from mission_service.guidance.formation.forces import tie_rad
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.rollout import unroll
+from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 

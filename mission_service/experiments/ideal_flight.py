@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.distance_error import TrueShape
 from mission_service.events import Observed
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.front_walk import FrontWalk
 from mission_service.experiments.measured_wind import MeasuredWind
-from mission_service.planners.front_shape import hull_of
-from mission_service.planners.protocol import Planner
+from mission_service.guidance.front.front_shape import hull_of
+from mission_service.guidance.protocol import Planner
+from mission_service.replay.distance_error import TrueShape
 
 Floats = NDArray[np.float64]
 

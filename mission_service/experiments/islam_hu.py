@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mission_service.config_sections import PlannerSection
+from mission_service.config.sections import PlannerSection
 from mission_service.experiments.fires import (
     HOUR_S,
     ISLAM_HU,
@@ -19,9 +19,9 @@ from mission_service.experiments.fires import (
 )
 from mission_service.experiments.ideal_flight import Flight, fly
 from mission_service.experiments.predictive_flight import fly_predictive
-from mission_service.planners.following import PathSettings
-from mission_service.planners.perimeter import PerimeterPlanner, PerimeterSettings, Rule
-from mission_service.planners.protocol import Planner
+from mission_service.guidance.front.following import PathSettings
+from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings, Rule
+from mission_service.guidance.protocol import Planner
 
 ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
 # What the paper prints: figs. 11 and 16, there on fires of its own.

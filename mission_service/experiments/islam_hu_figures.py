@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mission_service.experiments.fires import HOUR_S, Burn
 from mission_service.experiments.ideal_flight import Flight, fly
 from mission_service.experiments.islam_hu import PAPER_REVERSALS, changes_s, perimeter_planner
-from mission_service.fire_map import EAST, NORTH
+from mission_service.guidance.fire_map import EAST, NORTH
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mission_service.experiments.fires import CELL_M
 from mission_service.experiments.ring_history import RingStep
-from mission_service.planners.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
 
 Floats = NDArray[np.float64]
 

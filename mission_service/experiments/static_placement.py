@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from mission_service.errors import MissionServiceError
-from mission_service.formation.fire_maps import AgentMaps
-from mission_service.formation.grid import Grid
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.fire_maps import AgentMaps
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 LEAST_STEP_CELLS = 1.0 / 16.0

@@ -17,7 +17,7 @@ from mission_service.experiments.formation_world import (
     fly,
 )
 from mission_service.experiments.static_placement import best_around
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.settings import Settings
 
 SEEDS = (1, 2, 3)
 PROCESSES = 2

@@ -9,11 +9,11 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission_service.api.auth import ROLES, Tokens, own_token, read_tokens, sum_of
-from mission_service.api.limits import MOST_CLIENTS, Buckets
-from mission_service.api.token_file import added
-from mission_service.cli import main
+from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
+from mission_service.interfaces.api.access.auth import ROLES, Tokens, own_token, read_tokens, sum_of
+from mission_service.interfaces.api.access.limits import MOST_CLIENTS, Buckets
+from mission_service.interfaces.api.access.token_file import added
 
 GOOD = f'[[tokens]]\nname = "anna"\nroles = ["fly"]\nstation = "north"\nsha256 = "{"0" * 64}"\n'
 

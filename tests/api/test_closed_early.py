@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.api.server import tls_of
+from mission_service.config.service import HttpSection
 from mission_service.events import Aborted, CrewEvent, Ordered
-from mission_service.service_config import HttpSection
+from mission_service.interfaces.api.server import tls_of
 from tests.api.worlds import Served, World, listened_to, served
 from tests.patience import until
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.api import callers
-from mission_service.api.callers import Caller, Callers, client_at
-from mission_service.api.limits import Places
 from mission_service.events import Aborted
+from mission_service.interfaces.api.access import callers
+from mission_service.interfaces.api.access.callers import Caller, Callers, client_at
+from mission_service.interfaces.api.access.limits import Places
 from tests.api.worlds import Served, World, listened_to, served
 from tests.patience import until
 
@@ -143,8 +143,8 @@ def _is_cut(there: socket.socket) -> bool:
 def test_during_a_handshake_too_the_oldest_goes(
     flying: World, certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mission_service.api.server import tls_of
-    from mission_service.service_config import HttpSection
+    from mission_service.config.service import HttpSection
+    from mission_service.interfaces.api.server import tls_of
 
     monkeypatch.setattr(callers, "MOST_OF_AN_ADDRESS", 20)
     section = HttpSection(tls_certificate=certificate[0], tls_key=certificate[1])

@@ -17,7 +17,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from mission_service.api.guard import Guard
+from mission_service.interfaces.api.access.guard import Guard
 from tests.api.worlds import World, client, served
 
 CHECKS = [

@@ -9,15 +9,15 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from mission_service.api import guard
-from mission_service.api.answers import MOST_BODY_BYTES
-from mission_service.api.app import role_of, routes_of
-from mission_service.api.auth import ROLES
-from mission_service.api.burn import WORDS
-from mission_service.api.guard import Guard
+from mission_service.core.requests import OF_APPROVERS
 from mission_service.errors import MissionServiceError
 from mission_service.events import Aborted
-from mission_service.requests import OF_APPROVERS
+from mission_service.interfaces.api.access import guard
+from mission_service.interfaces.api.access.auth import ROLES
+from mission_service.interfaces.api.access.guard import Guard
+from mission_service.interfaces.api.answers import MOST_BODY_BYTES
+from mission_service.interfaces.api.app import role_of, routes_of
+from mission_service.interfaces.api.burn import WORDS
 from tests.api.worlds import HOST, Call, Served, World, calls, client, scenario_of, served, world_in
 
 V1 = "/api/v1"

@@ -17,12 +17,12 @@ import shapely
 from PIL import Image
 
 from autopilot_bridge.planfile import read_plan
-from mission_service.api.app import role_of, routes_of
-from mission_service.api.guard import Guard
-from mission_service.api.journal_lines import JournalLines
 from mission_service.events import Corrected, Ordered, SettingsTold, WindTold
-from mission_service.journal import Journal, JournalReader
-from mission_service.picture import mission_hash
+from mission_service.interfaces.api.access.guard import Guard
+from mission_service.interfaces.api.app import role_of, routes_of
+from mission_service.interfaces.api.journal_lines import JournalLines
+from mission_service.journal.journal import Journal, JournalReader
+from mission_service.runtime.picture import mission_hash
 from tests.api.worlds import SMALL, Served, World, client, scenario_of, served, world_in
 
 V1 = "/api/v1"

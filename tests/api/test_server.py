@@ -12,11 +12,12 @@ from typing import Any
 import httpx
 import pytest
 
-from mission_service.api import callers, guard, server
-from mission_service.api.door import http_door
-from mission_service.api.server import bound, tls_of, url_of
+from mission_service.config.service import HttpSection
 from mission_service.errors import MissionServiceError
-from mission_service.service_config import HttpSection
+from mission_service.interfaces.api import server
+from mission_service.interfaces.api.access import callers, guard
+from mission_service.interfaces.api.door import http_door
+from mission_service.interfaces.api.server import bound, tls_of, url_of
 from tests.api.worlds import ANY, World, listened_to, served, stream_of
 from tests.patience import PATIENCE_S, until
 

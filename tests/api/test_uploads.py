@@ -10,10 +10,10 @@ import httpx
 import pytest
 import shapely
 
-from mission_service.api import perimeter
-from mission_service.maps import perimeters_in, thinning
-from mission_service.maps.perimeter_worker import MOST_POINTS
-from mission_service.maps.thinning import least_areas_removed, thinned
+from mission_service.interfaces.api import perimeter
+from mission_service.interfaces.maps import perimeters_in, thinning
+from mission_service.interfaces.maps.perimeter_worker import MOST_POINTS
+from mission_service.interfaces.maps.thinning import least_areas_removed, thinned
 from tests.api.worlds import World, client, scenario_of, served, world_in
 
 PATH = "/api/v1/fire/perimeter"

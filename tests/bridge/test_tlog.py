@@ -21,7 +21,7 @@ from autopilot_bridge.link import other_end
 from autopilot_bridge.mock.process import serve
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.tlog import Tlog
-from mission_service.transfers import Line, download, upload
+from mission_service.cli.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S

@@ -18,10 +18,10 @@ from autopilot_bridge.client_events import Attitude, Position, Wind
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import MissionLoaded, Outputs
 from autopilot_bridge.logs.reading import open_log
-from mission_service.flights import table_files
-from mission_service.flights.exports import export
-from mission_service.flights.foxglove import messages_of, mission_geojson, quaternion
-from mission_service.flights.tables import OWN, TABLES, Rows
+from mission_service.replay.flights import table_files
+from mission_service.replay.flights.exports import export
+from mission_service.replay.flights.foxglove import messages_of, mission_geojson, quaternion
+from mission_service.replay.flights.tables import OWN, TABLES, Rows
 from tests.bridge.log_writers import BEGIN_US, bin_flight, ulg_flight
 from tests.service.test_cli import call
 
@@ -152,7 +152,7 @@ def test_mcap_has_all_logs_on_one_clock(logs: list[Path], out: Path) -> None:
     assert counts["/hawk-1/pose", "foxglove.PoseInFrame"] == 40
     assert counts["/hawk-1/mission", "foxglove.GeoJSON"] == 1
     assert counts["/hawk-1/speeds", "mission_service.speeds"] == 40
-    assert counts["/hawk-1/outputs", "mission_service.outputs"] == 2
+    assert counts["/hawk-1/outputs", "mission_service.runtime.outputs"] == 2
     assert counts["/kite-3/location", "foxglove.LocationFix"] == 40
     assert counts["/kite-3/log", "foxglove.Log"] > 2
     kite = [each for each in found if each[0] == "/kite-3/location"]

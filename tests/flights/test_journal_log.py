@@ -10,9 +10,9 @@ from autopilot_bridge.client_events import Connected, ModeChanged, Position
 from autopilot_bridge.logs.entries import MissionLoaded
 from mission_service.errors import JournalError
 from mission_service.events import Telemetry, UploadFinished
-from mission_service.flights.flown import info_of
-from mission_service.flights.journal_log import JournalLog, open_flight
-from mission_service.sim import simulate
+from mission_service.replay.flights.flown import info_of
+from mission_service.replay.flights.journal_log import JournalLog, open_flight
+from mission_service.simulation.sim import simulate
 from tests.flights.test_shadow import scenario
 from tests.service.test_cli import call
 

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from mission_service.replay import verify
+from mission_service.replay.verification import verify
 from tests.bridge.log_writers import bin_flight
 from tests.flights.replays import V1, Replay, replayed
 from tests.flights.worlds import journal_in

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from mission_service.errors import FlightError
-from mission_service.flights import player as playing
-from mission_service.flights.journal_once import refuse_loss
-from mission_service.flights.player import Player
-from mission_service.flights.spool import BLOCK, Spool
-from mission_service.journal import JournalReader
-from mission_service.replay import verify
+from mission_service.journal.journal import JournalReader
+from mission_service.replay.flights import player as playing
+from mission_service.replay.flights.journal_once import refuse_loss
+from mission_service.replay.flights.player import Player
+from mission_service.replay.flights.spool import BLOCK, Spool
+from mission_service.replay.verification import verify
 from tests.bridge.log_writers import bin_flight, ulg_flight
 from tests.flights.worlds import journal_in, player_of, run, sought
 

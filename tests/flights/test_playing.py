@@ -3,7 +3,7 @@
 import pytest
 
 from mission_service.errors import RequestError
-from mission_service.flights.playing import PlayHead
+from mission_service.runtime.play_head import PlayHead
 
 S = 1_000_000
 BEGIN, END = 5_000 * S, 5_100 * S

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.sim import simulate
+from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import round_flight
 from tests.flights.test_shadow import lit, scenario
 from tests.service.test_cli import call

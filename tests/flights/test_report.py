@@ -11,15 +11,15 @@ import pytest
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import Decided
 from mission_service.events import Telemetry
-from mission_service.flights.batch import story_beside, story_of
-from mission_service.flights.dropped import Done, Planned, compared, planned_in
-from mission_service.flights.figures import figures_of, table
-from mission_service.flights.fire_story import fire_story
-from mission_service.flights.journal_log import JournalLog
-from mission_service.flights.played import flight_of
-from mission_service.flights.report_page import write_report
-from mission_service.flights.sense import Span, differing, turns
-from mission_service.sim import simulate
+from mission_service.replay.flights.batch import story_beside, story_of
+from mission_service.replay.flights.dropped import Done, Planned, compared, planned_in
+from mission_service.replay.flights.figures import figures_of, table
+from mission_service.replay.flights.fire_story import fire_story
+from mission_service.replay.flights.journal_log import JournalLog
+from mission_service.replay.flights.played import flight_of
+from mission_service.replay.flights.report_page import write_report
+from mission_service.replay.flights.sense import Span, differing, turns
+from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import round_flight
 from tests.flights.test_shadow import beside_level, scenario
 

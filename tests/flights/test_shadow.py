@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from autopilot_bridge.client_events import Position
 from mission_service.commands import Decided
-from mission_service.config import Scenario, parse_scenario
+from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.errors import FlightError
 from mission_service.events import (
     BatteryTold,
@@ -23,14 +23,14 @@ from mission_service.events import (
     UploadFinished,
     WindMeasured,
 )
-from mission_service.flights.batch import story_beside, story_of
-from mission_service.flights.beside import Replaying, mission_time, replaying, scenario_for
-from mission_service.flights.figures import figures_of
-from mission_service.flights.journal_log import JournalLog, open_flight
-from mission_service.flights.played import Flight, flight_of, survey
-from mission_service.flights.run_story import RunStory
-from mission_service.replay import verify
-from mission_service.sim import simulate
+from mission_service.replay.flights.batch import story_beside, story_of
+from mission_service.replay.flights.beside import Replaying, mission_time, replaying, scenario_for
+from mission_service.replay.flights.figures import figures_of
+from mission_service.replay.flights.journal_log import JournalLog, open_flight
+from mission_service.replay.flights.played import Flight, flight_of, survey
+from mission_service.replay.flights.run_story import RunStory
+from mission_service.replay.verification import verify
+from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import bin_flight, dataflash, round_flight, ulg_flight
 
 FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "flights"

@@ -5,14 +5,14 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
+from mission_service.cli.replay_live import played
 from mission_service.events import Corrected
-from mission_service.flights.beside import Asked
-from mission_service.flights.journal_once import JournalOnce
-from mission_service.flights.live_cli import played
-from mission_service.flights.played import flight_of
-from mission_service.flights.player import Player
-from mission_service.flights.playing import PlayHead, Speed
-from mission_service.journal import header_of
+from mission_service.journal.journal import header_of
+from mission_service.replay.flights.beside import Asked
+from mission_service.replay.flights.journal_once import JournalOnce
+from mission_service.replay.flights.played import flight_of
+from mission_service.replay.flights.player import Player
+from mission_service.runtime.play_head import PlayHead, Speed
 from tests.api.worlds import scenario_of, world_in
 
 BURNED = ((36.352, -84.162), (36.352, -84.158), (36.355, -84.158), (36.355, -84.162))

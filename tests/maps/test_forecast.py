@@ -12,8 +12,8 @@ from firemodel.anyangle import AnyAngleFire
 from firemodel.errors import FireModelError
 from firemodel.fire import Fire
 from firemodel.probabilistic import ProbabilisticFire
-from mission_service.maps import forecast
-from mission_service.maps.ensemble import (
+from mission_service.fire import forecast
+from mission_service.fire.ensemble import (
     MEMBERS,
     SPREAD_LOG_SD,
     WIND_TURN_SD_DEG,
@@ -22,7 +22,7 @@ from mission_service.maps.ensemble import (
     perturbations,
     probability_at,
 )
-from mission_service.maps.forecast import Arrival, Forecasts
+from mission_service.fire.forecast import Arrival, Forecasts
 from tests.maps.fires import NOW_S, WEATHER, fire, land
 
 HOUR_S = 3600.0

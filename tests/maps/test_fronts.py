@@ -11,8 +11,12 @@ from shapely.geometry import shape
 
 from firemodel.anyangle import AnyAngleFire
 from firemodel.burning import burning_from_arrival, burning_from_perimeter
-from mission_service.maps.ensemble import burned_ahead, ensemble_of, probability_at
-from mission_service.maps.fronts import contours_geojson, front_geojson, probability_geojson
+from mission_service.fire.ensemble import burned_ahead, ensemble_of, probability_at
+from mission_service.interfaces.maps.fronts import (
+    contours_geojson,
+    front_geojson,
+    probability_geojson,
+)
 from tests.maps.fires import NOW_S, WEATHER, fire, land, signed_area
 
 TOUCH_DEG2 = 1e-11  # 0.1 m², of coordinates rounded to a centimetre

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
-from mission_service.maps.overlay import (
+from mission_service.interfaces.maps.overlay import (
     OPAQUE,
     arrival_png,
     arrival_scale,

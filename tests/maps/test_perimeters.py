@@ -17,9 +17,9 @@ import shapely
 
 from firemodel.errors import FireModelError
 from firemodel.readers.rasters import read_landscape
-from mission_service.maps import uploads
-from mission_service.maps.perimeters_in import LARGEST_BYTES, Perimeter, read_perimeter
-from mission_service.maps.perimeters_out import perimeter_geojson, perimeter_kml
+from mission_service.interfaces.maps import uploads
+from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES, Perimeter, read_perimeter
+from mission_service.interfaces.maps.perimeters_out import perimeter_geojson, perimeter_kml
 from tests.maps.fires import NOW_S, fire, land
 
 MARIA = Path("/work/shared/data/maria_2019")

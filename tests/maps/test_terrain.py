@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from firemodel.landscape import Landscape
-from mission_service.maps.terrain import TILE, TerrainTiles, terrarium_png
+from mission_service.interfaces.maps.terrain import TILE, TerrainTiles, terrarium_png
 from tests.maps.fires import TO_MERCATOR, land, pixels_of
 
 HALF_WORLD_M = np.pi * 6378137.0

@@ -14,16 +14,16 @@ import aiomqtt
 import numpy as np
 
 from firemodel.landscape import Landscape
-from mission_service.config import Scenario, load_scenario
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.config.service import MqttSection, ServiceSection
 from mission_service.events import Telemetry
-from mission_service.fire_setup import landscape_of
-from mission_service.hub import Hub
-from mission_service.mqtt.publisher import Publisher
-from mission_service.mqtt.site import site_in
-from mission_service.picture import Picture
-from mission_service.record import Record
-from mission_service.service import Service
-from mission_service.service_config import MqttSection, ServiceSection
+from mission_service.fire.setup import landscape_of
+from mission_service.interfaces.mqtt.publisher import Publisher
+from mission_service.interfaces.mqtt.site import site_in
+from mission_service.runtime.engine import Service
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.record import Record
 from tests.patience import PATIENCE_S
 
 ROOT = "test/v1/default"

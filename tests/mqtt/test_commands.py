@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.mqtt.commands import (
+from mission_service.core.requests import KNOWN, REPLAY, event_of
+from mission_service.interfaces.mqtt.commands import (
     A_SECOND,
     AT_ONCE,
     MOST_BYTES,
@@ -18,8 +19,7 @@ from mission_service.mqtt.commands import (
     TAKEN,
     Doorkeeper,
 )
-from mission_service.mqtt.messages import Reply
-from mission_service.requests import KNOWN, REPLAY, event_of
+from mission_service.interfaces.mqtt.messages import Reply
 
 NOW_US = 1_795_000_000_000_000
 

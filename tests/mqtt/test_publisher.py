@@ -17,14 +17,14 @@ import aiomqtt
 import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
+from mission_service.config.mqtt_names import Broker
+from mission_service.config.service import MqttSection
 from mission_service.errors import MissionServiceError
-from mission_service.formation_mqtt import channel_of
-from mission_service.mqtt import connection, publisher
-from mission_service.mqtt.connection import OPEN, Access, tls_of
-from mission_service.mqtt.inbox import MOST_WAITING, Inbox
-from mission_service.mqtt.names import Broker
-from mission_service.mqtt.site import access_for, site_in
-from mission_service.service_config import MqttSection
+from mission_service.interfaces.mqtt import connection, publisher
+from mission_service.interfaces.mqtt.connection import OPEN, Access, tls_of
+from mission_service.interfaces.mqtt.inbox import MOST_WAITING, Inbox
+from mission_service.interfaces.mqtt.peers import channel_of
+from mission_service.interfaces.mqtt.site import access_for, site_in
 from tests.mqtt.certificates import make_certificates
 from tests.mqtt.stage import ROOT, Listener, Stage, listening, telling
 from tests.patience import PATIENCE_S, until

@@ -61,7 +61,7 @@ def test_a_door_leads_to_each_service_and_prometheus_knows_it(name: str) -> None
 def test_what_services_run_is_a_command_with_these_options(name: str) -> None:
     from click.testing import CliRunner
 
-    from mission_service.cli import main
+    from mission_service.cli.main import main
 
     command, *words = SERVICES[name]["command"]
     told = CliRunner().invoke(main, [command, "--help"]).output
@@ -75,7 +75,7 @@ def test_what_services_run_is_a_command_with_these_options(name: str) -> None:
 
 
 def _setting_exists(key: str) -> None:
-    from mission_service.service_config import HttpSection, MqttSection, ServiceSection
+    from mission_service.config.service import HttpSection, MqttSection, ServiceSection
 
     sections: dict[str, Any] = {"http": HttpSection, "mqtt": MqttSection}
     first, section, *rest = key.split(".")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_service.separation import NEAR_M, Floats, Track, heights_below
+from mission_service.missions.separation import NEAR_M, Floats, Track, heights_below
 
 
 def plainly(points_m: Floats, tracks: list[Track]) -> Floats:

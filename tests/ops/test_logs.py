@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service import hidden, logs
-from mission_service.hub import Hub
+from mission_service.runtime import logs
+from mission_service.runtime import redaction as hidden
+from mission_service.runtime.hub import Hub
 from tests.ops.hubs import hub_after_a_flight
 from tests.patience import until
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from mission_service.hub import Hub
-from mission_service.keeping import Keeping
-from mission_service.metrics import FIGURES, PREFIX, metrics_of
-from mission_service.service_config import KeepSection
-from mission_service.state_file import Known
+from mission_service.config.service import KeepSection
+from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
+from mission_service.journal.snapshot import Known
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.retention import Keeping
 from tests.ops.hubs import hub_after_a_flight, upload_failed
 
 ROOT = Path(__file__).parents[2]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service import notify
-from mission_service.hub import Hub
-from mission_service.notify import pulse, tell_systemd, watchdog_s
+from mission_service.runtime import notify
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.notify import pulse, tell_systemd, watchdog_s
 from tests.ops.hubs import hub_after_a_flight
 from tests.patience import PATIENCE_S, until
 

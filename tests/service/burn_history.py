@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from mission_service.burn.plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 from mission_service.commands import AnyCommand, Drop, Propose
-from mission_service.config_sections import BurnSection
+from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Answered,
     AnyEvent,
@@ -18,6 +17,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
+from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
 LAT, LON = 36.4, -84.2
 GROUND_M, HEIGHT_M = 300.0, 15.0

@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import NDArray
 
 from firemodel.ellipse import EllipseFire, Spread, line_sources
-from mission_service.burn.planner import Situation
-from mission_service.burn.unit import Unit
-from mission_service.config_sections import BurnSection, Station
+from mission_service.config.sections import BurnSection, Station
+from mission_service.guidance.burn.planner import Situation
+from mission_service.guidance.burn.unit import Unit
 
 Floats = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from firemodel.compiled import NUMBA, cache_folder
-from mission_service.formation import intent, loiter, peers, phase, rvo
-from mission_service.formation.intent_kernels import NOTES, think
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation import intent, loiter, peers, phase, rvo
+from mission_service.guidance.formation.intent_kernels import NOTES, think
+from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 STEP_S = 0.25

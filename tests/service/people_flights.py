@@ -6,16 +6,16 @@ from pathlib import Path
 from mission_service.commands import (
     AnyCommand,
 )
-from mission_service.config import Scenario, load_scenario
+from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import (
     AnyEvent,
     CrewEvent,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.picture import Picture
-from mission_service.replay import verify
-from mission_service.sim import Simulation
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.replay.verification import verify
+from mission_service.runtime.picture import Picture
+from mission_service.simulation.sim import Simulation
 
 Fly = Callable[..., "Flight"]
 ANN = ("ann", "desk")

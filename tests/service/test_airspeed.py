@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from mission_service import sim
 from mission_service.commands import ClearAlarm, RaiseAlarm
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.events import AirspeedMeasured, ModeChanged
-from mission_service.journal import JournalReader
+from mission_service.journal.journal import JournalReader
+from mission_service.simulation import sim
 
 SHORT = ("start_s=3500", "duration_s=4300", "vehicles.0.airspeed_m_s=15")
 CRUISE_M_S = 22.0  # of an autopilot that no airspeed is commanded

@@ -7,10 +7,10 @@ import pytest
 import shapely
 
 from firemodel.marks import BURNED, BURNING
-from mission_service.experiments import beachly_corrections as study
-from mission_service.experiments import beachly_maria as maria
-from mission_service.experiments.beachly_participants import front_error_m, front_points
-from mission_service.experiments.beachly_truth import random_burn, unit_box
+from mission_service.experiments.beachly import corrections as study
+from mission_service.experiments.beachly import maria
+from mission_service.experiments.beachly.participants import front_error_m, front_points
+from mission_service.experiments.beachly.truth import random_burn, unit_box
 from tests.firemodel.shared import shared_file
 
 SEEDS = (1007, 1018)  # not those that are reported

@@ -4,11 +4,11 @@ import asyncio
 
 import numpy as np
 
-from mission_service.burn.fire_state import BelievedFire
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.events import Corrected
-from mission_service.fire_setup import landscape_of, weather_of
-from mission_service.maps.believed import BelievedForecasts
+from mission_service.fire.estimated import BelievedFire
+from mission_service.fire.estimated_forecast import BelievedForecasts
+from mission_service.fire.setup import landscape_of, weather_of
 
 
 def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.planners.regions import (
+from mission_service.guidance.team.regions import (
     Message,
     Regions,
     grown,
@@ -25,7 +25,7 @@ from mission_service.planners.regions import (
     with_border,
     without,
 )
-from mission_service.planners.ring import Integers
+from mission_service.guidance.team.ring import Integers
 
 Draw = Callable[[int], int]  # a whole number from 0 to below this one
 

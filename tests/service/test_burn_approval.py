@@ -2,10 +2,10 @@
 
 import pytest
 
-from mission_service.burn.approval import Approvals
-from mission_service.burn.plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
-from mission_service.config_sections import BurnSection, Station
+from mission_service.config.sections import BurnSection, Station
 from mission_service.events import Approved, HostTime, Present, Resumed
+from mission_service.guidance.burn.approval import Approvals
+from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
 BURN = BurnSection(
     unit=((36.0, -84.0), (36.0, -83.99), (36.01, -83.99)),

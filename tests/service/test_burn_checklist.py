@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from mission_service.burn.checklist import Checklist
 from mission_service.events import Aborted, Answered, AnyEvent, Present, Resumed
+from mission_service.guidance.burn.checklist import Checklist
 
 ITEMS = ("weather", "payload", "people")
 

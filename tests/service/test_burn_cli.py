@@ -11,10 +11,8 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from mission_service.burn.interlock import Interlock
-from mission_service.cli import main
-from mission_service.control import Desk, claimed, serve_control
-from mission_service.control_client import NAME
+from mission_service.cli.main import main
+from mission_service.core.requests import OF_APPROVERS
 from mission_service.events import (
     Aborted,
     Answered,
@@ -32,7 +30,9 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.requests import OF_APPROVERS
+from mission_service.guidance.burn.interlock import Interlock
+from mission_service.interfaces.control.client import NAME
+from mission_service.interfaces.control.server import Desk, claimed, serve_control
 from tests.service.burn_history import GOOD, HASH, Sent, burn
 
 AT_US = 100_000_000
@@ -237,7 +237,7 @@ def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.Monk
         if len(run.told) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("mission_service.burn_cli.time.sleep", soon)
+    monkeypatch.setattr("mission_service.cli.burn.time.sleep", soon)
     result = run.call("watch", *WHO)
     assert result.exit_code == 0
     assert run.told == [Present(*EVENT, may_approve=True)] * 3

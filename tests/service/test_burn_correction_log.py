@@ -5,8 +5,8 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.correction_log import CorrectionLog, Held
 from mission_service.events import Corrected, Erased, Present, Redone, Undone
+from mission_service.fire.correction_log import CorrectionLog, Held
 
 WHO = (1, "ann", "alpha")
 DEG_PER_M = 1.0 / 111_195.0

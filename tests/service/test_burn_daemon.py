@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from mission_service.config import Scenario, load_scenario
-from mission_service.control_client import NAME, Control
-from mission_service.daemon import Run, serve
+from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import ControlError, JournalError, RequestError
 from mission_service.events import Aborted, Answered, HostTime, Present, Resumed
-from mission_service.journal import JournalReader
-from mission_service.record import Record
-from mission_service.replay import verify
+from mission_service.interfaces.control.client import NAME, Control
+from mission_service.journal.journal import JournalReader
+from mission_service.live.daemon import Run, serve
+from mission_service.replay.verification import verify
+from mission_service.runtime.record import Record
 from tests.service.test_live import free_port
 
 WHO = {"by": "ann", "station": "firing-boss"}

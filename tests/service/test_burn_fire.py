@@ -4,9 +4,9 @@ import numpy as np
 
 from benchmarks.burn_frames import SIDE_M, place
 from firemodel.default_landscape import jacksboro
-from mission_service.burn.fire_state import BelievedFire
 from mission_service.events import Corrected, Erased, Lit, Place, Undone, WindTold
-from mission_service.fire_setup import weather_of
+from mission_service.fire.estimated import BelievedFire
+from mission_service.fire.setup import weather_of
 from tests.service.test_burn_flight import scenario
 
 WHO = ("ada", "boss")

@@ -10,8 +10,7 @@ from autopilot_bridge.client import VehicleClient
 from autopilot_bridge.mock.kinematics import Wind
 from benchmarks.burn_frames import SIDE_M, place, small_burn
 from firemodel.default_landscape import jacksboro
-from mission_service.burn_flight import BurnFlight
-from mission_service.config import Scenario
+from mission_service.config.scenario import Scenario
 from mission_service.events import (
     Aborted,
     Answered,
@@ -24,10 +23,11 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.journal import Journal, header_of
-from mission_service.replay import verify
-from mission_service.sim import Simulation
-from mission_service.simulated_crew import SimulatedCrew
+from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.journal.journal import Journal, header_of
+from mission_service.replay.verification import verify
+from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.sim import Simulation
 
 START_S = 10.0
 

@@ -14,7 +14,7 @@ from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.orders import Dropper
 from autopilot_bridge.stacks import stack_named
 from mission_service.commands import ClimbAndHold, Drop
-from mission_service.config import Scenario, load_scenario, parse_scenario
+from mission_service.config.scenario import Scenario, load_scenario, parse_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     BatteryTold,
@@ -24,7 +24,7 @@ from mission_service.events import (
     Telemetry,
     VehicleEvent,
 )
-from mission_service.gateway import RATES_HZ, Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.runtime.gateway import RATES_HZ, Gateway, MissionClock, dropper_of, rates_hz
 from tests.bridge.helpers import SECOND, mock_of
 
 SERVO = Dropper("servo", 9, 1900.0, 1100.0)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from firemodel.ellipse import EllipseFire, Spread
-from mission_service.burn.flight import fastest_m_s
-from mission_service.burn.hazard import Floats, Margins, cell_for, hazard_of
-from mission_service.burn.whole_burn import Together
 from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.flight import fastest_m_s
+from mission_service.guidance.burn.hazard import Floats, Margins, cell_for, hazard_of
+from mission_service.guidance.burn.whole_burn import Together
 from tests.service.burns import Formula
 
 BOX = (0.0, 0.0, 60.0, 60.0)

@@ -8,10 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.burn.interlock import Interlock
-from mission_service.burn.plan import plan_hash
 from mission_service.commands import ClimbAndHold, Drop, Propose, Return, Withdraw
-from mission_service.config_sections import BurnSection
+from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Aborted,
     Answered,
@@ -34,6 +32,8 @@ from mission_service.events import (
     VehicleRebooted,
     WindTold,
 )
+from mission_service.guidance.burn.interlock import Interlock
+from mission_service.ignition_plan import plan_hash
 from tests.service.burn_history import (
     AT_US,
     CORNERS,

@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service import sim
-from mission_service.burn_flight import BurnFlight
 from mission_service.commands import AnyCommand, Drop, StartMission, UploadMission
-from mission_service.config import Scenario, load_scenario
-from mission_service.core import Core
-from mission_service.daemon import replay
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
 from mission_service.events import (
     Answered,
     Approved,
@@ -27,16 +24,19 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
-from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.gateway import Gateway
-from mission_service.journal import Journal, JournalReader, Rest, header_of
-from mission_service.record import Record
-from mission_service.replay import verify
-from mission_service.resume import resumed, unfinished
-from mission_service.service import Service
-from mission_service.simulated_crew import SimulatedCrew
-from mission_service.state_file import Known
-from mission_service.world import FireWorld
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.simulated import FireWorld
+from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.journal.journal import Journal, JournalReader, Rest, header_of
+from mission_service.journal.recovery import resumed, unfinished
+from mission_service.journal.snapshot import Known
+from mission_service.live.daemon import replay
+from mission_service.replay.verification import verify
+from mission_service.runtime.engine import Service
+from mission_service.runtime.gateway import Gateway
+from mission_service.runtime.record import Record
+from mission_service.simulation import sim
+from mission_service.simulation.crew import SimulatedCrew
 
 NAME, STATION = "kestrel", "firing-boss"
 WHO = ("ann", STATION)

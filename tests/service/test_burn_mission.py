@@ -13,16 +13,16 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
-from mission_service.burn.mission import (
+from mission_service.config.scenario import load_scenario
+from mission_service.config.sections import BurnSection, PlannerSection, VehicleSection
+from mission_service.guidance.burn.mission import (
     BAND,
     has_drop,
     mission_items,
     plan_points,
     return_height_m,
 )
-from mission_service.burn.plan import PathPoint
-from mission_service.config import load_scenario
-from mission_service.config_sections import BurnSection, PlannerSection, VehicleSection
+from mission_service.ignition_plan import PathPoint
 from tests.bridge.helpers import SECOND, Pair
 
 stacks = pytest.mark.parametrize("stack", ["ardupilot", "px4"])

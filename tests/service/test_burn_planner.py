@@ -10,8 +10,10 @@ import shapely
 
 from benchmarks.burn_check import faults
 from firemodel.ellipse import EllipseFire, line_sources
-from mission_service.burn.flight import Place, fly
-from mission_service.burn.planner import (
+from mission_service.config.sections import BurnSection
+from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.flight import Place, fly
+from mission_service.guidance.burn.planner import (
     LinePlan,
     NoPlan,
     Situation,
@@ -20,11 +22,9 @@ from mission_service.burn.planner import (
     next_line,
     orders,
 )
-from mission_service.burn.recheck import trouble
-from mission_service.burn.unit import Person
-from mission_service.burn.whole_burn import Together
-from mission_service.config_sections import BurnSection
-from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.recheck import trouble
+from mission_service.guidance.burn.unit import Person
+from mission_service.guidance.burn.whole_burn import Together
 from tests.service.burns import (
     AREA,
     NO_FIRE,

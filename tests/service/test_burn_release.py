@@ -13,8 +13,8 @@ from autopilot_bridge.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.orders import Dropper
 from autopilot_bridge.stacks import stack_named
-from mission_service.burn.release import Errors, Landing, Moving, is_due, landing, spread_m
-from mission_service.gateway import BURN_RATES_HZ
+from mission_service.guidance.burn.release import Errors, Landing, Moving, is_due, landing, spread_m
+from mission_service.runtime.gateway import BURN_RATES_HZ
 from tests.bridge.helpers import HOME, SECOND, Pair, mock_of
 
 VT, DELAY_S = 15.0, 0.2

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service.burn.interlock import Interlock
 from mission_service.commands import Announce, AnyCommand, Command, Propose
-from mission_service.config import Scenario
+from mission_service.config.scenario import Scenario
 from mission_service.errors import JournalError
 from mission_service.events import (
     AnyEvent,
@@ -18,10 +17,11 @@ from mission_service.events import (
     Resumed,
     Telemetry,
 )
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.resume import Unfinished, resumed, set_aside
-from mission_service.resume import unfinished as unfinished_by
-from mission_service.state_file import Known
+from mission_service.guidance.burn.interlock import Interlock
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.recovery import Unfinished, resumed, set_aside
+from mission_service.journal.recovery import unfinished as unfinished_by
+from mission_service.journal.snapshot import Known
 from tests.service.burn_history import (
     AT_US,
     CORNERS,

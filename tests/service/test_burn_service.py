@@ -11,10 +11,10 @@ from autopilot_bridge.items import MissionItem
 from benchmarks.burn_frames import CORNERS, place
 from firemodel.default_landscape import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
-from mission_service.core import Core
+from mission_service.core.core import Core
 from mission_service.events import BatteryTold, DropFinished, UploadFinished
-from mission_service.journal import JournalReader
-from mission_service.service import interlock_of
+from mission_service.journal.journal import JournalReader
+from mission_service.runtime.engine import interlock_of
 from tests.service.test_burn_flight import Burn, scenario
 
 SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)

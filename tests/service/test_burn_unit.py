@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import shapely
 
-from mission_service.burn.unit import Person, Unit, unit_of
-from mission_service.config_sections import BurnSection, Circle, Station
+from mission_service.config.sections import BurnSection, Circle, Station
 from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.unit import Person, Unit, unit_of
 from tests.service.burns import SETTINGS, unit
 from tests.service.fires import LAND, drawn
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.api.token_file import added
 from mission_service.commands import Drop
 from mission_service.events import Crew, Event
-from mission_service.journal import JournalReader
+from mission_service.interfaces.api.access.token_file import added
+from mission_service.journal.journal import JournalReader
 from tests.web.service import BURN, Service, running
 
 SILENT_S = 30.0

@@ -10,9 +10,15 @@ import shapely
 from benchmarks.burn_check import faults
 from benchmarks.ignition_plans import trial
 from firemodel.ellipse import EllipseFire
-from mission_service.burn.burn_report import burn_json, draw_burn, fronts, slider_times_s, totals
-from mission_service.burn.unit import Unit
-from mission_service.burn.whole_burn import FlownLine, WholeBurn, whole_burn
+from mission_service.guidance.burn.report import (
+    burn_json,
+    draw_burn,
+    fronts,
+    slider_times_s,
+    totals,
+)
+from mission_service.guidance.burn.unit import Unit
+from mission_service.guidance.burn.whole_burn import FlownLine, WholeBurn, whole_burn
 from tests.service.burns import (
     AREA,
     NO_FIRE,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
-from mission_service.fire_setup import burning_of, fire_of, landscape_of
-from mission_service.formation.settings import Settings
-from mission_service.formation_seats import first_fire, settings_of
-from mission_service.world import Camera, FireWorld, beyond_rectangle
+from mission_service.fire.setup import burning_of, fire_of, landscape_of
+from mission_service.fire.simulated import Camera, FireWorld, beyond_rectangle
+from mission_service.guidance.formation.seats import first_fire, settings_of
+from mission_service.guidance.formation.settings import Settings
 
 
 @pytest.fixture(scope="module")

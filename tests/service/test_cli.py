@@ -13,9 +13,9 @@ from autopilot_bridge.planfile import read_plan, write_plan
 from autopilot_bridge.read_back import same_as_sent
 from autopilot_bridge.stacks import stack_named
 from mission_service import __version__
-from mission_service.cli import main
-from mission_service.cli_parts import tell_address
-from mission_service.config import SHIPPED
+from mission_service.cli.main import main
+from mission_service.cli.parts import tell_address
+from mission_service.config.scenario import SHIPPED
 from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port
 

@@ -11,13 +11,13 @@ from autopilot_bridge.check import adapted, check
 from autopilot_bridge.read_back import as_read_back, same_as_sent
 from autopilot_bridge.stacks import stack_named
 from mission_service.commands import UploadMission
-from mission_service.config import load_scenario
-from mission_service.journal import JournalReader
-from mission_service.outputs import write_outputs
-from mission_service.record import Record
-from mission_service.replay import Verification, verify
-from mission_service.sim import simulate
-from mission_service.world import FireWorld
+from mission_service.config.scenario import load_scenario
+from mission_service.fire.simulated import FireWorld
+from mission_service.journal.journal import JournalReader
+from mission_service.replay.verification import Verification, verify
+from mission_service.runtime.outputs import write_outputs
+from mission_service.runtime.record import Record
+from mission_service.simulation.sim import simulate
 
 # An hour's fire, then forty minutes of flight in a fresh wind.
 SHORT = (

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.config import SHIPPED, load_scenario
+from mission_service.config.scenario import SHIPPED, load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.world import check
+from mission_service.fire.simulated import check
 
 DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
 

@@ -16,9 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service import control
-from mission_service.control import Desk, claimed, serve_control
-from mission_service.control_client import NAME, Control
+from mission_service.core.requests import KNOWN, OF_APPROVERS, event_of
 from mission_service.errors import ControlError, MissionServiceError, RequestError
 from mission_service.events import (
     Aborted,
@@ -43,7 +41,9 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.requests import KNOWN, OF_APPROVERS, event_of
+from mission_service.interfaces.control import server as control
+from mission_service.interfaces.control.client import NAME, Control
+from mission_service.interfaces.control.server import Desk, claimed, serve_control
 from tests.patience import PATIENCE_S, until
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")

@@ -13,8 +13,8 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.config import Scenario, load_scenario
-from mission_service.core import Core
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
 from mission_service.events import (
     Aborted,
     AnyEvent,
@@ -31,8 +31,8 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.world import FireWorld, camera_of
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.simulated import FireWorld, camera_of
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission_service.fire_map import (
+from mission_service.guidance.fire_map import (
     BURNED,
     UNBURNED,
     UNKNOWN,

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.framing import V2
-from mission_service.replay import verify
+from mission_service.replay.verification import verify
 from tests.service.test_live import free_port, mock, process
 
 DAYS_30_MS = 30 * 24 * 3600 * 1000

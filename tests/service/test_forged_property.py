@@ -8,7 +8,7 @@ from autopilot_bridge.bounds import BOUNDS
 from autopilot_bridge.fleet import FleetLink
 from autopilot_bridge.plausibility import BootClock
 from benchmarks.forged_frames import READ, compared
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 
 CHANGES = ("start_s=3600", "deploy_at_s=3600")
 

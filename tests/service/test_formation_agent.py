@@ -8,11 +8,11 @@ import pytest
 from msgspec.structs import replace as with_fields
 
 from mission_service.errors import MissionServiceError
-from mission_service.formation.agent import Agent, Own
-from mission_service.formation.grid import Grid
-from mission_service.formation.messages import FireUpdate, Leaving, State
-from mission_service.formation.peers import GOAL_X, GOAL_Y
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.agent import Agent, Own
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.peers import GOAL_X, GOAL_Y
+from mission_service.guidance.formation.settings import Settings
+from mission_service.peer_messages import FireUpdate, Leaving, State
 
 GRID = Grid(300, 300, 10.0, -1500.0, 1500.0)
 MIDDLE = 150 * 300 + 150

@@ -9,7 +9,6 @@ import pytest
 
 from autopilot_bridge.planfile import read_any
 from firemodel.landscape import Landscape
-from mission_service import formation_seats
 from mission_service.commands import (
     Announce,
     AnyCommand,
@@ -20,9 +19,9 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.config import load_scenario
-from mission_service.core import Core
-from mission_service.demo import write_plan
+from mission_service.config.scenario import load_scenario
+from mission_service.core.core import Core
+from mission_service.core.steering import Here
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -36,11 +35,12 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.formation.agent import Intention, Own
-from mission_service.formation.by_hand import Motion, expected_orbit
-from mission_service.formation.messages import AnyMessage, FireUpdate, Leaving, State
-from mission_service.steering import Here
+from mission_service.fire.setup import landscape_of
+from mission_service.guidance.formation import seats as formation_seats
+from mission_service.guidance.formation.agent import Intention, Own
+from mission_service.guidance.formation.by_hand import Motion, expected_orbit
+from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
+from mission_service.simulation.demo import write_plan
 
 LOITER_UNLIM, TAKEOFF, LAND_START = 17, 22, 189
 

@@ -10,16 +10,9 @@ import aiomqtt
 import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
+from mission_service.config.mqtt_names import Broker, check_prefix, read_broker, site_of
 from mission_service.errors import MissionServiceError
-from mission_service.formation.messages import (
-    AnyMessage,
-    Difference,
-    Digest,
-    FireUpdate,
-    Leaving,
-    State,
-)
-from mission_service.formation_mqtt import (
+from mission_service.interfaces.mqtt.peers import (
     MOST_WAITING,
     Channel,
     Exchange,
@@ -29,7 +22,14 @@ from mission_service.formation_mqtt import (
     decoded,
     encoded,
 )
-from mission_service.mqtt.names import Broker, check_prefix, read_broker, site_of
+from mission_service.peer_messages import (
+    AnyMessage,
+    Difference,
+    Digest,
+    FireUpdate,
+    Leaving,
+    State,
+)
 from tests.patience import PATIENCE_S, until
 
 needs_mosquitto = pytest.mark.skipif(

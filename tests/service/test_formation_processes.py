@@ -8,10 +8,10 @@ import pytest
 
 from benchmarks.formation_processes import Stage, formation, map_of
 from benchmarks.mosquitto import MOSQUITTO
-from mission_service.config import load_scenario
-from mission_service.fire_setup import landscape_of
-from mission_service.formation_seats import first_fire
-from mission_service.replay import verify
+from mission_service.config.scenario import load_scenario
+from mission_service.fire.setup import landscape_of
+from mission_service.guidance.formation.seats import first_fire
+from mission_service.replay.verification import verify
 
 NAMES, SPEEDUP = ("heron", "stork", "crane"), 10.0
 TRIES = 10

@@ -8,17 +8,17 @@ from typing import Any
 import pytest
 
 from benchmarks.formation_flight import figures_of
-from mission_service.config import Scenario, load_scenario
-from mission_service.core import Core
-from mission_service.decide import decide
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
 from mission_service.events import CrewEvent, Ordered
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, header_of
-from mission_service.record import Record
-from mission_service.replay import verify
-from mission_service.sim import Simulation, simulate
-from mission_service.world import FireWorld
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import FireWorld
+from mission_service.journal.journal import Journal, header_of
+from mission_service.replay.decisions import decide
+from mission_service.replay.verification import verify
+from mission_service.runtime.record import Record
+from mission_service.simulation.sim import Simulation, simulate
 
 APART_M = 340.0  # of homes, so that all may take off at once
 AWAY_M = 1100.0  # of homes from the fire

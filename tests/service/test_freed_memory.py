@@ -13,7 +13,7 @@ SCRIPT = f"""
 import sys
 from pathlib import Path
 
-from mission_service.freed_memory import give_back_freed
+from mission_service.runtime.freed_memory import give_back_freed
 
 
 def resident() -> int:

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mission_service.fire_map import BEARINGS, EAST, NORTH
-from mission_service.planners.front_shape import close_gap, ring_of_cells, steps_between
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
+from mission_service.guidance.front.front_shape import close_gap, ring_of_cells, steps_between
 
 
 def test_the_gap_ahead_is_closed_by_a_tangent() -> None:

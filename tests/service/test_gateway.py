@@ -9,7 +9,7 @@ from autopilot_bridge import client_events as bridge
 from autopilot_bridge.rates import rates_for
 from autopilot_bridge.stacks import Stack, stack_named
 from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.events import (
     AutopilotText,
     EstimatorStatusChanged,
@@ -19,8 +19,8 @@ from mission_service.events import (
     SystemStateChanged,
     WindMeasured,
 )
-from mission_service.gateway import RATES_HZ, Gateway, MissionClock
-from mission_service.sim import simulate
+from mission_service.runtime.gateway import RATES_HZ, Gateway, MissionClock
+from mission_service.simulation.sim import simulate
 
 
 class Client:
@@ -106,7 +106,7 @@ def test_each_stack_is_asked_for_what_shows_its_trouble(
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
 def test_simulated_vehicles_measure_the_wind_of_the_fire(stack: str, tmp_path: Any) -> None:
-    from mission_service.journal import JournalReader
+    from mission_service.journal.journal import JournalReader
 
     overrides = (f"vehicles.0.stack={stack}", "start_s=3500", "duration_s=3700")
     path = tmp_path / "journal.jsonl"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.formation import peers
-from mission_service.formation.intent import Choice, Flying, Orbit, Rules, choose, rules
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation import peers
+from mission_service.guidance.formation.intent import Choice, Flying, Orbit, Rules, choose, rules
+from mission_service.guidance.formation.settings import Settings
 from tests.service.formation_worlds import (
     deployment,
     fly,

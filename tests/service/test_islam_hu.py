@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from mission_service.cli import main
-from mission_service.distance_error import TrueShape
+from mission_service.cli.main import main
 from mission_service.experiments import fires, islam_hu
 from mission_service.experiments.fires import (
     CELLS,
@@ -20,9 +19,10 @@ from mission_service.experiments.fires import (
 )
 from mission_service.experiments.front_walk import AROUND, FrontWalk, enclosed_s
 from mission_service.experiments.ideal_flight import Flight, fly, look
-from mission_service.fire_map import EAST, NORTH
-from mission_service.planners.front_shape import hull_of
-from mission_service.planners.perimeter import Rule
+from mission_service.guidance.fire_map import EAST, NORTH
+from mission_service.guidance.front.front_shape import hull_of
+from mission_service.guidance.front.perimeter import Rule
+from mission_service.replay.distance_error import TrueShape
 
 CENTRE = (30, 30)
 ROWS, COLS = np.indices((61, 61)).astype(float)

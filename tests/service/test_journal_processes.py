@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-from mission_service.control_client import Control
 from mission_service.errors import ControlError, RequestError
-from mission_service.replay import verify
+from mission_service.interfaces.control.client import Control
+from mission_service.replay.verification import verify
 from tests.service.test_live import CLI, free_port, process, wait_for
 
 

@@ -13,15 +13,15 @@ from autopilot_bridge.planfile import read_any
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
 from mission_service.commands import UploadMission
-from mission_service.config import Scenario, load_scenario
-from mission_service.config_sections import VehicleSection
-from mission_service.demo import write_plan
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import JournalReader
-from mission_service.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
-from mission_service.sim import simulate
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import JournalReader
+from mission_service.missions.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
+from mission_service.simulation.demo import write_plan
+from mission_service.simulation.sim import simulate
 
 CELL_M = 30.0
 SHAPE = (201, 201)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.control_client import Control
-from mission_service.replay import verify
+from mission_service.interfaces.control.client import Control
+from mission_service.replay.verification import verify
 from tests.patience import PATIENCE_S
 
 CLI = [sys.executable, "-m", "mission_service.cli"]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.replay import verify
+from mission_service.replay.verification import verify
 from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port, process, wait_for
 
@@ -56,7 +56,7 @@ def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) ->
 
 
 def test_mavsdk_is_imported_only_when_asked_for() -> None:
-    code = "import sys, mission_service.daemon; print('mavsdk' in sys.modules)"
+    code = "import sys, mission_service.live.daemon; print('mavsdk' in sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "False"
 

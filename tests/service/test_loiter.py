@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.formation import loiter
+from mission_service.guidance.formation import loiter
 
 BANK = 0.7
 STEP_S = 0.25

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from mission_service.cli import main
+from mission_service.cli.main import main
 from mission_service.commands import Announce, Hold, Say, StartMission, UploadMission
-from mission_service.config import Scenario, load_scenario, one_of_many
-from mission_service.core import TAKEOFF_EVERY_S, Core
+from mission_service.config.scenario import Scenario, load_scenario, one_of_many
+from mission_service.core.core import TAKEOFF_EVERY_S, Core
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
@@ -23,12 +23,12 @@ from mission_service.events import (
     UploadFinished,
     VehicleConnected,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.formation.messages import AnyMessage, Digest, FireUpdate, Leaving, State
-from mission_service.formation_flight import FormationFlight
-from mission_service.gateway import Gateway, MissionClock
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.replay import verify
+from mission_service.fire.setup import landscape_of
+from mission_service.guidance.formation.controller import FormationFlight
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State
+from mission_service.replay.verification import verify
+from mission_service.runtime.gateway import Gateway, MissionClock
 from tests.service.test_gateway import Client, at
 
 S = 1_000_000

@@ -19,8 +19,7 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.config import load_scenario
-from mission_service.corrected_fire import MOST_MARKS, few_of
+from mission_service.config.scenario import load_scenario
 from mission_service.events import (
     Aborted,
     AnyEvent,
@@ -37,9 +36,10 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.planners.perimeter import PerimeterPlanner
-from mission_service.world import world_of
+from mission_service.fire.corrected import MOST_MARKS, few_of
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import world_of
+from mission_service.guidance.front.perimeter import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.formation import loiter, peers, phase
-from mission_service.formation.settings import Airframe
+from mission_service.guidance.formation import loiter, peers, phase
+from mission_service.guidance.formation.settings import Airframe
 
 FRAME = Airframe()
 LIMITS = (FRAME.least_airspeed_m_s, FRAME.most_airspeed_m_s)

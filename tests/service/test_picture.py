@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mission_service.commands import Announce, Decided, Orbit, UploadMission
-from mission_service.config import load_run, load_scenario
+from mission_service.config.scenario import load_run, load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
@@ -22,9 +22,9 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.picture import MOST_NEWS, Picture, TelemetryState
-from mission_service.watchman import Watchman, near_pairs
+from mission_service.fire.setup import landscape_of
+from mission_service.runtime.picture import MOST_NEWS, Picture, TelemetryState
+from mission_service.runtime.watchman import Watchman, near_pairs
 
 
 @pytest.fixture

@@ -8,19 +8,19 @@ import shapely
 from numpy.typing import NDArray
 
 from firemodel.weather import WeatherStream
-from mission_service.distance_error import TrueShape
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
 from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.experiments.predictive_flight import fly_predictive, predictive_planner
 from mission_service.experiments.random_fires import mean_max_errors
-from mission_service.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
-from mission_service.planners.belief import Belief
-from mission_service.planners.front_shape import hull_of
-from mission_service.planners.hedge import hedged
-from mission_service.planners.predictive import PredictivePlanner, model_of
-from mission_service.planners.sweeps import NODES, PLANS, Ring, costs_of, ring_on
+from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
+from mission_service.guidance.front.belief import Belief
+from mission_service.guidance.front.front_shape import hull_of
+from mission_service.guidance.front.hedge import hedged
+from mission_service.guidance.front.predictive import PredictivePlanner, model_of
+from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
+from mission_service.replay.distance_error import TrueShape
 
 Floats = NDArray[np.float64]
 SHAPE = (200, 200)

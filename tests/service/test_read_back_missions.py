@@ -20,18 +20,18 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.config import Scenario, flying, load_scenario
-from mission_service.daemon import replay
+from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.events import MissionHeld, Ordered, Resumed, UploadFinished
-from mission_service.fire_setup import landscape_of
-from mission_service.gateway import Gateway
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.picture import Picture
-from mission_service.replay import verify
-from mission_service.resume import resumed, unfinished
-from mission_service.segments import newest_state
-from mission_service.sim import Simulation
-from mission_service.state_file import Frozen, Known, write
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.recovery import resumed, unfinished
+from mission_service.journal.segments import newest_state
+from mission_service.journal.snapshot import Frozen, Known, write
+from mission_service.live.daemon import replay
+from mission_service.replay.verification import verify
+from mission_service.runtime.gateway import Gateway
+from mission_service.runtime.picture import Picture
+from mission_service.simulation.sim import Simulation
 from tests.service.test_formation_sim import at_once
 
 FROM_S = 3590.0

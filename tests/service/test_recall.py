@@ -11,8 +11,8 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.config import load_scenario
-from mission_service.core import Core
+from mission_service.config.scenario import load_scenario
+from mission_service.core.core import Core
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -25,7 +25,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire_setup import landscape_of
+from mission_service.fire.setup import landscape_of
 
 NAV_TAKEOFF = 22
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mission_service.commands import Hold, UploadMission
-from mission_service.config import flying, load_scenario
+from mission_service.config.scenario import flying, load_scenario
 from mission_service.errors import NotRecordedError
 from mission_service.events import (
     Aborted,
@@ -22,11 +22,11 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.picture import Picture
-from mission_service.replay import verify
-from mission_service.sim import Simulation
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.replay.verification import verify
+from mission_service.runtime.picture import Picture
+from mission_service.simulation.sim import Simulation
 
 FROM_S = 3590.0
 PLACE = (36.364232, -84.140907)

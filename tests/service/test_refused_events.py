@@ -11,9 +11,8 @@ import pytest
 
 from benchmarks.folds import difference
 from mission_service.commands import AnyCommand, Hold, UploadMission
-from mission_service.config import Scenario, flying, load_scenario
-from mission_service.core import Core
-from mission_service.daemon import desk_of, replay
+from mission_service.config.scenario import Scenario, flying, load_scenario
+from mission_service.core.core import Core
 from mission_service.errors import JournalError, RefusedEventError
 from mission_service.events import (
     Aborted,
@@ -25,18 +24,19 @@ from mission_service.events import (
     Telemetry,
     WindMeasured,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.gateway import Gateway
-from mission_service.journal import Journal, JournalReader, event_body, header_of
-from mission_service.picture import Picture
-from mission_service.record import Record
-from mission_service.replay import in_text, verify
-from mission_service.resume import resumed, unfinished
-from mission_service.segments import newest_state
-from mission_service.service import TRIED, Service
-from mission_service.sim import Simulation
-from mission_service.state_file import Frozen, Known, copied, write
-from mission_service.world import world_of
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import world_of
+from mission_service.journal.journal import Journal, JournalReader, event_body, header_of
+from mission_service.journal.recovery import resumed, unfinished
+from mission_service.journal.segments import newest_state
+from mission_service.journal.snapshot import Frozen, Known, copied, write
+from mission_service.live.daemon import desk_of, replay
+from mission_service.replay.verification import in_text, verify
+from mission_service.runtime.engine import TRIED, Service
+from mission_service.runtime.gateway import Gateway
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.record import Record
+from mission_service.simulation.sim import Simulation
 
 FROM_S = 590.0
 NAN = float("nan")

@@ -10,13 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import mission_service.replay_fire as replay_fire
+import mission_service.replay.fire_stage as replay_fire
 from autopilot_bridge.items import MissionItem
-from mission_service.cli import main
+from mission_service.cli.main import main
 from mission_service.commands import UploadMission
-from mission_service.config import flying, load_scenario
-from mission_service.decide import decide
-from mission_service.differences import compare, fields_that_differ
+from mission_service.config.scenario import flying, load_scenario
 from mission_service.errors import JournalError
 from mission_service.events import (
     Aborted,
@@ -27,10 +25,12 @@ from mission_service.events import (
     SettingsTold,
     WindTold,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.replay import as_json, in_text, verify
-from mission_service.sim import Simulation
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.differences import compare, fields_that_differ
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.replay.decisions import decide
+from mission_service.replay.verification import as_json, in_text, verify
+from mission_service.simulation.sim import Simulation
 
 SMALL = ("start_s=3590", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")
 ANN = ("ann", "desk")

@@ -11,8 +11,8 @@ from mission_service.experiments.ring_flight import (
     min_separation_m,
 )
 from mission_service.experiments.ring_history import RingStep
-from mission_service.planners.benchmarks import Bumper, Circling
-from mission_service.planners.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.benchmarks import Bumper, Circling
+from mission_service.guidance.team.ring import Fleet, Integers, Ring
 
 CELL_M = 30.0
 SPEED_M_S = 15.0

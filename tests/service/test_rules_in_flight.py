@@ -5,11 +5,11 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.landscape import Landscape
-from mission_service.config import Scenario, load_scenario
+from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Observed
-from mission_service.fire_setup import fire_of, landscape_of
-from mission_service.planners.protocol import Planner
-from mission_service.planning import RULES, planners_of
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.guidance.protocol import Planner
+from mission_service.guidance.registry import RULES, planners_of
 
 FROM_S, TO_S, STEP_S = 5400.0, 7800.0, 5.0
 SPEED_CELLS_S, VIEW_CELLS = 0.5, 6.0

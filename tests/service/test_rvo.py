@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.formation import peers, rvo
+from mission_service.guidance.formation import peers, rvo
 
 APART_M, NEIGHBOURHOOD_M = 60.0, 500.0
 

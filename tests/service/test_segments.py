@@ -9,14 +9,19 @@ from typing import Any
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service.config import Scenario, flying, load_scenario
+from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.errors import JournalError, StateError
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, JournalReader, Rest, header_of, next_path, segment_path
-from mission_service.picture import Picture
-from mission_service.replay import verify
-from mission_service.resume import set_aside, unfinished
-from mission_service.segments import (
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import (
+    Journal,
+    JournalReader,
+    Rest,
+    header_of,
+    next_path,
+    segment_path,
+)
+from mission_service.journal.recovery import set_aside, unfinished
+from mission_service.journal.segments import (
     Chain,
     begin_state,
     closed_segments,
@@ -25,8 +30,10 @@ from mission_service.segments import (
     newest_state,
     trim,
 )
-from mission_service.sim import Simulation
-from mission_service.state_file import Frozen, Known, read, write
+from mission_service.journal.snapshot import Frozen, Known, read, write
+from mission_service.replay.verification import verify
+from mission_service.runtime.picture import Picture
+from mission_service.simulation.sim import Simulation
 
 Files = dict[str, bytes]
 
@@ -133,7 +140,7 @@ def gone_on(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
     cut_off = unfinished(path, kept.known, kept.scenario)
     assert cut_off is not None
     rest = cut_off.rest()
-    from mission_service.core import Core
+    from mission_service.core.core import Core
 
     core = Core(kept.scenario, kept.landscape)
     if cut_off.objects is not None:

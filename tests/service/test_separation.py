@@ -13,11 +13,13 @@ from mission_service.commands import (
     UploadMission,
     WithdrawMission,
 )
-from mission_service.config import Scenario, load_scenario
-from mission_service.core import Core
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
+from mission_service.core.steering import Here
 from mission_service.events import Telemetry, UploadFinished, VehicleConnected
-from mission_service.fire_setup import landscape_of
-from mission_service.separation import (
+from mission_service.fire.setup import landscape_of
+from mission_service.missions.from_path import mission_along
+from mission_service.missions.separation import (
     gives_way,
     has_passed,
     heights_below,
@@ -25,8 +27,6 @@ from mission_service.separation import (
     place_aside,
     track_of,
 )
-from mission_service.steering import Here
-from mission_service.translate import mission_along
 
 SEPARATION_M = 30.0
 TURN_M = 60.0

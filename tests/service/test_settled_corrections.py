@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from firemodel.weather import Weather, WeatherStream
-from mission_service import corrected_fire
-from mission_service.config import Scenario, load_scenario
-from mission_service.correction_log import CorrectionLog
+from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Corrected, CrewEvent, Erased, Undone, WindTold
-from mission_service.fire_setup import landscape_of
-from mission_service.world import FireWorld, world_of
+from mission_service.fire import corrected as corrected_fire
+from mission_service.fire.correction_log import CorrectionLog
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import FireWorld, world_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.errors import MissionServiceError
-from mission_service.formation.grid import Grid
-from mission_service.formation.messages import AnyMessage, Difference, Digest, FireUpdate
-from mission_service.formation.monitoring import inaccuracy_cells
-from mission_service.formation.shared_cells import CHECKSUM, TILE, mixed
-from mission_service.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
-from mission_service.formation.sight import look
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.monitoring import inaccuracy_cells
+from mission_service.guidance.formation.shared_cells import CHECKSUM, TILE, mixed
+from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
+from mission_service.guidance.formation.sight import look
+from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
 SHAPE = (40, 50)  # 3 x 4 tiles, not all of them whole
 NONE = np.empty(0, dtype=np.int64)

@@ -15,11 +15,11 @@ from autopilot_bridge.planfile import write_plan
 from autopilot_bridge.signing import Counts, Key, Signing, Timestamps, key_of
 from autopilot_bridge.stacks import stack_named
 from autopilot_bridge.transfer import TransferTiming
-from mission_service.clocks import wall_us
-from mission_service.config import SHIPPED, load_scenario, with_signing_key
+from mission_service.config.scenario import SHIPPED, load_scenario, with_signing_key
 from mission_service.errors import ScenarioError
-from mission_service.signed import Refusals, refusal, signings, timestamps_file
-from mission_service.world import check
+from mission_service.fire.simulated import check
+from mission_service.runtime.clocks import wall_us
+from mission_service.runtime.signed import Refusals, refusal, signings, timestamps_file
 from tests.bridge.helpers import line_of
 from tests.bridge.test_tlog import autopilot_on
 from tests.patience import PATIENCE_S
@@ -225,7 +225,7 @@ def test_a_vehicle_is_given_a_key_another_one_and_none(tmp_path: Path) -> None:
 def test_a_vehicle_that_does_not_do_as_told_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission_service.signing_setup.TIMING", TransferTiming(200_000, 2))
+    monkeypatch.setattr("mission_service.cli.signing_setup.TIMING", TransferTiming(200_000, 2))
     ours = f"udpin:127.0.0.1:{free_port()}"
     with autopilot_on(other_end(ours)):  # it learns no key
         result = call("signing", "set-up", "--link", ours, "--signing-key", "env:THE_KEY")

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 from autopilot_bridge.client_events import Speed
 from mission_service.events import AirspeedMeasured, ThrustStatusChanged
-from mission_service.speed_reports import SpeedReports
+from mission_service.runtime.speed_reports import SpeedReports
 
 EVERY_US = 500_000
 Flown = tuple[float | None, float, int]  # airspeed, climb, throttle

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from firemodel.landscape import Landscape
-from mission_service.config import Scenario, flying, load_scenario
-from mission_service.core import Core
+from mission_service.config.scenario import Scenario, flying, load_scenario
+from mission_service.core.core import Core
 from mission_service.events import AnyEvent
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, JournalReader, header_of
-from mission_service.planning import ALONE, BURN, FORMATION, RULES
-from mission_service.sim import Simulation
-from mission_service.state_file import Frozen, Known, thawed
+from mission_service.fire.setup import landscape_of
+from mission_service.guidance.registry import ALONE, BURN, FORMATION, RULES
+from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.simulation.sim import Simulation
 from tests.service.test_formation_sim import at_once
 
 CHANGES = {

@@ -14,11 +14,11 @@ from mission_service.experiments.static_placement import (
     coverage,
     weights_of,
 )
-from mission_service.formation.coverage import Mover, next_errand, velocity
-from mission_service.formation.fire_maps import AgentMaps
-from mission_service.formation.forces import tie_rad
-from mission_service.formation.grid import Grid
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.coverage import Mover, next_errand, velocity
+from mission_service.guidance.formation.fire_maps import AgentMaps
+from mission_service.guidance.formation.forces import tie_rad
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.settings import Settings
 
 SETTINGS = Settings()
 CELL_M = 20.0  # coarse, to be fast

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission_service import sim
-from mission_service.config import load_scenario
-from mission_service.core import Core
-from mission_service.decide import decide
-from mission_service.outputs import summary_of
-from mission_service.planners.benchmarks import Bumper
-from mission_service.planners.ring import Fleet, Ring
-from mission_service.planners.team import Seat
-from mission_service.record import Record
-from mission_service.replay import verify
-from mission_service.world import FireWorld
+from mission_service.config.scenario import load_scenario
+from mission_service.core.core import Core
+from mission_service.fire.simulated import FireWorld
+from mission_service.guidance.team.benchmarks import Bumper
+from mission_service.guidance.team.ring import Fleet, Ring
+from mission_service.guidance.team.team import Seat
+from mission_service.replay.decisions import decide
+from mission_service.replay.verification import verify
+from mission_service.runtime.outputs import summary_of
+from mission_service.runtime.record import Record
+from mission_service.simulation import sim
 
 DIES_S = 4350.0
 ENDS_S = 4800.0

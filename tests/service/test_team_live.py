@@ -6,8 +6,8 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
-from mission_service.config import SHIPPED
-from mission_service.replay import verify
+from mission_service.config.scenario import SHIPPED
+from mission_service.replay.verification import verify
 from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, process, wait_for
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mission_service.config import load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.events import Observed
-from mission_service.fire_map import BEARINGS
-from mission_service.planners.following import PathSettings
-from mission_service.planners.ring import Fleet, Integers, Ring
-from mission_service.planners.team import Flyer, Seat, Team, TeamSettings
-from mission_service.planning import TEAM
+from mission_service.guidance.fire_map import BEARINGS
+from mission_service.guidance.front.following import PathSettings
+from mission_service.guidance.registry import TEAM
+from mission_service.guidance.team.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.team import Flyer, Seat, Team, TeamSettings
 
 CENTRE = 100.0
 RADIUS = 40.0

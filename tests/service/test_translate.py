@@ -8,8 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firemodel.landscape import Landscape
-from mission_service.config_sections import VehicleSection
-from mission_service.translate import flyable, leg_altitudes_m, mission_along
+from mission_service.config.sections import VehicleSection
+from mission_service.missions.from_path import flyable, leg_altitudes_m, mission_along
 
 NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_TAKEOFF, DO_CHANGE_SPEED = 16, 17, 22, 178
 

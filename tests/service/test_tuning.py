@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from mission_service import formation, tuning
-from mission_service.cli import main
+from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
+from mission_service.experiments import tuning
 from mission_service.experiments.formation_scenarios import KINDS, fitness, flown, scenarios
-from mission_service.formation.forces import NAMES, as_array
-from mission_service.formation.settings import Constants
-from mission_service.tuning import Genes, on_cores, tune
+from mission_service.experiments.tuning import Genes, on_cores, tune
+from mission_service.guidance import formation
+from mission_service.guidance.formation.forces import NAMES, as_array
+from mission_service.guidance.formation.settings import Constants
 from tests.service.test_live import free_port
 
 TUNED = Path(formation.__file__).parent / "tuned.json"

@@ -7,7 +7,7 @@ import pytest
 
 from mission_service.experiments.formation_fires import EXPERIMENTS, burned
 from mission_service.experiments.formation_world import Flight, FormationWorld, Rules, fly
-from mission_service.formation.settings import Settings
+from mission_service.guidance.formation.settings import Settings
 
 SETTINGS = Settings()
 BY_NAME = {experiment.name: experiment for experiment in EXPERIMENTS}

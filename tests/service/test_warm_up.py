@@ -10,15 +10,15 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from mission_service.experiments.formation_world import FormationWorld, Rules
-from mission_service.formation.settings import Settings
-from mission_service.formation.warm_up import warm_up
+from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.warm_up import warm_up
 
 
 def compiled():
     of_agents = [
         module
         for name, module in list(sys.modules.items())
-        if name.startswith("mission_service.formation.")
+        if name.startswith("mission_service.guidance.formation.")
         and not name.endswith((".monitoring", ".sight"))
     ]
     return {

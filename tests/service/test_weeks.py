@@ -17,9 +17,8 @@ import pytest
 import shapely
 
 from benchmarks.load_scenario import FIRE, Load, scenario_text
-from mission_service import corrected_fire, picture, record, track
-from mission_service.config import flying, load_run
-from mission_service.core import Core
+from mission_service.config.scenario import flying, load_run
+from mission_service.core.core import Core
 from mission_service.events import (
     Corrected,
     CrewEvent,
@@ -30,10 +29,12 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
-from mission_service.fire_setup import landscape_of
-from mission_service.journal import Journal, header_of
-from mission_service.picture import Picture
-from mission_service.sim import Simulation
+from mission_service.fire import corrected as corrected_fire
+from mission_service.fire.setup import landscape_of
+from mission_service.journal.journal import Journal, header_of
+from mission_service.runtime import picture, record, track
+from mission_service.runtime.picture import Picture
+from mission_service.simulation.sim import Simulation
 
 START_S = 12 * 3600.0  # a slow fire, large enough for two
 EVERY_S = 30.0

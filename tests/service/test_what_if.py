@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from mission_service.cli import main
+from mission_service.cli.main import main
 from mission_service.commands import Decided
-from mission_service.config import flying, load_scenario
-from mission_service.core import Core
+from mission_service.config.scenario import flying, load_scenario
+from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.events import (
     Aborted,
@@ -22,12 +22,12 @@ from mission_service.events import (
     SettingsTold,
     WindTold,
 )
-from mission_service.journal import JournalReader
-from mission_service.outputs import summary_of
-from mission_service.recorded import Recorded
-from mission_service.replay import verify
-from mission_service.sim import simulate
-from mission_service.what_if import Script, figures_of, past_run, told_again, what_if
+from mission_service.journal.journal import JournalReader
+from mission_service.journal.recorded import Recorded
+from mission_service.replay.verification import verify
+from mission_service.replay.what_if import Script, figures_of, past_run, told_again, what_if
+from mission_service.runtime.outputs import summary_of
+from mission_service.simulation.sim import simulate
 
 CHANGES = ("start_s=3590", "duration_s=4200", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")
 ANN = ("ann", "desk")

@@ -22,8 +22,8 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.planning import FORMATION
-from mission_service.state_file import Frozen, thawed
+from mission_service.guidance.registry import FORMATION
+from mission_service.journal.snapshot import Frozen, thawed
 from tests.service.autopilot_model import NAMES, Bridge
 from tests.service.vehicle_oracle import Violation
 from tests.service.vehicle_turns import Turns

@@ -18,8 +18,8 @@ from hypothesis.stateful import (
 )
 
 from firemodel.landscape import Landscape
-from mission_service.config import Scenario
-from mission_service.core import Core
+from mission_service.config.scenario import Scenario
+from mission_service.core.core import Core
 from tests.service.autopilot_model import FAILSAFES, PILOT_MODES
 from tests.service.vehicle_flights import Flights
 from tests.service.vehicle_oracle import Violation

@@ -10,9 +10,9 @@ import numpy as np
 
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, ProposeMission, UploadMission
-from mission_service.config import Scenario
-from mission_service.config_sections import VehicleSection
-from mission_service.core import Core
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.core.core import Core
 from mission_service.events import (
     AnyEvent,
     BatteryTold,
@@ -29,7 +29,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
-from mission_service.simulated_crew import SimulatedCrew
+from mission_service.simulation.crew import SimulatedCrew
 from tests.service.autopilot_model import NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
 from tests.service.vehicle_sites import Site, site_of

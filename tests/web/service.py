@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from mission_service.api.token_file import added
-from mission_service.config import scenario_path
+from mission_service.config.scenario import scenario_path
+from mission_service.interfaces.api.access.token_file import added
 from tests.patience import PATIENCE_S
 
 CLI = [sys.executable, "-m", "mission_service.cli"]

@@ -1,0 +1,8 @@
+"""``python -m mission_service.cli``."""
+
+import sys
+
+from mission_service.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,397 @@
+"""The command line. Heavy imports wait until a command needs them."""
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service import __version__
+from mission_service.cli.burn import burn
+from mission_service.cli.experiment import experiment
+from mission_service.cli.fire import bench, fire
+from mission_service.cli.log import log
+from mission_service.cli.mission import mission, signing
+from mission_service.cli.parts import (
+    JSON,
+    LOG,
+    LOG_LEVEL,
+    OVERRIDE,
+    SIGNING_KEY,
+    TLOG,
+    echo,
+    folder,
+    reporter,
+    tell_address,
+)
+from mission_service.cli.replay import replay
+from mission_service.cli.report import report
+from mission_service.cli.token import token
+from mission_service.cli.tune import tune
+from mission_service.runtime.clocks import now_text
+
+
+class Guarded(click.Group):
+    """A group whose commands end known errors in one line and exit code 1."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from autopilot_bridge.errors import BridgeError
+        from firemodel.errors import FireModelError
+        from mission_service.errors import MissionServiceError
+
+        known = (MissionServiceError, FireModelError, BridgeError)
+        try:
+            return super().invoke(ctx)
+        except known as error:
+            raise click.ClickException(str(error)) from None
+        except BaseExceptionGroup as group:
+            ours, others = group.split(known)
+            if ours is None or others is not None:
+                raise
+            raise click.ClickException(str(_first(ours))) from None
+
+
+def _first(error: BaseException) -> BaseException:
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
+
+
+@click.group(cls=Guarded, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="mission-service")
+def main() -> None:
+    """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
+
+
+for command in (fire, bench, mission, signing, experiment, tune, burn, token, log, replay, report):
+    main.add_command(command)
+
+
+@main.command()
+@click.argument("scenario", default="demo")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@click.option("--speedup", type=click.FloatRange(1, 100), default=10.0, show_default=True)
+@OVERRIDE
+@LOG
+@LOG_LEVEL
+@JSON
+def demo(
+    scenario: str,
+    out: Path,
+    speedup: float,
+    overrides: tuple[str, ...],
+    log: str | None,
+    log_level: str,
+    as_json: bool,
+) -> None:
+    """Mock autopilots, the daemon and its map over UDP on loopback, faster than real time.
+
+    SCENARIO is a file or a shipped one by name (default: demo).
+    """
+    from mission_service.config.scenario import flying, load_run
+    from mission_service.config.service import HttpSection
+    from mission_service.journal.private_files import private
+    from mission_service.live.daemon import Run
+    from mission_service.simulation.demo import run_demo
+
+    loaded, settings = load_run(scenario, overrides)
+    if settings.http is None:  # a demo has a map, whatever the scenario
+        settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
+    report = reporter(log, log_level, as_json)
+    journal = folder(out) / "journal.jsonl"
+    run = Run(flying(loaded), journal, now_text(), settings, logs=log is not None, goes_on=False)
+    with private():
+        _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
+
+
+@main.command()
+@click.argument("scenario")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OVERRIDE
+@JSON
+def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Fly SCENARIO (a file, or a shipped one by name) in virtual time."""
+    from mission_service.config.scenario import flying, load_scenario
+    from mission_service.runtime.outputs import write_outputs
+    from mission_service.simulation.sim import simulate
+
+    loaded = flying(load_scenario(scenario, overrides))
+    made = folder(out)
+    with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
+        record, world = simulate(loaded, made / "journal.jsonl", now_text(), progress)
+    _finish(write_outputs(made, loaded, record, world.fire), out, as_json)
+
+
+@main.command()
+@click.argument("config")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@click.option("--vehicle", metavar="NAME", help="Fly only this one; other processes fly the rest.")
+@click.option(
+    "--broker",
+    metavar="HOST[:PORT]",
+    help='Talk to the vehicles of other processes over this MQTT broker (rule = "formation").',
+)
+@click.option("--prefix", default="mission-service", show_default=True, help="Of MQTT topics.")
+@click.option("--anew", is_flag=True, help="Do not go on with the run that was stopped in OUT.")
+@click.option(
+    "--skip-unreadable",
+    is_flag=True,
+    help="Resume without journal lines that cannot be read or handled; each is announced.",
+)
+@OVERRIDE
+@TLOG
+@SIGNING_KEY
+@LOG
+@LOG_LEVEL
+@JSON
+def run(
+    config: str,
+    out: Path,
+    vehicle: str | None,
+    broker: str | None,
+    prefix: str,
+    anew: bool,
+    skip_unreadable: bool,
+    overrides: tuple[str, ...],
+    tlog: Path | None,
+    signing_key: str | None,
+    log: str | None,
+    log_level: str,
+    as_json: bool,
+) -> None:
+    """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C.
+
+    After a kill or SIGTERM it resumes where it was when it is started again. The journal of
+    any other run in OUT is kept under another name.
+
+    With --vehicle and --broker each vehicle of a formation has a process of its own.
+    """
+    import asyncio
+
+    from mission_service.config.scenario import flying, load_run, one_of_many, with_signing_key
+    from mission_service.interfaces.mqtt.peers import channel_of
+    from mission_service.journal.private_files import private
+    from mission_service.live.daemon import Run, serve
+    from mission_service.runtime.outputs import write_outputs
+
+    loaded, settings = load_run(config, overrides)
+    scenario = flying(loaded)
+    channel = None if broker is None else channel_of(broker, prefix, scenario.name, settings.mqtt)
+    scenario = one_of_many(scenario, vehicle, talks=channel is not None)
+    if signing_key is not None:
+        scenario = with_signing_key(scenario, signing_key)
+    made = folder(out)
+    report = reporter(log, log_level, as_json)
+    journal, logs = made / "journal.jsonl", log is not None
+    going = Run(
+        scenario,
+        journal,
+        now_text(),
+        settings,
+        tlog,
+        logs,
+        channel=channel,
+        goes_on=not anew,
+        skip_unreadable=skip_unreadable,
+    )
+    with private():
+        record, world = asyncio.run(serve(going, report, address=partial(tell_address, made)))
+        _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
+
+
+@main.command()
+@click.argument("scenario", required=False)
+@click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
+@click.option(
+    "--vehicle",
+    help="plane or copter; with SCENARIO the name of its vehicle (default: all, each on its own "
+    "link, or the first with --link or --listen).",
+)
+@click.option("--count", type=click.IntRange(1, 250), default=1, help="Vehicles on the link.")
+@click.option("--system-id", type=click.IntRange(1, 250), default=1, help="Of the first one.")
+@click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
+@click.option("--link", help="Default: udpout:127.0.0.1:14550, with SCENARIO the vehicle's own.")
+@click.option("--listen", help="Instead of --link: wait for callers at HOST:PORT, udpin or tcpin.")
+@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
+@click.option("--wind", default="0,0", help="FROM_DEG,SPEED_M_S of a steady wind, e.g. 240,5.")
+@click.option(
+    "--battery",
+    "battery_minutes",
+    type=click.FloatRange(0.1, 10_000),
+    metavar="MINUTES",
+    help="A battery for so many minutes in the air; at 15 % it returns home.",
+)
+@click.option(
+    "--terrain",
+    "terrain_amsl_m",
+    type=click.FloatRange(-500, 9000),
+    metavar="AMSL_M",
+    help="Height of the ground everywhere; who flies below it has crashed.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="FAULT",
+    help="Something to go wrong (repeatable), e.g. reboot@30; see the README.",
+)
+@click.option(
+    "--param",
+    "parameters",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of faults by chance.")
+@SIGNING_KEY
+@click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
+@click.option("--until-eof", is_flag=True, hidden=True)  # how ``demo`` runs them
+def mock(
+    scenario: str | None,
+    stack: str,
+    vehicle: str | None,
+    count: int,
+    system_id: int,
+    home: str,
+    link: str | None,
+    listen: str | None,
+    speedup: float,
+    wind: str,
+    battery_minutes: float | None,
+    terrain_amsl_m: float | None,
+    faults: tuple[str, ...],
+    parameters: tuple[str, ...],
+    seed: int,
+    signing_key: str | None,
+    as_json: bool,
+    until_eof: bool,
+) -> None:
+    """Mock autopilots as a process of their own, until Ctrl-C.
+
+    With SCENARIO they are its vehicles standing at their homes; with --count there are several
+    without a scenario, with system ids in a row. They sign when they have a key, from here, from
+    SCENARIO or by SETUP_SIGNING.
+    """
+    from dataclasses import replace
+
+    from mission_service.simulation.mocks import (
+        OnLink,
+        Surroundings,
+        by_hand,
+        from_scenario,
+        listening,
+        read_parameters,
+        read_wind,
+        run,
+    )
+
+    if scenario and count > 1:
+        raise click.UsageError("--count is for mocks without a scenario")
+    if not scenario and vehicle not in (None, "plane", "copter"):
+        raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
+    around = Surroundings(
+        read_wind(wind),
+        battery_minutes,
+        terrain_amsl_m,
+        faults,
+        seed,
+        read_parameters(parameters),
+    )
+    link = listening(listen) if listen else link
+    if scenario:
+        mocks = from_scenario(scenario, vehicle, link, around)
+    else:
+        fleet = by_hand(stack, vehicle or "plane", system_id, home, count, around)
+        mocks = [OnLink(fleet, link or "udpout:127.0.0.1:14550")]
+    if signing_key is not None:
+        mocks = [replace(each, signing_key=signing_key) for each in mocks]
+    run(mocks, speedup, as_json, click.echo, until_eof)
+
+
+@main.command()
+@click.argument("scenario")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="The .plan file to write.",
+)
+@click.option("--vehicle", help="Which vehicle of the scenario (default: the first).")
+@OVERRIDE
+def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str, ...]) -> None:
+    """Write the first mission of SCENARIO as a QGroundControl .plan file."""
+    from mission_service.simulation.demo import write_plan
+
+    count = write_plan(scenario, vehicle, output, overrides)
+    click.echo(f"{output}: {count} items")
+
+
+@main.command("decide")
+@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--planner", "rule", metavar="RULE", help="Instead of the rule of the journal.")
+@JSON
+def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
+    """Run the planners alone on a journal's positions and observations.
+
+    With the journal's own rule the decisions must be those recorded, or the exit code is 1.
+    """
+    from mission_service.replay.decisions import decide, in_text, summary_of
+
+    summary = summary_of(decide(journal, rule))
+    click.echo(json.dumps(summary) if as_json else in_text(summary))
+    if summary["difference"] is not None:
+        raise click.ClickException(f"{journal}: first difference: {summary['difference']}")
+
+
+@main.group()
+def config() -> None:
+    """Scenario files."""
+
+
+@config.command("check")
+@click.argument("file")
+@OVERRIDE
+@JSON
+def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Check FILE and everything it names."""
+    from mission_service.config.scenario import load_scenario
+    from mission_service.fire.simulated import check
+
+    echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
+
+
+def _progress_bar(name: str, duration_s: float, quiet: bool) -> Any:
+    from mission_service.runtime.progress import SimProgress
+
+    return SimProgress(name, duration_s, quiet)
+
+
+def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(summary))
+    closest_m, separation_m = summary["closest_pair_m"], summary["separation_m"]
+    if closest_m is not None and closest_m < separation_m:
+        click.echo(
+            f"Warning: two vehicles were {closest_m:.0f} m apart; mission.separation_m is "
+            f"{separation_m:g}",
+            err=True,
+        )
+    if as_json:
+        return
+    for vehicle in summary["vehicles"]:
+        done = f"{vehicle['in_air_s'] / 60:.0f} min in the air, {vehicle['flown_km']:.1f} km; "
+        done += f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
+        if vehicle["orders"]:
+            orders = vehicle["orders"]
+            done = f"{orders.get('Orbit', 0)} orbits, {orders.get('ChangeSpeed', 0)} speeds ordered"
+        uploads = ", ".join(f"{count} {outcome}" for outcome, count in vehicle["uploads"].items())
+        flown = vehicle["missions"]["flown"]
+        click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}, {flown} flown")
+    if closest_m is not None:
+        click.echo(f"closest pair: {closest_m:.0f} m")
+    click.echo(
+        f"{summary['burned_area_ha']:.0f} ha burned at {summary['mission_time_s'] / 3600:.2f} h; "
+        f"journal, GeoJSON, map and summary in {out}/"
+    )

@@ -1,0 +1,129 @@
+"""``mission-service mission`` and ``signing``: one autopilot on one link, by hand."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service.cli.parts import JSON, SIGNING_KEY, TLOG, echo
+
+LINK = click.option(
+    "--link",
+    default="udpin:127.0.0.1:14550",
+    show_default=True,
+    help="udpin, udpout, tcp or tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
+)
+TIMEOUT = click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(min=0.1),
+    default=30.0,
+    show_default=True,
+    help="Give up after this many seconds.",
+)
+
+
+@click.group()
+def mission() -> None:
+    """Move missions to and from one autopilot."""
+
+
+@mission.command("upload")
+@click.argument("plan_file", type=click.Path(dir_okay=False, path_type=Path))
+@LINK
+@TIMEOUT
+@TLOG
+@SIGNING_KEY
+@JSON
+def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
+    """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight.
+
+    Fence and rally points that the autopilot has stay where the plan has none.
+    """
+    from autopilot_bridge.planfile import read_any
+    from mission_service.cli.transfers import upload
+
+    echo(upload(read_any(plan_file), _line(line)), as_json)
+
+
+@mission.command("download")
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True)
+@LINK
+@TIMEOUT
+@TLOG
+@SIGNING_KEY
+@JSON
+def mission_download(output: Path, as_json: bool, **line: Any) -> None:
+    """Write mission, fence and rally points to a .plan file, or the mission to a .waypoints one."""
+    from mission_service.cli.transfers import download
+
+    echo(download(output, _line(line)), as_json)
+
+
+@mission.command("clear")
+@click.option("--all", "everything", is_flag=True, help="The fence and the rally points too.")
+@LINK
+@TIMEOUT
+@TLOG
+@SIGNING_KEY
+@JSON
+def mission_clear(everything: bool, as_json: bool, **line: Any) -> None:
+    """Remove the autopilot's mission."""
+    from mission_service.cli.transfers import clear
+
+    echo(clear(_line(line), everything), as_json)
+
+
+def _line(line: dict[str, Any]) -> Any:
+    from mission_service.cli.transfers import Line
+
+    return Line(**line, warn=lambda text: click.echo(text, err=True))
+
+
+@click.group()
+def signing() -> None:
+    """MAVLink 2 signing: give a vehicle its key, or take it away."""
+
+
+KEY_NEEDED = click.option(
+    "--signing-key", required=True, metavar="file:PATH|env:NAME", help="Where the key is."
+)
+SYSTEM = click.option(
+    "--system-id", type=click.IntRange(1, 250), help="Of the vehicle (default: the first heard)."
+)
+
+
+@signing.command("set-up")
+@LINK
+@KEY_NEEDED
+@click.option(
+    "--old-key", metavar="file:PATH|env:NAME", help="Where the key is that the vehicle has now."
+)
+@SYSTEM
+@TIMEOUT
+@TLOG
+@JSON
+def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **line: Any) -> None:
+    """Tell the vehicle the key, and see that it signs.
+
+    The key travels in clear text: use a link nobody listens to, such as a USB cable. The vehicle
+    must be disarmed. Then it must answer a question that is signed, or the exit code is 1. The
+    key is not recorded.
+    """
+    from mission_service.cli.signing_setup import set_up
+
+    echo(set_up(_line(line), old_key, system_id), as_json)
+
+
+@signing.command("off")
+@LINK
+@KEY_NEEDED
+@SYSTEM
+@TIMEOUT
+@TLOG
+@JSON
+def signing_off(system_id: int | None, as_json: bool, **line: Any) -> None:
+    """Have the vehicle that has the key sign no more, and see that it answers without."""
+    from mission_service.cli.signing_setup import turn_off
+
+    echo(turn_off(_line(line), system_id), as_json)

@@ -1,0 +1,112 @@
+"""``mission-service replay --speed``: a logged flight on the map. Heavy imports wait."""
+
+import contextlib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mission_service.cli.parts import folder, reporter, tell_address
+
+if TYPE_CHECKING:
+    from mission_service.config.service import ServiceSection
+    from mission_service.replay.flights.beside import Asked, Replaying
+    from mission_service.replay.flights.played import Flight
+    from mission_service.runtime.play_head import Speed
+
+
+def speed_of(text: str) -> "Speed":
+    """The speed that is written so. Raises BadParameter."""
+    from mission_service.errors import RequestError
+    from mission_service.runtime.play_head import checked_speed
+
+    try:
+        return "max" if text == "max" else checked_speed(float(text))
+    except (ValueError, RequestError):
+        raise click.BadParameter(f"{text}: from 0.1 to 100, or max", param_hint="--speed") from None
+
+
+def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection]":
+    """What is played, and how the service is run. Raises MissionServiceError and BridgeError.
+
+    Without a scenario it is level ground around the flight.
+    """
+    from mission_service.config.scenario import run_of
+    from mission_service.replay.flights.beside import replaying, scenario_asked
+    from mission_service.replay.flights.journal_log import JournalLog
+    from mission_service.replay.flights.plain_scenario import plain_scenario
+    from mission_service.replay.flights.played import survey
+
+    found, first = survey(flight), flight.logs[0]
+    if asked.scenario is not None or isinstance(first, JournalLog):
+        scenario = scenario_asked(flight, asked)
+        assert scenario is not None
+        loaded, settings = scenario
+        return replaying(flight, found, loaded, asked.at_s), settings
+    plain = plain_scenario(found, first.path.stem).model_dump(mode="json")
+    loaded, settings = run_of(plain, first.path, asked.overrides)
+    what = replaying(flight, found, loaded, asked.at_s or 0.0)
+    # Nobody is sent to a fire that there is not.
+    never = what.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
+    return what._replace(scenario=never), settings
+
+
+def play(
+    flight: "Flight",
+    asked: "Asked",
+    speed: str,
+    listen: str | None,
+    out: Path | None,
+    until_end: bool,
+    log: str | None,
+    log_level: str,
+    as_json: bool,
+) -> None:
+    """Play logged flights on the map and over MQTT, as a live run is seen; until Ctrl-C.
+
+    What the service would have seen and decided beside them is shown. Nothing can be ordered.
+    """
+    import asyncio
+    from functools import partial
+    from tempfile import TemporaryDirectory
+
+    from mission_service.replay.flights.live import Show, serve_flight
+    from mission_service.runtime.clocks import now_text
+    from mission_service.runtime.outputs import summary_of, write_outputs
+
+    times = speed_of(speed)
+    what, settings = played(flight, asked)
+    settings = _with_map(settings, listen)
+    with contextlib.ExitStack() as stack:
+        kept = out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-")))
+        made = folder(kept)
+        show = Show(what, made, now_text(), settings, times, until_end, logs=log is not None)
+        report = reporter(log, log_level, as_json)
+        record, world = asyncio.run(serve_flight(show, report, partial(tell_address, made)))
+        if out is not None:
+            summary = write_outputs(made, what.scenario, record, world.fire)
+        else:
+            summary = summary_of(what.scenario, record, world.fire)
+    if as_json:
+        click.echo(json.dumps(summary))
+    elif out is not None:
+        click.echo(f"journal, GeoJSON, map and summary in {out}/")
+
+
+def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
+    """The settings with a map, on a port of its own unless they say which."""
+    from pydantic import ValidationError
+
+    from mission_service.config.service import HttpSection
+    from mission_service.errors import MissionServiceError
+
+    told = {} if settings.http is None else settings.http.model_dump()
+    if listen is not None or settings.http is None:
+        told["listen"] = listen or "127.0.0.1:0"
+    try:
+        http = HttpSection.model_validate(told)
+    except ValidationError as error:
+        words = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise MissionServiceError(f"--listen {listen}: {words}") from None
+    return settings.model_copy(update={"http": http})

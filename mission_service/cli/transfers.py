@@ -1,0 +1,178 @@
+"""Missions to and from one autopilot, for the command line: one transfer, then done."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from autopilot_bridge.check import adapted, check
+from autopilot_bridge.client import VehicleClient
+from autopilot_bridge.client_events import Connected, TransferFinished
+from autopilot_bridge.connection import Connection
+from autopilot_bridge.items import Items, Plan, has_position
+from autopilot_bridge.planfile import WPL_SUFFIXES, write_any
+from autopilot_bridge.signing import Signing
+from autopilot_bridge.stacks import Stack
+from autopilot_bridge.tlog import Tlog
+from autopilot_bridge.transfer import MISSION_TYPES, Kind, TransferResult
+from mission_service.errors import MissionServiceError
+from mission_service.runtime.clocks import clock_us, wall_us
+from mission_service.runtime.signed import COMMAND_LINK_ID, refusal, signings, unheeded
+
+Result = TypeVar("Result")
+Ask = Callable[[VehicleClient, int], int]
+KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 judges a mission by its fence
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """The way to the autopilot: ``signing_key`` is where the key is, ``warn`` tells the user."""
+
+    link: str
+    timeout_s: float
+    tlog: Path | None = None
+    signing_key: str | None = None
+    warn: Callable[[str], None] = lambda text: None
+
+
+def upload(plan: Plan, line: Line) -> dict[str, Any]:
+    """Replace the autopilot's mission, and its fence and rally points where the plan has any.
+
+    The flight is not started. Raises MissionServiceError, before anything is sent, for items the
+    autopilot would not fly as they are meant.
+    """
+
+    def asks(stack: Stack) -> list[Ask]:
+        parts = _fitted(plan, stack)
+        for kind, items in parts.items():
+            for problem in check(items, stack, MISSION_TYPES[kind]):
+                if problem.kind != "changed":
+                    raise MissionServiceError(f"{kind}: {problem}")
+        return [_upload_of(kind, items) for kind, items in parts.items()]
+
+    _, results = _run(asks, line)
+    counts = {"items": len(plan.mission), "fence": len(plan.fence), "rally": len(plan.rally)}
+    return {"result": results[-1].outcome, **counts, "holds": results[-1].holds}
+
+
+def _fitted(plan: Plan, stack: Stack) -> dict[Kind, Items]:
+    """What is sent of a plan, in order."""
+    parts: dict[Kind, Items] = {
+        "fence": plan.fence,
+        "rally": plan.rally,
+        "mission": adapted(plan.mission, stack),
+    }
+    return {kind: items for kind, items in parts.items() if items or kind == "mission"}
+
+
+def _upload_of(kind: Kind, items: Items) -> Ask:
+    return lambda client, now_us: client.upload(items, now_us, kind, check=True, holds_first=True)
+
+
+def download(output: Path, line: Line) -> dict[str, Any]:
+    """Write what the autopilot holds to a .plan file, or its mission to a QGC WPL file."""
+    kinds = KINDS[-1:] if output.suffix.lower() in WPL_SUFFIXES else KINDS
+    client, results = _run(lambda _: [_download_of(kind) for kind in kinds], line)
+    read = {kind: result.items or () for kind, result in zip(kinds, results, strict=True)}
+    items = read["mission"]
+    first = next((item for item in items if has_position(item.command)), None)
+    home = (first.x / 1e7, first.y / 1e7, first.z) if first else None
+    plan = Plan(items, read.get("fence", ()), read.get("rally", ()), home)
+    write_any(output, plan, client.stack)
+    counts = {"items": len(items), "fence": len(plan.fence), "rally": len(plan.rally)}
+    return {"result": results[-1].outcome, **counts, "file": str(output)}
+
+
+def _download_of(kind: Kind) -> Ask:
+    return lambda client, now_us: client.download(now_us, kind)
+
+
+def clear(line: Line, everything: bool = False) -> dict[str, Any]:
+    """Remove the autopilot's mission; with ``everything`` its fence and rally points too."""
+    kinds = KINDS if everything else KINDS[-1:]
+    _, results = _run(lambda _: [_clear_of(kind) for kind in kinds], line)
+    return {"result": results[-1].outcome}
+
+
+def _clear_of(kind: Kind) -> Ask:
+    return lambda client, now_us: client.clear(now_us, kind)
+
+
+def _run(
+    asks: Callable[[Stack], list[Ask]], line: Line
+) -> tuple[VehicleClient, list[TransferResult]]:
+    """Ask one thing after another of the first autopilot heard; all must be accepted."""
+    client = VehicleClient(target_system=None)
+    with connected(client, line, line.signing_key) as (connection, _):
+        results = within(line, client, connection, _transfers(client, asks, line, connection))
+    return client, results
+
+
+@contextlib.contextmanager
+def connected(
+    client: VehicleClient, line: Line, signing_key: str | None, *others: str | None
+) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
+    """A client's connection, not open yet, signed with a key; and the signings of all keys named.
+
+    The recording and the timestamps are closed after it.
+    """
+    with contextlib.ExitStack() as stack:
+        tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None
+        signing_of = stack.enter_context(signings((signing_key, *others), wall_us, line.warn))
+        signing = signing_of.get(signing_key)
+        yield (
+            Connection(line.link, client, clock_us, 1.0, tlog, signing, COMMAND_LINK_ID),
+            signing_of,
+        )
+
+
+def within(
+    line: Line, client: VehicleClient, connection: Connection, work: Coroutine[Any, Any, Result]
+) -> Result:
+    """What some work on the connection comes to. Raises MissionServiceError when time is up."""
+    try:
+        return asyncio.run(asyncio.wait_for(work, line.timeout_s))
+    except TimeoutError:
+        raise MissionServiceError(_unended(line, client, connection)) from None
+
+
+def _unended(line: Line, client: VehicleClient, connection: Connection) -> str:
+    """What to say of a link on which time is up."""
+    refused = refusal(connection.counts, line.link)
+    if client.stack is None and refused:
+        return f"{line.link}: no autopilot was believed within {line.timeout_s:g} s: {refused}"
+    heard = "the transfer did not end" if client.stack else "no autopilot was heard"
+    if connection.hears_signed:
+        return f"{line.link}: {heard} within {line.timeout_s:g} s; {unheeded(line.link)}"
+    return f"{line.link}: {heard} within {line.timeout_s:g} s; is it running, and is this its port?"
+
+
+async def _transfers(
+    client: VehicleClient,
+    asks: Callable[[Stack], list[Ask]],
+    line: Line,
+    connection: Connection,
+) -> list[TransferResult]:
+    waiting: list[Ask] = []
+    results: list[TransferResult] = []
+    async with connection:
+        while True:
+            await connection.wait()
+            while (event := client.next_event()) is not None:
+                match event:
+                    case Connected():
+                        waiting = asks(event.stack)
+                    case TransferFinished() if event.result.outcome != "accepted":
+                        result = event.result
+                        words = f"{event.kind} {event.action} {result.outcome}: {result.reason}"
+                        raise MissionServiceError(f"{line.link}: {words}")
+                    case TransferFinished():
+                        results.append(event.result)
+                        if not waiting:
+                            return results
+                    case _:
+                        continue
+                waiting.pop(0)(client, clock_us())
+                connection.flush()

@@ -1,0 +1,1 @@
+"""The scenario file: its schema, defaults and checks."""

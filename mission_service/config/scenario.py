@@ -1,0 +1,336 @@
+"""The scenario: one TOML file into frozen models that refuse what they do not know."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AwareDatetime, BaseModel, Field, ValidationError, model_validator
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.link import parse_link
+from autopilot_bridge.orders import Dropper, drop
+from autopilot_bridge.stacks import stack_named
+from mission_service.config.sections import (
+    KEY_SOURCE,
+    BurnSection,
+    FireSection,
+    FormationSection,
+    Ignition,
+    LandscapeSection,
+    LinkSection,
+    MissionSection,
+    NotNegative,
+    PlannerSection,
+    Positive,
+    Section,
+    VehicleSection,
+    WeatherEntry,
+    WeatherFile,
+)
+from mission_service.config.service import ServiceSection
+from mission_service.errors import ScenarioError
+
+SHIPPED = Path(__file__).parents[1] / "scenarios"
+
+
+class Scenario(Section):
+    """A whole scenario. Mission time 0 is when the clock of the fire starts.
+
+    ``time_zero`` is that moment by the calendar, with its UTC offset, for files that are written.
+    ``only`` names the vehicle that this process flies, where others fly the rest.
+    """
+
+    name: str
+    time_zero: AwareDatetime | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    start_s: NotNegative = 0.0
+    duration_s: Positive
+    deploy_at_s: NotNegative = 0.0
+    clock: Literal["autopilot", "wall"] = "autopilot"
+    fly_in_wind: bool = True  # simulated vehicles, in the fire's own
+    landscape: LandscapeSection = LandscapeSection()
+    fire: FireSection = FireSection()
+    weather: tuple[WeatherEntry, ...] = ()
+    weather_file: WeatherFile | None = None
+    ignition: tuple[Ignition, ...] = ()
+    vehicles: tuple[VehicleSection, ...] = ()
+    only: str | None = None
+    planner: PlannerSection = PlannerSection()
+    formation: FormationSection = FormationSection()
+    burn: BurnSection | None = None
+    mission: MissionSection = MissionSection()
+    link: LinkSection = LinkSection()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Scenario":
+        names = [vehicle.name for vehicle in self.vehicles]
+        if len(set(names)) != len(names):
+            raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
+        if (self.weather_file is None) == (not self.weather):
+            raise ValueError("it needs either weather entries or a weather_file")
+        lit = self.ignition or self.burn_flown is not None
+        if not (lit or self.fire.perimeter or self.fire.arrival):
+            raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
+        if self.only is not None and self.only not in names:
+            raise ValueError(f"only: no vehicle {self.only}; there are {', '.join(names)}")
+        _refuse_shared_ports(self.vehicles)
+        if self.fire.initial_cells is not None and not self.ignition:
+            raise ValueError("fire.initial_cells needs an ignition to grow from")
+        if self.planner.rule == "formation":
+            _refuse_other_than_planes(self.vehicles)
+        if self.planner.rule == "burn":
+            _refuse_other_than_a_copter(self.burn, self.vehicles)
+        times = [entry.at_s for entry in self.weather]
+        if times and (times != sorted(set(times)) or times[0] != 0):
+            raise ValueError("weather entries must start at at_s = 0 and be later one by one")
+        if self.duration_s <= self.start_s:
+            raise ValueError("duration_s must be later than start_s")
+        return self
+
+    @property
+    def burn_flown(self) -> BurnSection | None:
+        """The burn, if it is what this scenario flies."""
+        return self.burn if self.planner.rule == "burn" else None
+
+    @property
+    def first_flight_s(self) -> float:
+        """The earliest mission time at which vehicles take off."""
+        return max(self.start_s, self.deploy_at_s)
+
+    @property
+    def flown(self) -> tuple[VehicleSection, ...]:
+        """The vehicles that this process flies."""
+        if self.only is None:
+            return self.vehicles
+        return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
+
+
+def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
+    """Raise ValueError unless all vehicles can fly in a formation."""
+    for vehicle in vehicles:
+        if vehicle.kind != "plane":
+            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not a copter')
+        if vehicle.backend != "native":
+            raise ValueError(
+                f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
+                "vehicles fly missions only, no orbits"
+            )
+
+
+def _refuse_other_than_a_copter(
+    burn: BurnSection | None, vehicles: tuple[VehicleSection, ...]
+) -> None:
+    """Raise ValueError unless there is a burn and one vehicle that can drop its lines."""
+    if burn is None:
+        raise ValueError('rule = "burn" needs a table [burn]')
+    for vehicle in vehicles:
+        if vehicle.kind != "copter" or vehicle.backend != "native":
+            raise ValueError(f'{vehicle.name}: rule = "burn" is for a copter with backend "native"')
+        try:
+            drop(stack_named(vehicle.stack, vehicle.kind), Dropper(*burn.dropper.output))
+        except BridgeError as error:
+            raise ValueError(f"{vehicle.name}: burn.dropper: {error}") from None
+    if len(vehicles) > 1:
+        raise ValueError('rule = "burn" is for one vehicle: others would fly in each other\'s fire')
+
+
+def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
+    """Raise ValueError unless each vehicle flown through MAVSDK has a port of its own."""
+    for vehicle in vehicles:
+        if vehicle.backend != "mavsdk":
+            continue
+        if "link" not in vehicle.model_fields_set:
+            raise ValueError(
+                f'{vehicle.name}: backend = "mavsdk" needs a link with a port of its own, '
+                'as in link = "udpin:127.0.0.1:14551"'
+            )
+        try:
+            parse_link(vehicle.link)
+        except BridgeError as error:
+            raise ValueError(f"{vehicle.name}: {error}") from None
+        for other in vehicles:
+            if other is not vehicle and _port(other.link) == _port(vehicle.link):
+                raise ValueError(
+                    f"{vehicle.name} and {other.name} have the same port ({vehicle.link}); with "
+                    'backend = "mavsdk" each vehicle needs one of its own'
+                )
+
+
+def _port(link: str) -> str:
+    """The port or serial device of a link, whatever the host."""
+    kind, _, rest = link.partition(":")
+    return rest.rpartition(":")[0] if kind == "serial" else rest.rpartition(":")[2]
+
+
+def scenario_path(name: str) -> Path:
+    """The file of a scenario: a path, or the name of one that ships with the package."""
+    path = Path(name)
+    shipped = SHIPPED / f"{name}.toml"
+    if path.exists() or not shipped.exists():
+        return path
+    return shipped
+
+
+def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
+    """Read a scenario file (or a shipped one by name), apply ``key=value`` overrides, check it.
+
+    Raises ScenarioError in one line: file, key, value, reason.
+    """
+    return load_run(name, overrides)[0]
+
+
+def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, ServiceSection]:
+    """As ``load_scenario``, with what its table [service] says of how the daemon is run."""
+    path = scenario_path(name)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        shipped = ", ".join(sorted(entry.stem for entry in SHIPPED.glob("*.toml")))
+        raise ScenarioError(f"{path}: no such file (shipped scenarios: {shipped})") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    return run_of(data, path, overrides)
+
+
+def run_of(
+    data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
+) -> tuple[Scenario, ServiceSection]:
+    """As ``load_run``, of what stands in a file, or in the header of a journal."""
+    for override in overrides:
+        apply_override(data, override)
+    service = data.pop("service", {})
+    at = ("service",)
+    settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
+    return parse_scenario(data, path), settings
+
+
+def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
+    """Check a scenario given as a dictionary; relative paths count from the file."""
+    found: Scenario = _with_paths(_in_layers(_checked(Scenario, data, path)), path, ())
+    return found
+
+
+def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
+    """What stands at these keys of the file."""
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: {'.'.join((*keys, _in_words(error)))}") from None
+
+
+def _in_layers(scenario: Scenario) -> Scenario:
+    """The scenario with an altitude layer for each vehicle whose altitude it does not give."""
+    vehicles = tuple(
+        vehicle
+        if "altitude_agl_m" in vehicle.model_fields_set
+        else vehicle.model_copy(
+            update={"altitude_agl_m": vehicle.altitude_agl_m + place * scenario.mission.layer_m}
+        )
+        for place, vehicle in enumerate(scenario.vehicles)
+    )
+    return scenario.model_copy(update={"vehicles": vehicles})
+
+
+def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:
+    """A section with all its paths counted from the scenario's folder; they must be there."""
+    if isinstance(section, Path):
+        found = (scenario_path.parent / section).resolve()
+        if not found.is_file():
+            what = "is a folder, not a file" if found.is_dir() else "no such file"
+            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {what}: {found}")
+        return found
+    if keys[-1:] in (("signing_key",), ("password",)) and section and section.startswith("file:"):
+        path = Path(section.removeprefix("file:")).expanduser()
+        return f"file:{(scenario_path.parent / path).resolve()}"
+    if isinstance(section, tuple):
+        return tuple(
+            _with_paths(part, scenario_path, (*keys, str(place)))
+            for place, part in enumerate(section)
+        )
+    if isinstance(section, Section):
+        names = type(section).model_fields
+        values = {
+            name: _with_paths(getattr(section, name), scenario_path, (*keys, name))
+            for name in names
+        }
+        return section.model_copy(update=values)
+    return section
+
+
+def with_signing_key(scenario: Scenario, source: str) -> Scenario:
+    """The scenario with the same key for all its vehicles. Raises ScenarioError for no source."""
+    if re.fullmatch(KEY_SOURCE, source) is None:
+        raise ScenarioError("signing key: name where it is, as file:PATH or env:NAME")
+    vehicles = tuple(
+        vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles
+    )
+    return scenario.model_copy(update={"vehicles": vehicles})
+
+
+def one_of_many(scenario: Scenario, vehicle: str | None, talks: bool) -> Scenario:
+    """The scenario for a process that flies only one vehicle, or talks to other processes.
+
+    Raises ScenarioError for a vehicle that it has not, and for a rule without a word to say.
+    """
+    names = [section.name for section in scenario.vehicles]
+    if vehicle is not None and vehicle not in names:
+        raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {', '.join(names)}")
+    if talks and scenario.planner.rule != "formation":
+        raise ScenarioError(
+            f'--broker is for rule = "formation"; {scenario.name} flies {scenario.planner.rule}'
+        )
+    formation = scenario.formation.model_copy(update={"talks": talks})
+    return scenario.model_copy(update={"only": vehicle, "formation": formation})
+
+
+def flying(scenario: Scenario) -> Scenario:
+    """The scenario itself if vehicles can fly in it; raises ScenarioError saying what it lacks."""
+    if not scenario.vehicles:
+        raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
+    known = scenario.planner.ignition_known and scenario.planner.rule != "burn"
+    if known and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
+        raise ScenarioError(
+            f"{scenario.name}: the planner has to know where the fire is: make the first ignition "
+            "a point, or set planner.ignition_known = false and reported_lat_deg, reported_lon_deg"
+        )
+    return scenario
+
+
+def _in_words(error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"]) or "scenario"
+    value = first.get("input")
+    # What stands where a key is named, perhaps misspelt, may be the key itself.
+    secret = re.search("key|sign|password|token", key)
+    hidden = isinstance(value, dict | list | tuple | BaseModel) or secret
+    shown = "" if hidden else f" (got {value!r})"
+    others = len(error.errors()) - 1
+    more = f"; and {others} more" if others else ""
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown key{shown}{more}"
+    text = first["msg"].removeprefix("Value error, ")
+    text = text.replace("a valid tuple", "a list, as in [ ... ]")
+    text = re.sub(r"a valid dictionary.*", "a table", text)
+    return f"{key}: {text}{shown}{more}"
+
+
+def apply_override(data: dict[str, Any], override: str) -> None:
+    """Set ``a.b.0.c=value`` (a TOML value) in the dictionary of a scenario."""
+    key, equals, text = override.partition("=")
+    if not equals:
+        raise ScenarioError(f"--set {override}: write it as key=value, e.g. planner.alpha=1.5")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *parents, last = key.split(".")
+    place: Any = data
+    try:
+        for part in parents:
+            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
+        place[int(last) if isinstance(place, list) else last] = value
+    except (ValueError, IndexError, TypeError, AttributeError):
+        raise ScenarioError(f"--set {override}: there is no such key in the scenario") from None

@@ -1,0 +1,433 @@
+"""The tables of a scenario file: frozen models that refuse what they do not know."""
+
+import re
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=180)]
+Bearing = Annotated[float, Field(ge=0, le=360)]
+Percent = Annotated[float, Field(ge=0, le=400)]
+Share = Annotated[float, Field(ge=0, lt=1)]
+
+LAYER_KEYS = (
+    "fuel",
+    "elevation",
+    "slope",
+    "aspect",
+    "canopy_cover",
+    "canopy_height",
+    "canopy_base",
+)
+RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
+# A name that is no name may be the key itself.
+KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
+
+
+class Section(BaseModel):
+    """A table of the file: read-only, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LandscapeSection(Section):
+    """Where the fire burns: the grid that ships with matplotlib, level ground, or rasters.
+
+    Level ground ("flat") is of one fuel, ``elevation_m`` high, around ``lat_deg``, ``lon_deg``.
+    Rasters are a file for each layer, or one ``file`` for all: an .lcp, or a stack whose bands say
+    what they are or are named in ``bands``.
+    """
+
+    source: Literal["jacksboro", "flat", "files"] = "jacksboro"
+    rows: Annotated[int, Field(ge=20, le=4000)] = 200
+    cols: Annotated[int, Field(ge=20, le=4000)] = 200
+    cell_size_m: Positive = 30.0
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # where UTM has zones
+    lon_deg: Longitude | None = None
+    elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+    fuel_model: int = 1
+    file: Path | None = None
+    bands: dict[str, Annotated[int, Field(ge=1)]] = {}
+    fuel: Path | None = None
+    elevation: Path | None = None
+    slope: Path | None = None
+    aspect: Path | None = None
+    canopy_cover: Path | None = None
+    canopy_height: Path | None = None
+    canopy_base: Path | None = None
+    units: dict[str, str] = {}
+    missing: Literal["refuse", "unburnable"] = "refuse"
+    crs: str | None = None
+    nodata: Finite | None = None
+    barriers: tuple[Path, ...] = ()
+
+    @property
+    def layers(self) -> dict[str, Path]:
+        """The file of each layer that has one of its own."""
+        found = {name: getattr(self, name) for name in LAYER_KEYS}
+        return {name: path for name, path in found.items() if path is not None}
+
+    @model_validator(mode="after")
+    def _files_named(self) -> "LandscapeSection":
+        if self.source != "flat":
+            self._refuse(("lat_deg", "lon_deg", "elevation_m", "fuel_model"))
+        elif self.lat_deg is None or self.lon_deg is None:
+            raise ValueError('source = "flat" needs lat_deg and lon_deg, its middle')
+        if self.source != "files":
+            if self.file or self.layers:
+                raise ValueError('rasters are given, so it must say source = "files"')
+            self._refuse(RASTER_KEYS)
+        elif (self.file is None) == (not self.layers):
+            raise ValueError('source = "files" needs either file, or fuel and the other layers')
+        else:
+            self._refuse(("rows", "cols", "cell_size_m"))
+        if self.bands and self.file is None:
+            raise ValueError("bands are those of a stack: it needs file")
+        return self
+
+    def _refuse(self, keys: tuple[str, ...]) -> None:
+        """Raise for a key that would have no effect with this source."""
+        for key in keys:
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f'{key} has no effect with source = "{self.source}"; leave it out')
+
+
+class FuelMoisture(Section):
+    """Moisture of the fuels in percent of their dry weight."""
+
+    dead_1h_pct: Percent = 6.0
+    dead_10h_pct: Percent = 8.0
+    dead_100h_pct: Percent = 10.0
+    live_herb_pct: Percent = 70.0
+    live_woody_pct: Percent = 100.0
+
+
+class WeatherEntry(FuelMoisture):
+    """Weather from ``at_s`` on. Wind 6.1 m (20 ft) above the vegetation."""
+
+    at_s: NotNegative
+    wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
+    wind_from_deg: Bearing
+
+
+class WeatherFile(FuelMoisture):
+    """A .raws, .wxs or .csv file; ``start`` is mission time 0 in the file's own time.
+
+    Moistures that the file does not have are those given here. With ``conditioned`` the dead ones
+    follow temperature, humidity and rain from these on.
+    """
+
+    path: Path
+    start: datetime | None = None
+    conditioned: bool = False
+
+
+class Ignition(Section):
+    """What starts to burn ``at_s`` seconds of mission time: a point, or the shapes of a file."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    file: Path | None = None
+    at_s: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Ignition":
+        point = (self.lat_deg is not None, self.lon_deg is not None)
+        if any(point) != all(point) or (self.file is None) != all(point):
+            raise ValueError("needs either lat_deg and lon_deg, or file")
+        return self
+
+
+class FireSection(Section):
+    """How the fire spreads, and what of it burns already when the model takes over.
+
+    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` a raster of times of
+    arrival. ``p_spread`` and ``update_s`` are those of the probabilistic scheme, which can also
+    begin with a fire of ``initial_cells``, grown from the ignitions by the same rule.
+    """
+
+    scheme: Literal["anyangle", "devs8", "probabilistic"] = "anyangle"
+    wind_limit: bool = False
+    perimeter: Path | None = None
+    arrival: Path | None = None
+    arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"
+    burning_at_s: NotNegative = 0.0
+    p_spread: Annotated[float, Field(gt=0, le=1)] = 0.025
+    update_s: Positive = 60.0
+    initial_cells: Annotated[int, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_fire(self) -> "FireSection":
+        if self.perimeter is not None and self.arrival is not None:
+            raise ValueError("give either perimeter or arrival, not both")
+        if self.initial_cells is not None:
+            if self.scheme != "probabilistic":
+                raise ValueError('initial_cells needs scheme = "probabilistic"')
+            if self.perimeter is not None or self.arrival is not None:
+                raise ValueError("give either initial_cells or perimeter or arrival")
+        return self
+
+
+class PlannerSection(Section):
+    """What decides; the rules there are stand in mission_service/guidance/registry.py.
+
+    Rules that begin with ``team.`` direct all vehicles together, on one map; ``formation`` has
+    fixed wings loiter around the fire; ``burn`` has a copter drop ignition lines.
+    """
+
+    rule: str = "damped"
+    importance: Literal["linear", "exponential"] = "linear"  # of teams
+    negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
+    # What a team's user wishes; it is told how many vehicles that takes.
+    worst_age_s: Positive | None = None
+    unseen_advance_m: Positive | None = None
+    alpha: NotNegative = 1.0
+    first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
+    ignition_known: bool = True
+    reported_lat_deg: Latitude | None = None
+    reported_lon_deg: Longitude | None = None
+    baseline_s: Positive = 600.0
+    smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
+    reversal_margin: NotNegative = 0.5
+    least_gain_cells: NotNegative = 0.5
+    dwell_s: NotNegative = 200.0
+
+    @field_validator("rule")
+    @classmethod
+    def _rule_known(cls, rule: str) -> str:
+        from mission_service.guidance.registry import (  # which knows scenarios
+            BURN,
+            FORMATION,
+            RULES,
+        )
+
+        if rule not in (*RULES, FORMATION, BURN):
+            raise ValueError(f"no such rule; there are {', '.join((*RULES, FORMATION, BURN))}")
+        return rule
+
+    @model_validator(mode="after")
+    def _fire_reported(self) -> "PlannerSection":
+        reported = (self.reported_lat_deg is not None, self.reported_lon_deg is not None)
+        if not self.ignition_known and not all(reported):
+            raise ValueError(
+                "ignition_known = false needs reported_lat_deg and reported_lon_deg, "
+                "a point inside the fire"
+            )
+        return self
+
+
+class FormationSection(Section):
+    """The formation of ``rule = "formation"``: table 1 of the paper where nothing else is given.
+
+    Its altitude, loiter radius, camera and airspeeds are those of the vehicles.
+    """
+
+    monitoring_m: Positive = 350.0
+    agent_speed_m_s: Positive = 25.0
+    safety_radius_m: Positive = 30.0
+    neighbourhood_m: Positive = 500.0
+    range_m: Positive = 2000.0
+    # The paper's velocity obstacles choose headings, which an autopilot on an orbit is not given.
+    avoidance: Literal["intent", "none"] = "intent"
+    apart_by_height_m: Positive | None = None  # vehicles whose heights differ so need no avoidance
+    synchronises: bool = True
+    talks: bool = False  # to UAVs that other processes fly
+
+
+LatLon = tuple[Latitude, Longitude]
+
+# NWCG PMS 515: what a burn boss asks before an aircraft drops fire. Any open item is a NO-GO.
+GO_ITEMS = (
+    "firing plan approved by the burn boss",
+    "two remote pilots, or one as the burn plan allows",
+    "communication with the burn boss tested",
+    "launch place, altitudes and the way home agreed",
+    "people and equipment are out of the unit",
+    "weather is within the prescription",
+    "payload checked: spheres, fluid, dropper",
+    "battery and lost-link behaviour checked",
+)
+
+
+class Station(Section):
+    """A place from which plans may be approved: who is there is kept away from fire."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
+class Circle(Section):
+    """People or things: nothing is dropped, nothing flown low within ``radius_m``."""
+
+    name: str
+    lat_deg: Latitude
+    lon_deg: Longitude
+    radius_m: Positive
+
+
+class LitLine(Section):
+    """What the crew has lit by hand: a point or a line, all of it at ``at_s`` of mission time."""
+
+    points: Annotated[tuple[LatLon, ...], Field(min_length=1)]
+    at_s: NotNegative = 0.0
+
+
+class Dropper(Section):
+    """What lets go of a sphere: an output that is set, and ``hold_s`` later set back."""
+
+    by: Literal["servo", "gripper", "actuator"] = "servo"
+    number: Annotated[int, Field(ge=1, le=16)] = 9
+    release: Finite = 1900.0  # servo: PWM in us; actuator: -1 to 1; a gripper has none
+    rest: Finite = 1100.0
+    hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
+    # Of a sphere as big as a table tennis ball (32 mm) and of 5 g, at a drag coefficient of 0.47.
+    terminal_speed_m_s: Positive = 15.0
+    delay_s: NotNegative = 0.2  # from the order to the sphere's fall, link and dropper
+
+    @property
+    def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
+        """What ``autopilot_bridge.orders.Dropper`` is made of."""
+        return self.by, self.number, self.release, self.rest, self.hold_s
+
+
+class BurnSection(Section):
+    """The prescribed burn of ``rule = "burn"``: where, how, and what is safe.
+
+    Corners are (lat, lon). Margins: no drop and no low path where fire is expected within
+    ``time_margin_s``, or nearer than ``distance_margin_m`` (and as much farther downwind of it as
+    the wind goes in ``wind_margin_s``), until ``residence_s`` after the fire has come.
+    """
+
+    unit: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
+    unit_file: Path | None = None
+    no_drop_file: Path | None = None
+    fence: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
+    people: tuple[Circle, ...] = ()
+    stations: Annotated[tuple[Station, ...], Field(min_length=1)]
+    go_items: tuple[str, ...] = GO_ITEMS
+    lit: tuple[LitLine, ...] = ()
+    fuel_model: int = 1  # of the fire simulation; the moistures are the weather's
+    corrections: Literal["paper", "gaussian"] = "gaussian"
+    camera_corrects: bool = True
+    line_spacing_m: Positive = 20.0
+    drop_spacing_m: Positive = 15.0
+    speed_m_s: Positive = 5.0
+    climb_m_s: Positive = 3.0
+    sink_m_s: Positive = 2.0
+    drop_height_m: Positive = 15.0
+    safe_height_m: Positive = 60.0
+    time_margin_s: NotNegative = 60.0
+    distance_margin_m: NotNegative = 10.0
+    wind_margin_s: NotNegative = 2.0
+    residence_s: NotNegative = 120.0
+    edge_m: NotNegative = 5.0  # drops stay so far inside the unit, and off no-drop areas
+    spheres: Annotated[int, Field(ge=0)] = 450
+    most_drops_per_min: Positive = 120.0
+    ignition_delay_s: NotNegative = 30.0
+    battery_s: Positive = 1500.0  # of flight a load
+    battery_reserve_s: NotNegative = 240.0
+    reload_s: NotNegative = 300.0  # on the ground between two loads
+    dropper: Dropper = Dropper()
+    miss_m: Positive = 4.0  # a sphere that would fall farther off its place is not dropped
+    approval_s: Positive = 600.0  # an approval is good for so long
+    crew_silent_s: Positive = 15.0  # an approver not heard for so long is gone
+    wind_changes_m_s: Positive = 2.0
+    wind_changes_deg: Positive = 30.0
+    least_battery_pct: Annotated[float, Field(ge=0, le=90)] = 25.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "BurnSection":
+        if (self.unit is None) == (self.unit_file is None):
+            raise ValueError("needs either unit (corners) or unit_file")
+        if self.safe_height_m <= self.drop_height_m:
+            raise ValueError("safe_height_m must be more than drop_height_m")
+        least_m = self.speed_m_s * 60.0 / self.most_drops_per_min
+        if self.drop_spacing_m < least_m:
+            raise ValueError(
+                f"drop_spacing_m must be at least {least_m:g} m at {self.speed_m_s:g} m/s and "
+                f"{self.most_drops_per_min:g} drops a minute"
+            )
+        if len({station.name for station in self.stations}) != len(self.stations):
+            raise ValueError("stations must have different names")
+        return self
+
+
+class MissionSection(Section):
+    """How decisions become missions.
+
+    With ``approval = "each"`` a mission goes to its vehicle when a person has accepted it. A
+    vehicle whose ``altitude_agl_m`` is not given flies ``layer_m`` higher than the one before it.
+    Vehicles keep ``separation_m`` apart, one above the other.
+    """
+
+    horizon_m: Positive = 2500.0
+    lead_m: Positive = 150.0
+    path_tolerance_m: Positive = 45.0
+    least_upload_interval_s: NotNegative = 4.0
+    layer_m: NotNegative = 40.0
+    separation_m: Positive = 30.0
+    approval: Literal["none", "each"] = "none"  # each: a person accepts every mission
+
+
+class LinkSection(Section):
+    """The simulated link of ``sim``: each way, per datagram."""
+
+    loss: Share = 0.0
+    delay_ms: NotNegative = 20.0
+    jitter_ms: NotNegative = 0.0
+    duplication: Share = 0.0
+
+
+class VehicleSection(Section):
+    """One vehicle: what it is, what it can do, where its camera looks, how it is reached."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
+    stack: Literal["px4", "ardupilot"] = "px4"
+    kind: Literal["plane", "copter"] = "plane"
+    link: str = "udpin:127.0.0.1:14550"
+    system_id: Annotated[int, Field(ge=1, le=250)] = 1
+    backend: Literal["native", "mavsdk"] = "native"
+    signing_key: str | None = None  # where the key is; the journal holds the scenario
+    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # its place, counted from 0
+    home_lat_deg: Latitude
+    home_lon_deg: Longitude
+    airspeed_m_s: Positive = 18.0
+    least_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``most_airspeed_m_s``
+    most_airspeed_m_s: Positive = 25.0
+    altitude_agl_m: Positive = 150.0
+    turn_radius_m: Positive = 60.0
+    least_leg_m: Positive = 90.0
+    loiter_radius_m: Positive = 90.0
+    # A disc of this angle; with camera_along_deg, the angle along the track, a rectangle that turns
+    # with the vehicle.
+    camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
+    camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
+    camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
+    endurance_s: Positive | None = None  # time in the air; it is sent home before that is over
+    endurance_reserve_s: NotNegative = 120.0  # left when it is home
+    autostart: bool = False
+    landing: bool = True  # a PX4 plane's missions end with a landing at home
+    landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
+
+    @model_validator(mode="after")
+    def _speeds_in_order(self) -> "VehicleSection":
+        if self.least_airspeed_m_s >= self.most_airspeed_m_s:
+            raise ValueError("least_airspeed_m_s must be less than most_airspeed_m_s")
+        return self
+
+    @field_validator("signing_key")
+    @classmethod
+    def _key_not_here(cls, source: str | None) -> str | None:
+        if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
+            raise ValueError(
+                'name where the key is, as "file:PATH" or "env:NAME"; '
+                "the key itself does not belong into a scenario, which is recorded"
+            )
+        return source

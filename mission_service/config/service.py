@@ -1,0 +1,132 @@
+"""The table [service] of a scenario file: how the service is run, not what is flown.
+
+It is no part of the scenario and not in the journal: a run is gone on with on other ports too.
+"""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from mission_service.config.mqtt_names import is_host
+from mission_service.config.sections import KEY_SOURCE, NotNegative, Positive, Section
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+class HttpSection(Section):
+    """The HTTP interface and the map; beyond loopback it takes tokens and TLS."""
+
+    listen: str = "127.0.0.1:8765"
+    hosts: tuple[str, ...] = ()  # other names that browsers may call it by
+    tokens: Path | None = None
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+
+    @field_validator("listen")
+    @classmethod
+    def _is_address(cls, listen: str) -> str:
+        found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})", listen)
+        if found is None or int(found[2]) > 65535:
+            raise ValueError('write it as HOST:PORT, as in "127.0.0.1:8765"')
+        return listen
+
+    @model_validator(mode="after")
+    def _safe_beyond_loopback(self) -> "HttpSection":
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("TLS takes both tls_certificate and tls_key")
+        if self.host not in LOOPBACK and (self.tokens is None or self.tls_certificate is None):
+            raise ValueError(
+                f"listen = {self.listen!r} is beyond loopback: give tokens, tls_certificate "
+                "and tls_key, or listen on 127.0.0.1"
+            )
+        return self
+
+    @property
+    def host(self) -> str:
+        """Where it listens."""
+        return self.listen.rpartition(":")[0].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """Where it listens; 0: any that is free."""
+        return int(self.listen.rpartition(":")[2])
+
+
+class MqttSection(Section):
+    """The MQTT broker to which all is told; commands are taken only if wanted."""
+
+    broker: str = "127.0.0.1:1883"
+    prefix: str = "mission-service"
+    user: str | None = None
+    password: str | None = None  # where it is
+    tls: bool = False
+    tls_ca: Path | None = None
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+    commands: bool = False
+    telemetry_hz: Annotated[float, Field(gt=0, le=10)] = 2.0
+
+    @field_validator("password")
+    @classmethod
+    def _password_not_here(cls, source: str | None) -> str | None:
+        if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
+            raise ValueError('name where the password is, as "file:PATH" or "env:NAME"')
+        return source
+
+
+class CotSection(Section):
+    """Cursor on Target for TAK: ``udp://239.2.3.1:6969``, ``tcp://HOST:8087``, ``tls://HOST:8089``."""
+
+    url: str = "udp://239.2.3.1:6969"
+    every_s: Annotated[float, Field(ge=0.1, le=600)] = 2.0
+    tls_ca: Path | None = None
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+
+    @field_validator("url")
+    @classmethod
+    def _is_url(cls, url: str) -> str:
+        found = re.fullmatch(r"(udp|tcp|tls)://([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})", url)
+        if found is None or not 0 < int(found[3]) < 65536 or not is_host(found[2]):
+            raise ValueError(
+                'write it as "udp://HOST:PORT", "tcp://HOST:PORT" or "tls://HOST:PORT"'
+            )
+        return url
+
+    @property
+    def scheme(self) -> str:
+        """How it is sent."""
+        return self.url.partition(":")[0]
+
+    @property
+    def host(self) -> str:
+        """Where to."""
+        return self.url.partition("://")[2].rpartition(":")[0].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """Where to."""
+        return int(self.url.rpartition(":")[2])
+
+
+class KeepSection(Section):
+    """What is kept of a run on disk."""
+
+    rotate_mb: Positive = 64.0  # of one piece of the journal
+    keep_mb: Positive = 2048.0  # of all pieces together
+    state_every_s: Positive = 30.0
+
+
+class ServiceSection(Section):
+    """How the daemon is run."""
+
+    http: HttpSection | None = None
+    mqtt: MqttSection | None = None
+    cot: CotSection | None = None
+    keep: KeepSection = KeepSection()
+    # What vehicles are told when the service is stopped in order: to fly on (their missions end in
+    # a loiter), to hold where they are, or to fly home.
+    on_shutdown: Literal["leave", "hold", "return"] = "leave"
+    shutdown_s: NotNegative = 5.0  # to wait for their answers

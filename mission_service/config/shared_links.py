@@ -1,0 +1,54 @@
+"""Which vehicles of a scenario share a link, and whether they can. Pure."""
+
+from collections.abc import Sequence
+
+from autopilot_bridge.link import SerialAddress, parse_link
+from mission_service.config.sections import VehicleSection
+from mission_service.errors import ScenarioError
+
+
+def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
+    """The vehicles of each link, in the order in which links are named first.
+
+    Raises ScenarioError, in one line, for vehicles that cannot share their link.
+    """
+    of_link: dict[str, list[VehicleSection]] = {}
+    for section in sections:
+        of_link.setdefault(_place_of(section.link), []).append(section)
+    for together in of_link.values():
+        first, *others = together
+        for place, section in enumerate(others, start=1):
+            _refuse(first, section)
+            for other in together[:place]:
+                if other.system_id == section.system_id:
+                    raise ScenarioError(
+                        f"{other.name} and {section.name} have the system id {section.system_id} "
+                        f"on one link, {section.link}: give them different ones (system_id, and "
+                        "MAV_SYS_ID or SYSID_THISMAV of the autopilot), or links of their own"
+                    )
+    return list(of_link.values())
+
+
+def _place_of(link: str) -> str:
+    """What two links must not both open."""
+    address = parse_link(link)
+    if isinstance(address, SerialAddress):
+        return f"serial:{address.device}"
+    if address.kind in ("udpin", "tcpin"):  # of all addresses of this machine one may have a port
+        return f"{address.kind}:{address.port}"
+    return link
+
+
+def _refuse(first: VehicleSection, section: VehicleSection) -> None:
+    """Raise ScenarioError unless two vehicles can share a link."""
+    both = f"{first.name} and {section.name} share the link {section.link}"
+    if first.link != section.link:
+        raise ScenarioError(
+            f"{first.name} ({first.link}) and {section.name} ({section.link}) open the same port: "
+            "write the same link for both, or give each a port of its own"
+        )
+    if "mavsdk" in (first.backend, section.backend):
+        raise ScenarioError(f'{both}: with backend = "mavsdk" each vehicle needs a link of its own')
+    for key in ("signing_key", "signing_link_id"):
+        if getattr(first, key) != getattr(section, key):
+            raise ScenarioError(f"{both}, so {key} must be the same for both")

@@ -1,0 +1,1 @@
+"""Events to commands: the state machine of a run. Pure."""

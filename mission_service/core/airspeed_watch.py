@@ -1,0 +1,49 @@
+"""Whether a plane flies the airspeed that its missions command. Pure.
+
+Autopilots accept an airspeed that they do not fly: ArduPlane 4.6 skips a DO_CHANGE_SPEED item
+outside AIRSPEED_MIN to AIRSPEED_MAX without a report, and PX4 1.17 limits it to FW_AIRSPD_MIN to
+FW_AIRSPD_MAX. Routes, endurance and separation are planned with ``airspeed_m_s``.
+"""
+
+from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm
+from mission_service.core.steering import MISSION
+from mission_service.vehicles.state import Vehicle
+
+AIRSPEED = "airspeed"
+DIFFERENCE_M_S = 2.0  # it counts as another airspeed from the greater of these on
+DIFFERENCE_SHARE = 0.15
+LASTS_S = 60.0  # climbs and turns are over by then
+
+
+def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """The alarm about an airspeed that is not the one commanded, at a position of the vehicle.
+
+    Raised once the difference has lasted ``LASTS_S`` in the mission, cleared when it is over or the
+    mission is no longer flown.
+    """
+    commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
+    presence = vehicle.presence
+    led = presence.airborne and not presence.taken_over
+    in_mission = led and (presence.mode == MISSION or presence.held_by_upload)
+    if vehicle.section.kind != "plane" or measured_m_s is None or not in_mission:
+        return _compared_equal(vehicle)
+    if abs(measured_m_s - commanded_m_s) <= max(DIFFERENCE_M_S, DIFFERENCE_SHARE * commanded_m_s):
+        return _compared_equal(vehicle)
+    if vehicle.airspeed_differs_since_s is None:
+        vehicle.airspeed_differs_since_s = at_s
+    if vehicle.airspeed_alarm or at_s - vehicle.airspeed_differs_since_s < LASTS_S:
+        return []
+    vehicle.airspeed_alarm = True
+    words = (
+        f"flies {measured_m_s:.0f} m/s through the air, its missions command {commanded_m_s:g}: "
+        "set its airspeed_m_s to what it can fly, or its autopilot's limits of airspeed"
+    )
+    return [RaiseAlarm(vehicle.name, AIRSPEED, words, "warning")]
+
+
+def _compared_equal(vehicle: Vehicle) -> list[AnyCommand]:
+    vehicle.airspeed_differs_since_s = None
+    if not vehicle.airspeed_alarm:
+        return []
+    vehicle.airspeed_alarm = False
+    return [ClearAlarm(vehicle.name, AIRSPEED)]

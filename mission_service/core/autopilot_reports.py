@@ -1,0 +1,99 @@
+"""What an autopilot reports of itself, as lines and alarms for operators. Pure.
+
+Each alarm is raised when its cause is reported and cleared when the end of the cause is reported. A
+text has no end: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
+"""
+
+from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
+from mission_service.core.steering import FAILSAFE_STATES, GOING_HOME
+from mission_service.events import (
+    AutopilotText,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    LandedStateChanged,
+    SystemStateChanged,
+    ThrustStatusChanged,
+    VehicleEvent,
+)
+from mission_service.vehicles.state import Vehicle, say
+
+# MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
+WARNING, CRITICAL = 4, 2
+TEXT_STANDS_S = 60.0
+# Texts of PX4's mission protocol, critical by their severity: they follow repeated requests.
+OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
+MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
+LANDED, THRUST = "landed", "thrust"
+
+
+def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+    """Announcements and alarms for an autopilot's report; none for other events."""
+    match event:
+        case AutopilotText():
+            return _text(vehicle, event)
+        case SystemStateChanged():
+            severe = event.state in FAILSAFE_STATES
+            words = f"its autopilot is in state {event.state}: a failsafe is active"
+            return _alarm(vehicle, STATE, severe, words, "severe")
+        case FenceStatusChanged():
+            words = f"fence breached ({event.kind})" if event.kind else "fence breached"
+            return _alarm(vehicle, FENCE, event.breached, words, "severe")
+        case EstimatorStatusChanged():
+            words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
+            return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
+        case ThrustStatusChanged():
+            failed = vehicle.presence.airborne and not event.sufficient
+            sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
+            words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
+            return _alarm(vehicle, THRUST, failed, words, "severe")
+        case LandedStateChanged(state="landing") if vehicle.presence.airborne:
+            return [say(vehicle, "landing", warning=True)]
+        case LandedStateChanged():
+            mode = vehicle.presence.mode
+            lands = mode in GOING_HOME  # it is disarmed next
+            down = vehicle.presence.airborne and event.state == "on ground" and not lands
+            words = f"on the ground in mode {mode}, and armed"
+            return _alarm(vehicle, LANDED, down, words, "severe")
+        case _:
+            return []
+
+
+def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
+    """The alarm about a mode that was not ordered."""
+    mode = vehicle.presence.mode
+    doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
+    until = "nothing is sent to it until it is back in its mission or an operator orders it"
+    words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"
+    return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
+
+
+def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
+    """The mode is one that was ordered."""
+    return [ClearAlarm(vehicle.name, MODE), ClearAlarm(vehicle.name, LANDED)]
+
+
+def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """Clear the alarm of a text after ``TEXT_STANDS_S`` without another one."""
+    if vehicle.text_at_s is None or at_s - vehicle.text_at_s < TEXT_STANDS_S:
+        return []
+    vehicle.text_at_s = None
+    return [ClearAlarm(vehicle.name, TEXT)]
+
+
+def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
+    words = f"autopilot: {event.text}"
+    line = say(vehicle, words, warning=event.severity <= WARNING)
+    if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):
+        return [line]
+    vehicle.text_at_s = event.at_us / 1e6
+    severity: Severity = "severe" if event.severity <= CRITICAL else "warning"
+    return [line, RaiseAlarm(vehicle.name, TEXT, words, severity)]
+
+
+def _alarm(
+    vehicle: Vehicle, alarm: str, raised: bool, words: str, severity: Severity
+) -> list[AnyCommand]:
+    """Raise an alarm and announce it, or clear it."""
+    if not raised:
+        return [ClearAlarm(vehicle.name, alarm)]
+    return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, alarm, words, severity)]

@@ -1,0 +1,553 @@
+"""The core: events in, commands out. No clock, no network, no randomness.
+
+Simulation, live flight, replay and tests all run this and feed it from different sources.
+"""
+
+import math
+from typing import NamedTuple
+
+from firemodel.landscape import Landscape
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    Hold,
+    Return,
+    StartMission,
+    UploadMission,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.core.airspeed_watch import airspeed_compared
+from mission_service.core.autopilot_reports import (
+    back_under_control,
+    reported,
+    taken_over,
+    texts_over,
+)
+from mission_service.core.operator_orders import CrewOrders, hold_again
+from mission_service.core.steering import GOING_HOME, LEADS_TO, MISSION, Here, Steering
+from mission_service.events import (
+    AirspeedMeasured,
+    AnyEvent,
+    CommandFinished,
+    Crew,
+    CrewEvent,
+    FenceStatusChanged,
+    LinkLost,
+    LinkRestored,
+    MissionAccepted,
+    MissionHeld,
+    MissionProgress,
+    ModeChanged,
+    Resumed,
+    SystemStateChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleEvent,
+    VehicleRebooted,
+)
+from mission_service.guidance.front.controller import FrontFlight
+from mission_service.guidance.front.unwatched import FrontWatch
+from mission_service.guidance.protocol import Decision
+from mission_service.guidance.registry import BURN, FORMATION, planners_of
+from mission_service.missions.landing import Landing
+from mission_service.vehicles.approvals import MissionApprovals
+from mission_service.vehicles.missions_sent import MissionsSent
+from mission_service.vehicles.reconciliation import doubt, in_words, recognised
+from mission_service.vehicles.state import Leader, Pending, Vehicle, say
+from mission_service.vehicles.traffic import Spacing
+
+RETRY_S = 5.0
+START_AGAIN_S = 10.0
+CHECK_EVERY_S = 2.0
+TAKEOFF_EVERY_S = 20.0
+WAITS = "on the ground: it waits for an operator to start it"
+# Orders that come all the time: only their refusal is worth a word.
+UNTOLD = ("orbit", "change speed")
+
+
+class Core:
+    """Folds events into vehicles' states and answers with what is to be done."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
+        self.scenario = scenario
+        self.landscape = landscape
+        self._missions = MissionsSent()
+        self._along_front = scenario.planner.rule not in (BURN, FORMATION)
+        self._approvals: MissionApprovals | None = None
+        if scenario.mission.approval == "each":
+            settings = scenario.mission
+            self._approvals = MissionApprovals(settings.path_tolerance_m, settings.horizon_m)
+        self.leader: Leader
+        if scenario.planner.rule == BURN:
+            from mission_service.guidance.burn.controller import (  # not for all who start
+                BurnFlight,
+                Undecided,
+            )
+
+            self.steering = Steering(scenario, landscape, {scenario.vehicles[0].name: Undecided()})
+            self.leader = BurnFlight(scenario, landscape, self._missions)
+            self.spacing = Spacing(scenario, landscape, self.steering.presence)
+        elif scenario.planner.rule == FORMATION:
+            from mission_service.guidance.formation.controller import FormationFlight
+            from mission_service.guidance.formation.seats import Formation
+
+            formation = Formation(scenario, landscape)
+            self.steering = Steering(scenario, landscape, formation.seats)
+            self.leader = FormationFlight(scenario, landscape, formation, self._missions)
+            self.spacing = Spacing(scenario, landscape, self.steering.presence)
+        else:
+            planners = planners_of(scenario, landscape)
+            self.steering = Steering(scenario, landscape, planners)
+            self.spacing = Spacing(scenario, landscape, self.steering.presence)
+            self.leader = FrontFlight(scenario, landscape, planners, self.spacing, self._missions)
+        self.vehicles = {
+            section.name: Vehicle(
+                section,
+                self.steering.presence[section.name],
+                landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
+                Landing(scenario, section, landscape),
+            )
+            for section in scenario.flown
+        }
+        self._watch = FrontWatch(self.steering.planners, landscape.cell_size_m)
+        self._orders = CrewOrders(
+            scenario, self.steering, self.vehicles, self._start, self._approvals
+        )
+
+    def handle(self, event: AnyEvent) -> list[AnyCommand]:
+        """Take in one event; returns the commands it causes, in order.
+
+        Raises KeyError for a vehicle the scenario does not name.
+        """
+        at_s = event.at_us / 1e6
+        commands = self._handle(event)
+        if self._approvals is not None and not isinstance(event, MissionAccepted):
+            commands = self._approvals.held_back(commands, self.vehicles, at_s)
+        commands = [command for command in commands if not self._withheld(command)]
+        commands += self._watched(event)
+        for command in commands:
+            self.steering.sent(command, at_s)
+            if isinstance(command, StartMission):
+                self.vehicles[command.vehicle].start_under_way = True
+            elif isinstance(command, Hold):
+                self.vehicles[command.vehicle].hold_under_way_s = at_s
+            elif isinstance(command, UploadMission) and self._along_front:
+                self.spacing.sends(command.vehicle, command.items)
+        return commands
+
+    def _watched(self, event: AnyEvent) -> list[AnyCommand]:
+        """Report a part of the front that an event leaves unwatched, or watched again."""
+        if not self._along_front:
+            return []
+        names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
+        again = self._watch.raised() if isinstance(event, Resumed) else []
+        return [*again, *(each for name in names for each in self._watch_after(name))]
+
+    def _watch_after(self, name: str) -> list[AnyCommand]:
+        vehicle = self.vehicles[name]
+        watches = vehicle.presence.flies and not vehicle.ordered
+        return self._watch.after(name, watches, self.steering.presence)
+
+    def _withheld(self, command: AnyCommand) -> bool:
+        """Whether a command must not be sent: the last check, which the callers make as well.
+
+        It would change a mode that the autopilot or the pilot selected, or start a vehicle without
+        an operator's order. An order that an operator has confirmed passes.
+        """
+        if type(command) not in LEADS_TO:
+            return False
+        vehicle = self.vehicles[command.vehicle]
+        presence, uploads = vehicle.presence, isinstance(command, UploadMission)
+        if presence.taken_over and (presence.airborne or not uploads):
+            if uploads:
+                vehicle.pending = None
+            return True
+        on_ground = isinstance(command, StartMission) and not presence.airborne
+        return on_ground and vehicle.waits_for_crew
+
+    def _handle(self, event: AnyEvent) -> list[AnyCommand]:
+        if isinstance(event, Crew):
+            return self._told(event)
+        vehicle = self.vehicles[event.vehicle]
+        presence = vehicle.presence
+        was = _Was(presence.airborne, presence.recalled, presence.taken_over, presence.armed)
+        decision = self.steering.take(event)
+        commands = self._answer(vehicle, event, decision, was)
+        return [*commands, *self.leader.heard(vehicle, event)]
+
+    def _told(self, event: CrewEvent) -> list[AnyCommand]:
+        if isinstance(event, Resumed):  # nothing is known of the links, and of what was under way
+            for vehicle in self.vehicles.values():
+                if self._approvals is not None and vehicle.proposed is not None:
+                    vehicle.due = vehicle.due or vehicle.proposed.due
+                    self._approvals.withdraw(vehicle, "the service was restarted")
+                doubt(vehicle)
+        if self.scenario.planner.rule == BURN:
+            return self.leader.told(event)
+        return [*self._orders.take(event), *self.leader.told(event)]
+
+    def _answer(
+        self,
+        vehicle: Vehicle,
+        event: VehicleEvent,
+        decision: Decision | None,
+        was: "_Was",
+    ) -> list[AnyCommand]:
+        match event:
+            case Telemetry():
+                at_s = event.at_us / 1e6
+                told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
+                if vehicle.presence.airborne and not was.airborne:
+                    vehicle.start_again_at_s = None  # the start that was due was a takeoff
+                    told += self._found_in_air(vehicle, was)
+                return [*told, *self._moved(vehicle, at_s, decision)]
+            case UploadFinished():
+                return self._upload_finished(vehicle, event)
+            case VehicleConnected():
+                vehicle.atomic_upload = event.atomic_upload
+                return [say(vehicle, f"connected ({event.stack})")]
+            case LinkLost():
+                then = "the mission on board ends in a loiter"
+                left = vehicle.presence.taken_over or vehicle.presence.recalled
+                if left or not self.leader.in_mission(vehicle.name):
+                    then = "it circles on where it is, or does what its autopilot is set to do then"
+                words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
+                return [say(vehicle, words, warning=True)]
+            case LinkRestored():
+                vehicle.flown_line = None  # a new mission is due: the front has moved on
+                return [say(vehicle, "link restored")]
+            case VehicleRebooted():
+                return self._rebooted(vehicle, event.at_us / 1e6, was)
+            case CommandFinished():
+                return self._command_finished(vehicle, event)
+            case MissionHeld():
+                return self._held(vehicle, event)
+            case ModeChanged():
+                vehicle.mode = event.mode
+                return self._mode_changed(vehicle, event, was)
+            case AirspeedMeasured():
+                vehicle.airspeed_m_s = event.airspeed_m_s
+                return []
+            case MissionProgress(current_seq=seq) if seq > 0:
+                vehicle.takes_off = False  # the takeoff is behind it
+                return []
+            case SystemStateChanged() | FenceStatusChanged():
+                told = reported(vehicle, event)
+                if vehicle.presence.taken_over and not was.taken_over:  # the hold was a failsafe's
+                    told += self._taken_over(vehicle)
+                return told
+            case _:
+                return reported(vehicle, event)
+
+    def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+        presence = vehicle.presence
+        here = presence.here
+        if here is None or not presence.online or at_s < self.scenario.deploy_at_s:
+            return []
+        if presence.taken_over and presence.airborne:
+            return []
+        if presence.recalled:
+            return self._return_again(vehicle, at_s)
+        if vehicle.ordered == "hold":
+            return hold_again(vehicle, at_s)
+        if vehicle.doubt is not None and self.scenario.planner.rule != BURN:
+            return []  # until its mission was read back
+        if presence.in_failsafe and presence.mode == MISSION:
+            return []  # ArduPlane lands by its mission in one: another mission would end that
+        if not presence.position_good:
+            return []  # no decision by dead reckoning: it flies the mission on board
+        commands: list[AnyCommand] = []
+        if self._approvals is not None:
+            commands += self._approvals.lapsed(vehicle, at_s)
+        commands += self.leader.news(vehicle, at_s, decision)
+        if not vehicle.deployed:
+            return [*commands, *self._deploy(vehicle, here)]
+        if not presence.airborne:
+            return [*commands, *self._on_the_ground(vehicle, here)]
+        if self._start_is_due(vehicle, at_s):
+            return [*commands, *self._start(vehicle, at_s)]
+        if vehicle.pending is None and self._must_return(vehicle, here):
+            led_home = self.leader.way_home(vehicle, here)
+            return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
+        return [*commands, *self.leader.lead(vehicle, here)]
+
+    # To the fire and home ---------------------------------------------------------------------
+
+    def _on_the_ground(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Start again after a refusal; one without a mission is sent one (again)."""
+        if self._start_is_due(vehicle, here.at_s):
+            return self._start(vehicle, here.at_s)
+        idle = not vehicle.awaits_mission and vehicle.flown_line is None
+        if idle and here.at_s >= vehicle.not_before_s:
+            return self._deploy(vehicle, here)
+        return []
+
+    def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Whether a start that was refused, or waited for a mission, is to be ordered now."""
+        again_at_s = vehicle.start_again_at_s
+        return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
+
+    def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Start the mission; a takeoff waits for separation, and after a flight for an order."""
+        vehicle.start_again_at_s = None
+        if vehicle.presence.taken_over:
+            return []
+        if vehicle.waits_for_crew and not vehicle.presence.airborne:
+            return [say(vehicle, WAITS, warning=True)]
+        measured = vehicle.presence.position_good or not vehicle.presence.airborne
+        if measured and (vehicle.presence.airborne or self._may_take_off(vehicle, at_s)):
+            return [StartMission(vehicle.name)]
+        vehicle.start_again_at_s = at_s + CHECK_EVERY_S
+        return []
+
+    def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Those that other processes fly are not seen while they take off: each has its time."""
+        if self.scenario.only is not None:
+            number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
+            if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
+                return False
+        return self.spacing.may_take_off(vehicle.name, at_s)
+
+    def _deploy(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Send the vehicle to the fire, if there is anything to fly yet."""
+        path = self.leader.first_path(vehicle, here)
+        if path is None:
+            return []
+        vehicle.deployed = True
+        items = self.leader.items(vehicle, path, here)
+        return [self._missions.upload(vehicle, path, items, here, "fly to the fire")]
+
+    def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
+        """Whether the way home takes what is left of its time in the air."""
+        section = vehicle.section
+        if vehicle.sent_home or vehicle.going_home:
+            return not vehicle.sent_home
+        if section.endurance_s is None:
+            return False
+        against_m_s = max(
+            section.airspeed_m_s - vehicle.presence.wind_m_s, section.airspeed_m_s / 3
+        )
+        home_s = math.dist((here.x_m, here.y_m), vehicle.home_m) / against_m_s
+        flown_s = here.at_s - vehicle.presence.took_off_at_s
+        return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s
+
+    def _send_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        self.steering.recall(vehicle.name, here.at_s)
+        vehicle.end_intentions()
+        vehicle.sent_home = vehicle.waits_for_crew = True
+        flown_min = (here.at_s - vehicle.presence.took_off_at_s) / 60.0
+        words = f"sent home after {flown_min:.0f} min in the air: its time is nearly over"
+        return [say(vehicle, words), Return(vehicle.name)]
+
+    def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        again_at_s, airborne = vehicle.return_again_at_s, vehicle.presence.airborne
+        if again_at_s is None or at_s < again_at_s or not airborne:
+            return []
+        vehicle.return_again_at_s = None
+        return [Return(vehicle.name)]
+
+    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, was: "_Was") -> list[AnyCommand]:
+        presence = vehicle.presence
+        if was.armed and not event.armed:
+            return self._disarmed(vehicle, was.airborne)
+        if event.mode == MISSION and event.armed:
+            vehicle.start_again_at_s = None
+        if presence.taken_over and (presence.airborne or vehicle.started):
+            return self._taken_over(vehicle)
+        if presence.recalled and not was.recalled:
+            return [_on_its_way_home(vehicle, event.mode)]
+        if (was.recalled or was.taken_over) and event.mode == MISSION:
+            vehicle.flown_line = None
+            return [*back_under_control(vehicle), say(vehicle, "back in its mission")]
+        return back_under_control(vehicle) if was.taken_over else []
+
+    def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
+        """What its mode means for a vehicle that has taken off, or is first seen in the air."""
+        if vehicle.presence.taken_over:
+            return self._taken_over(vehicle)
+        if vehicle.presence.recalled and not was.recalled:
+            return [_on_its_way_home(vehicle, vehicle.presence.mode)]
+        return []
+
+    def _taken_over(self, vehicle: Vehicle) -> list[AnyCommand]:
+        why = f"mode {vehicle.presence.mode} was not ordered"
+        return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
+
+    def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
+        """Cancel the vehicle's pending commands and its proposed mission."""
+        vehicle.end_intentions()
+        return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
+
+    def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
+        vehicle.waits_for_crew = True
+        vehicle.sent_home = vehicle.going_home = False
+        ended = self._end_intentions(vehicle, "the vehicle was disarmed")
+        ended += back_under_control(vehicle)
+        if not has_landed:
+            return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
+        # The mission on board begins in the air: a takeoff needs another one.
+        vehicle.flown_line = vehicle.refusal = None
+        self.spacing.forget(vehicle.name)
+        return [*ended, say(vehicle, "landed")]
+
+    def _held(self, vehicle: Vehicle, event: MissionHeld) -> list[AnyCommand]:
+        """What it has on board after the service was down; a burn trusts nothing of it."""
+        at_s, name, presence = event.at_us / 1e6, vehicle.name, vehicle.presence
+        was, vehicle.doubt = vehicle.doubt, None
+        if was is None:
+            return []
+        if self.scenario.planner.rule == BURN:
+            return [say(vehicle, in_words(event))]
+        commands: list[AnyCommand] = [say(vehicle, in_words(event))]
+        vehicle.read_back = recognised(vehicle, was, event)
+        if vehicle.read_back == "new":
+            assert was.pending is not None
+            commands += self._accepted(vehicle, was.pending, at_s)
+        sent_home = was.recalled and not vehicle.ordered and not presence.taken_over
+        if sent_home and presence.airborne and vehicle.mode not in GOING_HOME:
+            self.steering.recall(name, at_s)
+            return [commands[0], Return(name)]
+        if vehicle.ordered:
+            if vehicle.mode in ("mission", *GOING_HOME):
+                vehicle.hold_again_at_s = at_s
+            return [
+                commands[0],
+                say(vehicle, "told to hold before: until it is resumed", warning=True),
+            ]
+        if not presence.airborne:
+            if vehicle.waits_for_crew:
+                commands.append(say(vehicle, WAITS, warning=True))
+            elif was.starting and vehicle.flown_line is not None:
+                vehicle.start_again_at_s = at_s
+            elif vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s):
+                vehicle.holding, vehicle.start_again_at_s = True, None
+            elif vehicle.started and not vehicle.start_again_at_s:  # landed or restarted, unseen
+                commands.append(say(vehicle, WAITS, warning=True))
+        elif presence.taken_over:
+            pass
+        elif was.resumed and vehicle.read_back == "unknown":
+            vehicle.started = False  # it is sent another mission, and begins with that
+        elif was.resumed:
+            commands.append(StartMission(name))
+        elif presence.recalled or vehicle.mode == "mission" or not self.leader.in_mission(name):
+            pass
+        elif was.starting or was.pending is not None:  # what holds it is our own doing
+            if vehicle.flown_line is None:
+                vehicle.holding = True
+            elif not any(isinstance(command, StartMission) for command in commands):
+                commands.append(StartMission(name))
+        return commands
+
+    # Missions ---------------------------------------------------------------------------------
+
+    def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
+        if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
+            return []
+        pending, vehicle.pending = vehicle.pending, None
+        if event.outcome == "accepted":
+            return self._accepted(vehicle, pending, event.at_us / 1e6)
+        vehicle.flown_line = None
+        vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
+        commands: list[AnyCommand] = [
+            say(
+                vehicle,
+                f"mission {event.mission_id} {event.outcome}: {event.reason}; "
+                f"trying again in {RETRY_S:.0f} s",
+                warning=True,
+            )
+        ]
+        in_mission = vehicle.presence.flies and self.leader.in_mission(vehicle.name)
+        if in_mission and vehicle.started:
+            # PX4 loiters by itself if what came is nothing it would fly. On ArduPilot what is on
+            # board may be half the old mission and half the new one.
+            vehicle.holding = True
+            if not vehicle.atomic_upload:
+                commands.append(Hold(vehicle.name))
+        return commands
+
+    def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
+        vehicle.flown_line, vehicle.accepted = pending.line, pending
+        vehicle.takes_off = pending.takes_off
+        if vehicle.ordered:  # it was on its way when somebody said hold
+            vehicle.hold_again_at_s = at_s
+            return []
+        if not vehicle.started and vehicle.section.autostart and not vehicle.presence.recalled:
+            vehicle.started = True
+            return self._start(vehicle, at_s)
+        if vehicle.holding:
+            vehicle.holding = False
+            return self._start(vehicle, at_s)
+        return []
+
+    def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
+        if event.command == "start mission":
+            vehicle.start_under_way = False
+            vehicle.start_again_at_s = None
+        if event.command == "hold":
+            vehicle.hold_under_way_s = None
+            if vehicle.ordered == "hold" and event.accepted:
+                vehicle.hold_again_at_s = None
+        if event.command == "return" and event.accepted:
+            vehicle.return_again_at_s = None
+        if event.accepted:
+            untold = event.command in UNTOLD or self._start_is_known(vehicle, event)
+            return [] if untold else [say(vehicle, f"{event.command}: accepted")]
+        vehicle.start_told = False
+        refused = f"{event.command} refused: {event.reason}"
+        again_at_s = event.at_us / 1e6 + START_AGAIN_S
+        if event.command == "return" and vehicle.presence.recalled:
+            vehicle.return_again_at_s = again_at_s
+        elif event.command == "start mission" and self._may_start_again(vehicle):
+            vehicle.start_again_at_s = again_at_s
+        else:
+            return [say(vehicle, refused, warning=True)]
+        return [say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
+
+    def _may_start_again(self, vehicle: Vehicle) -> bool:
+        """Whether a start that was refused is still wanted.
+
+        Autopilots refuse to arm until they have a position: on the ground the start is repeated.
+        In the air it is repeated only for a vehicle that flies by its mission.
+        """
+        presence = vehicle.presence
+        if presence.taken_over or presence.recalled or vehicle.ordered:
+            return False
+        return self.leader.in_mission(vehicle.name) or not presence.airborne
+
+    def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
+        """Whether a start in flight was announced before, with no refusal, hold or return since."""
+        known = vehicle.start_told and vehicle.presence.airborne
+        if event.command in ("start mission", "hold", "return"):
+            vehicle.start_told = event.command == "start mission"
+        return known and event.command == "start mission"
+
+    def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
+        """A restarted autopilot may hold any mission or none; an order home stays in force."""
+        ended = self._end_intentions(vehicle, "the autopilot was restarted")
+        vehicle.deployed = vehicle.started = vehicle.going_home = False
+        vehicle.sent_home &= vehicle.presence.recalled
+        if vehicle.sent_home:
+            vehicle.return_again_at_s = at_s
+        vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.doubt = None
+        vehicle.takes_off = False
+        vehicle.waits_for_crew |= was.airborne
+        self.spacing.forget(vehicle.name)
+        waits = "it waits for an operator to start it"
+        then = waits if vehicle.waits_for_crew else "a mission is sent"
+        words = say(vehicle, f"autopilot restarted: {then}", warning=True)
+        return [*ended, *back_under_control(vehicle), words]
+
+
+class _Was(NamedTuple):
+    """The state of a vehicle before an event."""
+
+    airborne: bool
+    recalled: bool
+    taken_over: bool
+    armed: bool
+
+
+def _on_its_way_home(vehicle: Vehicle, mode: str) -> Announce:
+    where = "on its way home" if mode != "land" else "landing where it is"
+    return say(vehicle, f"{where} ({mode})", warning=True)

@@ -1,0 +1,226 @@
+"""What people order of vehicles along a front or in formation: events to commands. Pure."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
+from mission_service.config.scenario import Scenario
+from mission_service.core.autopilot_reports import back_under_control
+from mission_service.core.steering import Steering
+from mission_service.events import (
+    SERVICE,
+    Aborted,
+    CrewEvent,
+    MissionAccepted,
+    MissionRefused,
+    MissionWanted,
+    Order,
+    Ordered,
+)
+from mission_service.guidance.registry import FORMATION
+from mission_service.vehicles.approvals import MissionApprovals
+from mission_service.vehicles.state import Vehicle, say
+
+HOLD_AGAIN_S = 3.0
+UNANSWERED_S = 30.0  # the bridge repeats a hold for less time than that
+START_AFTER_S = 2.0
+
+Start = Callable[[Vehicle, float], list[AnyCommand]]
+
+
+class CrewOrders:
+    """Orders by people; what they make of a vehicle is in its ``Vehicle``."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        steering: Steering,
+        vehicles: dict[str, Vehicle],
+        start: Start,
+        approvals: MissionApprovals | None,
+    ) -> None:
+        self.scenario = scenario
+        self.steering = steering
+        self.vehicles = vehicles
+        self._start = start
+        self._approvals = approvals
+
+    def take(self, event: CrewEvent) -> list[AnyCommand]:
+        """Orders to vehicles that follow a front or fly in formation."""
+        match event:
+            case Ordered():
+                return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
+            case Aborted():
+                why = f"aborted by {event.by}"
+                return [
+                    *self._to_each("", lambda vehicle: self._abort(vehicle, event)),
+                    *self._to_each("", lambda vehicle: self._withdrawn(vehicle, why)),
+                ]
+            case MissionWanted():
+                return self._to_each(event.vehicle, lambda vehicle: self._want(vehicle, event.by))
+            case MissionAccepted() | MissionRefused():
+                return self._decided_on(event)
+            case _:
+                return []
+
+    def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
+        """Order the named vehicle, or all, among those that this process flies."""
+        named = self.vehicles if not name else [name] if name in self.vehicles else []
+        return [command for each in named for command in order(self.vehicles[each])]
+
+    def _ordered(self, vehicle: Vehicle, event: Ordered) -> list[AnyCommand]:
+        """Carry out an order; ask first if it would end a mode that autopilot or pilot selected."""
+        obstacle = self._obstacle(vehicle, event.order)
+        if obstacle:
+            return [say(vehicle, obstacle, warning=True)]
+        was_taken_over = vehicle.presence.taken_over
+        if self.steering.ordered(vehicle.name, event):
+            ended = back_under_control(vehicle) if was_taken_over else []
+            if event.order in ("hold", "return"):
+                ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
+            return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
+        if event.by == SERVICE:
+            return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
+        presence = vehicle.presence
+        why = (
+            "which its autopilot or pilot selected"
+            if presence.taken_over
+            else "while its autopilot reports a failsafe"
+        )
+        chosen = f"mode {presence.mode}, {why}"
+        asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
+        words = f"{asked}; order it again, confirmed, to carry it out"
+        return [say(vehicle, words, warning=True)]
+
+    def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
+        """Why an order cannot be carried out, confirmed or not; its mode is then as before."""
+        presence, formation = vehicle.presence, self.scenario.planner.rule == FORMATION
+        if order == "start" and vehicle.ordered:
+            return "told to hold: resume it first"
+        if order == "resume" and formation and presence.airborne and not presence.online:
+            return "not heard: resume it when it is"
+        return ""
+
+    def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
+        """Hold; in a mode that its autopilot or pilot selected, only once that has ended."""
+        at_s, mode = event.at_us / 1e6, vehicle.presence.mode
+        if self.steering.aborted(vehicle.name):
+            return self._hold(vehicle, event.by, at_s, "aborted")
+        vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
+        vehicle.end_intentions()
+        words = (
+            f"aborted by {event.by}; stays in mode {mode}, which its autopilot or pilot selected"
+        )
+        return [say(vehicle, words, warning=True)]
+
+    def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
+        match order:
+            case "hold":
+                return self._hold(vehicle, by, at_s, "told to hold")
+            case "return":
+                vehicle.ordered, vehicle.hold_again_at_s = "", None
+                vehicle.end_intentions()
+                vehicle.waits_for_crew = True
+                presence, words = vehicle.presence, f"told to return by {by}"
+                vehicle.sent_home = True
+                if presence.airborne and presence.online:
+                    return [say(vehicle, words), Return(vehicle.name)]
+                # On the ground too: a start that was ordered before may still take effect.
+                vehicle.return_again_at_s = at_s
+                if presence.airborne:
+                    return [say(vehicle, words)]
+                if presence.armed:
+                    return [say(vehicle, f"{words}: as soon as it has taken off")]
+                why = "it is on the ground: nothing is sent until an operator starts it"
+                return [say(vehicle, f"{words}, but {why}", warning=True)]
+            case "resume":
+                return self._resume(vehicle, by)
+            case "start":
+                vehicle.started, vehicle.waits_for_crew, vehicle.refusal = True, False, None
+                vehicle.return_again_at_s = None
+                self._call_off_return(vehicle)
+                if vehicle.flown_line is None or not vehicle.presence.online:
+                    vehicle.start_again_at_s = at_s + START_AFTER_S
+                    return [say(vehicle, f"start by {by}: as soon as it has a mission")]
+                return [say(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
+
+    def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
+        """Loiter until somebody says otherwise; told again until the autopilot has said yes."""
+        vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
+        vehicle.end_intentions()
+        self._call_off_return(vehicle)
+        words = say(vehicle, f"{why} by {by}", warning=True)
+        presence = vehicle.presence
+        if not presence.online or not (presence.airborne or presence.armed):
+            vehicle.hold_again_at_s = at_s
+            return [words]
+        return [words, Hold(vehicle.name)]
+
+    def _call_off_return(self, vehicle: Vehicle) -> None:
+        vehicle.sent_home = vehicle.going_home = False
+        if vehicle.doubt is not None:
+            vehicle.doubt = replace(vehicle.doubt, recalled=False)
+
+    def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
+        in_formation = self.scenario.planner.rule == FORMATION
+        vehicle.ordered, vehicle.hold_again_at_s = "", None
+        self._call_off_return(vehicle)
+        vehicle.return_again_at_s, vehicle.refusal = None, None
+        vehicle.waits_for_crew = False
+        if in_formation and vehicle.presence.airborne and vehicle.doubt is not None:
+            vehicle.doubt = replace(vehicle.doubt, resumed=True)
+            return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
+        if in_formation and vehicle.presence.airborne:
+            if vehicle.flown_line is None:  # it has no mission on board that can be trusted
+                vehicle.deployed, vehicle.holding = False, True
+                return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]
+            # Into its mission, which ends at the fire's edge: from there it is led again.
+            return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
+        if vehicle.presence.airborne:  # by a new mission: the front has moved on
+            vehicle.holding, vehicle.flown_line = True, None
+        elif vehicle.started:
+            vehicle.flown_line = None
+            vehicle.started = False
+        return [say(vehicle, f"resumed by {by}")]
+
+    def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
+        vehicle.due, vehicle.refusal = f"asked for by {by}", None
+        presence = vehicle.presence
+        if not presence.position_good:
+            return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
+        led = not (presence.airborne and (presence.taken_over or vehicle.ordered))
+        if presence.recalled or not led:
+            words = f"mode {presence.mode}: a mission is sent once the vehicle is led again"
+            return [say(vehicle, words, warning=True)]
+        return self._withdrawn(vehicle, f"{by} asked for another mission")
+
+    def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
+        """What is proposed for a vehicle cannot be accepted any more."""
+        return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
+
+    def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
+        vehicle = self.vehicles.get(event.vehicle)
+        if self._approvals is None or vehicle is None:
+            return []
+        if isinstance(event, MissionAccepted):
+            mission = self._approvals.accepted(vehicle, event.mission_hash)
+            if mission is not None:
+                words = f"mission {mission.mission_id} accepted by {event.by}"
+                return [say(vehicle, words), mission]
+        elif self._approvals.refused(vehicle, event.mission_hash, event.by):
+            words = "no similar one is proposed until the front or the reason changes"
+            return [say(vehicle, f"mission refused by {event.by}: {words}")]
+        return [say(vehicle, "no such mission is proposed; look again", warning=True)]
+
+
+def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """Order a hold again until the autopilot has accepted it, once the one before was answered."""
+    if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
+        return []
+    since_s, presence = vehicle.hold_under_way_s, vehicle.presence
+    if since_s is not None and at_s - since_s < UNANSWERED_S:
+        return []
+    if not (presence.airborne or presence.armed):
+        return []  # it stands: nothing is to be held, and it is not started
+    vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
+    return [Hold(vehicle.name)]

@@ -1,0 +1,208 @@
+"""The four scenarios of Beachly's section VI, flown on a mock copter with a simulated crew.
+
+A burn unit of 20 acres, wind of 2 m/s towards the south, a backing fire along the southern edge.
+1: nothing else. 2: the centre has burned farther. 3: a second front at 45 degrees from the southern
+edge. 4: as 3, but the planner hears of the second front in mid-flight.
+"""
+
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.landscape import Landscape
+from firemodel.marks import Simulation
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.config.sections import LitLine
+from mission_service.core.core import Core
+from mission_service.events import CrewEvent, Lit
+from mission_service.fire.setup import landscape_of
+from mission_service.ground_distance import M_PER_DEG
+from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.guidance.burn.drops import Sphere
+from mission_service.ignition_plan import IgnitionPlan
+from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.sim import simulate
+
+Floats = NDArray[np.float64]
+Place = tuple[float, float]
+
+STARTS_S = 240.0  # of the vehicle, after the backing fire was lit
+ENDS_S = 1100.0
+SECOND_FRONT_S = 15.0  # after the first drop, in scenario 4
+LOW_SHARE = 0.9  # of the safe height
+# m north of the edge, lit after s
+BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
+
+
+@dataclass
+class Sample:
+    """Once a second: where the vehicle was, and what it believed of the fire."""
+
+    at_s: float
+    x_m: float
+    y_m: float
+    height_m: float
+    fire: Simulation
+
+
+@dataclass
+class Flown:
+    """All that is shown of one scenario."""
+
+    scenario: int
+    landscape: Landscape
+    area: Any
+    samples: list[Sample] = field(default_factory=list)
+    plans: dict[str, IgnitionPlan] = field(default_factory=dict)
+    spheres: list[Sphere] = field(default_factory=list)
+    withdrawn: list[str] = field(default_factory=list)
+
+    @property
+    def lines(self) -> list[IgnitionPlan]:
+        """Plans of which at least one sphere fell, in order."""
+        return [
+            plan
+            for name, plan in self.plans.items()
+            if any(s.plan_hash == name for s in self.spheres)
+        ]
+
+
+def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
+    """What burns from the beginning; corners of the unit from the south-west, anticlockwise."""
+    (south, west), (_, east) = corners[0], corners[1]
+    edge = LitLine(points=((south, west), (south, east)))
+    if scenario == 2:
+        width = east - west
+        middle = (west + 0.38 * width, west + 0.62 * width)
+        bulge = [
+            LitLine(points=tuple((south + north_m / M_PER_DEG, lon) for lon in middle), at_s=at_s)
+            for north_m, at_s in BULGE
+        ]
+        return (edge, *bulge)
+    if scenario == 3:
+        return (edge, LitLine(points=second_front(corners)))
+    return (edge,)
+
+
+def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
+    """A line from the southern edge at 45 degrees to the eastern one."""
+    (south, west), (_, east) = corners[0], corners[1]
+    start = west + 0.55 * (east - west)
+    north = south + (east - start) * math.cos(math.radians(south))
+    return (south, start), (min(north, corners[2][0]), east)
+
+
+def scenario_of(number: int) -> Scenario:
+    """The shipped burn with the fires of one of the paper's scenarios."""
+    base = load_scenario("burn", (f"duration_s={ENDS_S}", f"deploy_at_s={STARTS_S}"))
+    assert base.burn is not None
+    assert base.burn.unit is not None
+    burn = base.burn.model_copy(
+        update={"lit": lit_lines(number, base.burn.unit), "camera_corrects": False}
+    )
+    return base.model_copy(update={"name": f"beachly-{number}", "burn": burn})
+
+
+class Onlooker:
+    """A simulated crew that notes what is flown; in scenario 4 it tells of the second front."""
+
+    def __init__(self, flown: Flown, scenario: Scenario) -> None:
+        assert scenario.burn is not None
+        self._crew = SimulatedCrew(scenario.burn)
+        self._burn = scenario.burn
+        self._flown = flown
+        self._next_us = 0
+        self._told = flown.scenario != 4
+
+    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+        """What the crew does by now."""
+        leader = core.leader
+        assert isinstance(leader, BurnFlight)
+        if now_us >= self._next_us:
+            self._next_us = now_us + 1_000_000
+            self._note(now_us, core, leader)
+        events = self._crew.due(now_us, core)
+        spheres = leader.state.account.spheres
+        if not self._told and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
+            self._told = True
+            assert self._burn.unit is not None
+            station = self._burn.stations[0].name
+            events.append(Lit(now_us, "onlooker", station, second_front(self._burn.unit), 0))
+        return events
+
+    def _note(self, now_us: int, core: Core, leader: BurnFlight) -> None:
+        flown = self._flown
+        flown.spheres = [sphere for sphere in leader.state.account.spheres if sphere.counts]
+        if leader.approvals.plan is not None:
+            flown.plans.setdefault(leader.approvals.plan_hash, leader.approvals.plan)
+        (vehicle,) = core.vehicles.values()
+        here = vehicle.presence.here
+        if here is not None and vehicle.presence.airborne:
+            height_m = here.altitude_m - float(core.landscape.elevation_at(here.x_m, here.y_m))
+            place = (here.at_s, here.x_m, here.y_m, height_m)
+            flown.samples.append(Sample(*place, leader.state.fire.simulation))
+
+
+def fly(number: int, out: Path | None = None) -> Flown:
+    """Fly one scenario; its journal stays in ``out`` if one is given."""
+    scenario = scenario_of(number)
+    landscape = landscape_of(scenario)
+    assert scenario.burn is not None
+    assert scenario.burn.unit is not None
+    lat, lon = np.array(scenario.burn.unit).T
+    area = shapely.Polygon(np.column_stack(landscape.xy_of_lat_lon(lat, lon)))
+    flown = Flown(number, landscape, area)
+    with tempfile.TemporaryDirectory() as folder:
+        journal = (out or Path(folder)) / f"scenario-{number}.jsonl"
+        simulate(scenario, journal, "", crew=Onlooker(flown, scenario).due)
+    return flown
+
+
+def least_time_margin_s(flown: Flown, safe_height_m: float) -> float:
+    """The least time, over all moments at low height and all drops, until fire came there.
+
+    By what was believed at that moment. Negative where it burned already.
+    """
+    margins = [
+        sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
+        for sample in flown.samples
+        if sample.height_m < LOW_SHARE * safe_height_m
+    ]
+    return float(min(margins, default=math.inf))
+
+
+def row_of(flown: Flown) -> dict[str, Any]:
+    """The scenario in figures, as the issue words them."""
+    lines = flown.lines
+    safe_height_m = lines[0].safe_height_m if lines else 60.0
+    outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)
+    return {
+        "scenario": flown.scenario,
+        "drops": len(flown.spheres),
+        "skipped": sum(len(plan.skipped) for plan in lines),
+        "min_time_margin_s": round(least_time_margin_s(flown, safe_height_m), 1),
+        "outside_area": outside,
+        "lines": len(lines),
+        "farthest_off_its_place_m": round(max((s.miss_m for s in flown.spheres), default=0.0), 2),
+    }
+
+
+def run(out: Path | None, progress: Callable[[str], None]) -> list[dict[str, Any]]:
+    """All four; with ``out`` the pictures of figs. 6 and 7 are drawn there."""
+    rows = []
+    for number in (1, 2, 3, 4):
+        flown = fly(number, out)
+        progress(f"scenario {number}: {len(flown.spheres)} drops")
+        rows.append(row_of(flown))
+        if out is not None:
+            from mission_service.experiments.beachly.figures import draw_trajectory
+
+            draw_trajectory(out / f"scenario-{number}.png", flown)
+    return rows

@@ -1,0 +1,192 @@
+"""Tuning the constants of the virtual forces by a genetic algorithm (section 5.2.6), with DEAP.
+
+DEAP, and not pymoo: both are maintained, but it is one small package where pymoo brings autograd,
+cma and more. It draws from Python's one random generator, which is seeded here and put back after.
+Only the breeding draws; evaluations do not, and come back in order. So a run is the same bit for
+bit however many processes, or machines alike, evaluate.
+"""
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from mission_service.errors import MissionServiceError
+from mission_service.experiments.formation_scenarios import CELL_M, KINDS, PENALTY, STEP_S, fitness
+from mission_service.guidance.formation.forces import NAMES
+
+Genes = tuple[float, ...]
+Evaluate = Callable[[Sequence[Genes]], list[float]]
+
+LEAST, MOST = 0.0, 20.0  # genes lie between
+CLOSE = 1e-3  # and not on these
+ELITE, FITTEST = 0.1, 0.5  # shares of the population
+MUTATION, CHANGE = 0.1, 1.0  # probability a gene, and by how much at most
+POPULATION, GENERATIONS = 50, 200
+CHUNKS_PER_WORKER = 4
+SECONDS_TO_CONNECT = 10
+HOW_TO_INSTALL = "pip install 'mission-service[tune]'"
+
+
+def tune(
+    evaluate: Evaluate,
+    seed: int,
+    population: int = POPULATION,
+    generations: int = GENERATIONS,
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """The best constants found, rounded to 3 digits, and the run that found them.
+
+    ``history`` has the best and the mean fitness of each generation. Raises MissionServiceError
+    without DEAP, or for a population from which nothing can be bred.
+    """
+    base, tools = _deap()
+    if population < 4 or generations < 1:
+        raise MissionServiceError(
+            f"tune: {generations} generations of {population}; needed are 1 or more, of 4 or more"
+        )
+
+    rated = type("Fitness", (base.Fitness,), {"weights": (1.0,)})
+
+    class Individual(list[float]):
+        def __init__(self, genes: Sequence[float]) -> None:
+            super().__init__(genes)
+            self.fitness = rated()
+
+    def bred(parents: list[Individual]) -> list[Individual]:
+        pair = [Individual(genes) for genes in random.sample(parents, 2)]
+        tools.cxUniform(*pair, 0.5)
+        for child in pair:
+            _mutate(child)
+        return pair
+
+    history: list[dict[str, float]] = []
+    elite, fittest = max(round(ELITE * population), 1), max(round(FITTEST * population), 2)
+    with _seeded(seed):
+        alive = [
+            Individual([random.uniform(LEAST + CLOSE, MOST - CLOSE) for _ in NAMES])
+            for _ in range(population)
+        ]
+        for generation in range(1, generations + 1):
+            fresh = [one for one in alive if not one.fitness.valid]
+            for one, found in zip(fresh, evaluate([tuple(o) for o in fresh]), strict=True):
+                one.fitness.values = (found,)
+            ranked: list[Individual] = tools.selBest(alive, population)
+            best = ranked[0].fitness.values[0]
+            mean = float(np.mean([one.fitness.values[0] for one in ranked]))
+            history.append({"best": best, "mean": mean})
+            progress(f"generation {generation} of {generations}: {best:.4f} (mean {mean:.4f})")
+            alive = ranked[:elite]
+            while generation < generations and len(alive) < population:
+                alive += bred(ranked[:fittest])
+            del alive[population:]
+    return {
+        "constants": {name: _rounded(gene) for name, gene in zip(NAMES, ranked[0], strict=True)},
+        "fitness": ranked[0].fitness.values[0],
+        "seed": seed,
+        "population": population,
+        "generations": generations,
+        "library": f"deap {version('deap')}",
+        "scenarios": {
+            "cell_m": CELL_M,
+            "step_s": STEP_S,
+            "penalty": PENALTY,
+            "maps": [[kind.cells, kind.steps, kind.agents] for kind in KINDS],
+        },
+        "history": history,
+    }
+
+
+def _deap() -> tuple[Any, Any]:
+    try:
+        from deap import base, tools
+    except ImportError:
+        raise MissionServiceError(f"tune: DEAP is not installed; {HOW_TO_INSTALL}") from None
+    return base, tools
+
+
+def _rounded(gene: float) -> float:
+    return float(f"{gene:.3g}")
+
+
+def _mutate(genes: list[float]) -> None:
+    for i in range(len(genes)):
+        if random.random() < MUTATION:
+            changed = genes[i] + random.uniform(-CHANGE, CHANGE)
+            genes[i] = min(max(changed, LEAST + CLOSE), MOST - CLOSE)
+
+
+@contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    before = random.getstate()
+    random.seed(seed)
+    try:
+        yield
+    finally:
+        random.setstate(before)
+
+
+def fitnesses(many: Sequence[Genes], seed: int) -> list[float]:
+    """What a worker does: the fitness of some chromosomes on the scenarios of a seed."""
+    return [fitness(genes, seed) for genes in many]
+
+
+def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
+    size = max(-(-len(many) // (CHUNKS_PER_WORKER * max(workers, 1))), 1)
+    return [many[first : first + size] for first in range(0, len(many), size)]
+
+
+@contextmanager
+def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
+    """Evaluations by so many processes; by this one alone if it is one."""
+    if workers <= 1:
+        yield lambda many: fitnesses(many, seed)
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+
+        def evaluate(many: Sequence[Genes]) -> list[float]:
+            chunks = _chunks(many, workers)
+            return [
+                one for some in pool.map(fitnesses, chunks, [seed] * len(chunks)) for one in some
+            ]
+
+        yield evaluate
+
+
+@contextmanager
+def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
+    """Evaluations by the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.
+
+    Workers need this package. One that is lost is made up for by the others. Raises
+    MissionServiceError without Dask, or where no scheduler answers or it has no workers.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise MissionServiceError(f"tune: Dask is not installed; {HOW_TO_INSTALL}") from None
+    client_of: Any = distributed.Client
+    try:
+        client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise MissionServiceError(f"tune: {scheduler}: no Dask scheduler there: {error}") from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=SECONDS_TO_CONNECT)
+        except TimeoutError:
+            raise MissionServiceError(
+                f"tune: {scheduler}: the scheduler has no workers; start some with "
+                f"`dask worker {scheduler}`"
+            ) from None
+
+        def evaluate(many: Sequence[Genes]) -> list[float]:
+            chunks = _chunks(many, len(client.nthreads()))
+            futures = client.map(fitnesses, chunks, seed=seed, pure=False)
+            return [one for some in client.gather(futures) for one in some]
+
+        yield evaluate

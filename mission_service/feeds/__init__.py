@@ -1,1 +1,0 @@
-"""What other programs are sent in their own formats."""

@@ -1,0 +1,126 @@
+"""Which corrections of the fire hold: drawing, erasing, undo and redo. Pure."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.drawn import marks_of
+from firemodel.landscape import Landscape
+from firemodel.marks import BURNED, BURNING, UNBURNED
+from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
+from mission_service.ground_distance import distance_m
+
+Step = Corrected | Erased
+Floats = NDArray[np.float64]
+STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
+
+
+class Held(NamedTuple):
+    """A correction that holds, less what lies in the circles of ``erasures`` (all came later)."""
+
+    correction: Corrected
+    erasures: tuple[Erased, ...]
+
+
+class CorrectionLog:
+    """Folds events into steps that hold and steps taken back, whoever took them.
+
+    An erasure takes away only what was drawn before it. Undo takes back the last step, a
+    correction or an erasure; a new step ends what can be redone. Undo and redo of nothing do
+    nothing.
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+        self.taken_back: list[Step] = []  # the next to be redone is the last
+
+    def take(self, event: AnyEvent) -> bool:
+        """Take in an event; whether it changed which corrections hold."""
+        match event:
+            case Corrected() | Erased():
+                self.steps.append(event)
+                self.taken_back.clear()
+                return True
+            case Undone() if self.steps:
+                self.taken_back.append(self.steps.pop())
+                return True
+            case Redone() if self.taken_back:
+                self.steps.append(self.taken_back.pop())
+                return True
+            case _:
+                return False
+
+    def held(self) -> tuple[Held, ...]:
+        """Corrections that hold, in the order they were drawn; points that are erased are not."""
+        found: list[Held] = []
+        erasures: tuple[Erased, ...] = ()
+        for step in reversed(self.steps):
+            if isinstance(step, Erased):
+                erasures = (step, *erasures)
+            elif not _gone(step, erasures):
+                found.append(Held(step, erasures))
+        return tuple(reversed(found))
+
+    def settle(self, count: int) -> tuple[Held, ...]:
+        """Remove the first ``count`` steps; returns those of their corrections that hold now."""
+        settled = {id(step) for step in self.steps[:count]}
+        found = tuple(each for each in self.held() if id(each.correction) in settled)
+        del self.steps[:count]
+        return found
+
+    def status(self) -> list[dict[str, Any]]:
+        """Each correction that holds: what, who, where from, when said, when marked."""
+        return [
+            {
+                "state": held.correction.state,
+                "shape": held.correction.shape,
+                "points": held.correction.points,
+                "marked_at_s": held.correction.marked_at_us / 1e6,
+                "by": held.correction.by,
+                "station": held.correction.station,
+                "at_s": held.correction.at_us / 1e6,
+                "erasures": len(held.erasures),
+            }
+            for held in self.held()
+        ]
+
+
+def marks_of_correction(told: Corrected, landscape: Landscape, spacing_m: float) -> Floats:
+    """Marks (n, 4) x, y, at_s, state of what was drawn. Raises FireModelError."""
+    places = landscape.xy_of_places(told.points)
+    at_s, state = told.marked_at_us / 1e6, STATES[told.state]
+    return marks_of(told.shape, places, at_s, state, spacing_m)
+
+
+def marks_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
+    """Marks (n, 4) of all corrections that hold, less what is erased."""
+    found = [np.empty((0, 4))]
+    for each in held:
+        marks = marks_of_correction(each.correction, landscape, spacing_m)
+        found.append(marks[not_erased(marks[:, :2], each.erasures, landscape)])
+    return np.vstack(found)
+
+
+def not_erased(
+    places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
+) -> NDArray[np.bool_]:
+    """Which of some places (n, 2) x, y lie in no circle of an erasure."""
+    places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
+    return np.array(
+        [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
+    )
+
+
+def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
+    """Whether a place lies within the circle of an erasure."""
+    middle = (erasure.lat_deg, erasure.lon_deg)
+    return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
+
+
+def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
+    """Of a line or a polygon the rest may hold: only its marks can tell."""
+    return correction.shape == "point" and all(
+        any(erases(erasure, *place) for erasure in erasures) for place in correction.points
+    )

@@ -1,0 +1,71 @@
+"""Forecasts of a burn's fire: what its plans are made on, not the simulated truth."""
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from firemodel.landscape import Landscape
+from firemodel.marks import Simulation
+from mission_service.fire.ensemble import Arrival
+from mission_service.fire.estimated import BelievedFire
+
+Floats = NDArray[np.float64]
+
+# Of the time since it was lit, where no correction has told how far the simulation is off:
+# as much as spread and wind are uncertain together (ensemble.py).
+UNTOLD_SD = 0.37
+
+
+class BelievedForecasts:
+    """As ``Forecasts``; a simulation knows the future as well as the past."""
+
+    def __init__(
+        self,
+        believed_of: Callable[[], BelievedFire],
+        landscape: Landscape,
+        now_s: Callable[[], float],
+    ) -> None:
+        self._believed_of = believed_of
+        self._landscape = landscape
+        self._now_s = now_s
+        row, col = np.indices(landscape.shape)
+        centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
+        self._centres_m = np.column_stack(centres)
+        self.took_s = 0.0  # nothing is burned ahead
+        self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
+
+    async def arrival(self, until_s: float) -> Arrival:
+        """When fire comes where, by the simulation as it is believed now."""
+        version, _, arrival_s = await self._arrivals()
+        return Arrival(self._now_s(), until_s, arrival_s, version)
+
+    async def probability(self, at_s: float) -> Floats:
+        """(y, x) probability that fire has come by a time."""
+        _, simulation, arrival_s = await self._arrivals()
+        return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
+
+    def close(self) -> None:
+        """Nothing goes on."""
+
+    async def _arrivals(self) -> tuple[int, Simulation, Floats]:
+        believed = self._believed_of()
+        version, simulation = believed.version, believed.simulation
+        found = self._arrival_s
+        if found[0] != version or found[1] is not simulation:
+            times_s = await asyncio.to_thread(simulation.ignition_time_s, self._centres_m)
+            found = self._arrival_s = (version, simulation, times_s.reshape(self._landscape.shape))
+        return version, simulation, found[2]
+
+    def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
+        sd_of = getattr(simulation, "sd_s", None)  # the paper's correction does not know it
+        if sd_of is None:
+            first_s = float(arrival_s.min())
+            sd_s = UNTOLD_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
+        else:
+            sd_s = sd_of(self._centres_m).reshape(arrival_s.shape)
+        with np.errstate(invalid="ignore"):
+            share = ndtr((at_s - arrival_s) / np.maximum(sd_s, 1.0))
+        return np.where(np.isfinite(arrival_s), share, 0.0)

@@ -1,0 +1,259 @@
+"""From a scenario to the landscape, the weather and the fire it describes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.default_landscape import jacksboro
+from firemodel.fire import BURNING, Burning, Fire
+from firemodel.fire import Ignition as CellIgnition
+from firemodel.flat_landscape import flat
+from firemodel.fuels import NON_BURNABLE
+from firemodel.landscape import Landscape
+from firemodel.rothermel import Moisture
+from firemodel.weather import Weather, WeatherStream
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import Ignition, LandscapeSection, VehicleSection, WeatherFile
+from mission_service.errors import ScenarioError
+
+STALLED = 100  # updates without growth, after which it is looked at whether anything still burns
+LASTING_S = 3600.0  # as long a record of weather may hold without more ado
+
+
+def landscape_of(scenario: Scenario) -> Landscape:
+    """The landscape a scenario names, its barriers burned in."""
+    section = scenario.landscape
+    if section.source == "jacksboro":
+        found = jacksboro(section.rows, section.cols, section.cell_size_m)
+    elif section.source == "flat":
+        assert section.lat_deg is not None
+        assert section.lon_deg is not None
+        grid = (section.rows, section.cols, section.cell_size_m)
+        place = (section.lat_deg, section.lon_deg)
+        found = flat(*grid, *place, section.elevation_m, section.fuel_model)
+    else:
+        found = _from_rasters(section)
+    if section.barriers:
+        from firemodel.rasterise import with_barriers
+        from firemodel.readers.shapes import read_shapes
+
+        shapes = [shape for path in section.barriers for shape in read_shapes(path, found)]
+        found = with_barriers(found, shapes)
+    return found
+
+
+def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float, float]:
+    """A vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
+    place = (section.home_lat_deg, section.home_lon_deg)
+    return *place, float(landscape.elevation_at(*landscape.xy_of_lat_lon(*place)))
+
+
+def _from_rasters(section: LandscapeSection) -> Landscape:
+    from firemodel.readers.rasters import read_landscape
+
+    files: Path | dict[str, Path] | dict[str, tuple[Path, int]] = section.layers
+    if section.file is not None:
+        files = section.file
+        if section.bands:
+            files = {layer: (section.file, band) for layer, band in section.bands.items()}
+    return read_landscape(
+        files,
+        units=section.units,
+        missing=section.missing,
+        crs=section.crs,
+        nodata=section.nodata,
+    )
+
+
+def weather_of(scenario: Scenario) -> WeatherStream:
+    """The weather a scenario gives, or that of the file it names."""
+    if scenario.weather_file is not None:
+        return _from_file(scenario.weather_file)
+    return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
+
+
+def _from_file(section: WeatherFile) -> WeatherStream:
+    from firemodel.readers.weather import read_weather
+
+    moisture = Moisture(
+        section.dead_1h_pct / 100.0,
+        section.dead_10h_pct / 100.0,
+        section.dead_100h_pct / 100.0,
+        section.live_herb_pct / 100.0,
+        section.live_woody_pct / 100.0,
+    )
+    return read_weather(
+        section.path, start=section.start, moisture=moisture, conditioned=section.conditioned
+    )
+
+
+def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
+    """The cells (row, column) that a scenario's ignition lights."""
+    if ignition.file is not None:
+        from firemodel.rasterise import cells_of
+        from firemodel.readers.shapes import read_shapes
+
+        cells = cells_of(read_shapes(ignition.file, landscape), landscape)
+        burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
+        if not burns.any():
+            raise ScenarioError(f"{ignition.file}: lies wholly on fuel that does not burn")
+        return [(int(row), int(col)) for row, col in cells[burns]]
+    x_m, y_m = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
+    if not landscape.contains(x_m, y_m):
+        raise ScenarioError(
+            f"ignition at lat {ignition.lat_deg}, lon {ignition.lon_deg} lies outside the landscape"
+        )
+    row, col = landscape.row_col_of(x_m, y_m)
+    return [(round(float(row)), round(float(col)))]
+
+
+def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
+    """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
+    from firemodel.rasterise import cells_of
+
+    places = landscape.xy_of_places(points)
+    shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
+    found = cells_of([shape], landscape)
+    burns = ~np.isin(landscape.fuel_model[tuple(found.T)], list(NON_BURNABLE))
+    return [(int(row), int(col)) for row, col in found[burns]]
+
+
+def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
+    """What burns already when the model takes over."""
+    from firemodel.burning import burning_from_arrival, burning_from_perimeter
+
+    section = scenario.fire
+    if section.initial_cells is not None:
+        return _grown(scenario, landscape, section.initial_cells)
+    if section.perimeter is not None:
+        from firemodel.readers.shapes import read_shapes
+
+        shapes = read_shapes(section.perimeter, landscape)
+        _check_polygons(section.perimeter, shapes)
+        return burning_from_perimeter(shapes, landscape, section.burning_at_s)
+    if section.arrival is not None:
+        from firemodel.readers.rasters import read_arrival
+
+        arrival_s = read_arrival(
+            section.arrival, landscape, unit=section.arrival_unit, crs=scenario.landscape.crs
+        )
+        return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
+    return None
+
+
+def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
+    """A fire of at least so many cells, which the automaton has grown by the scenario's seed."""
+    from firemodel.burning import burning_from_arrival
+    from firemodel.probabilistic import ProbabilisticFire
+
+    section = scenario.fire
+    fire = ProbabilisticFire(
+        landscape,
+        weather_of(scenario),
+        [
+            (row, col, 0.0)
+            for each in scenario.ignition
+            for row, col in cells_of_ignition(each, landscape)
+        ],
+        p_spread=section.p_spread,
+        step_s=1.0,
+        rng=np.random.default_rng((scenario.seed, 1)),
+    )
+    before = stalled = 0
+    while (burned := int(np.count_nonzero(fire.burned()))) < cells:
+        stalled = stalled + 1 if burned == before else 0
+        if stalled and stalled % STALLED == 0 and not (fire.state_at(fire.time_s) == BURNING).any():
+            raise ScenarioError(
+                f"fire.initial_cells = {cells}: nothing is left to burn after {burned} cells; take "
+                "fewer, or another ignition"
+            )
+        before = burned
+        fire.advance(fire.time_s + 1.0)  # an update
+    arrival_s = np.where(fire.burned(), section.burning_at_s, np.inf)
+    return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
+
+
+def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
+    for number, shape in enumerate(shapes, start=1):
+        kinds = {part.geom_type for part in shapely.get_parts(shapely.get_parts(shape))}
+        if kinds != {"Polygon"}:
+            raise ScenarioError(
+                f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
+                "perimeter is of polygons alone: remove the rest, or light it as an ignition"
+            )
+
+
+def notes_on(scenario: Scenario) -> list[str]:
+    """What is no error and yet may not be as it was meant."""
+    if scenario.weather_file is None:
+        return []
+    entries = weather_of(scenario).entries
+    last_s = entries[-1].at_s
+    usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
+    if scenario.duration_s - last_s <= max(usual_s, LASTING_S):
+        return []
+    return [
+        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is taken to hold "
+        f"until {scenario.duration_s:g} s"
+    ]
+
+
+def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
+    """The fire a scenario describes, not yet lit."""
+    ignitions = _ignitions_of(scenario, landscape)
+    burning = burning_of(scenario, landscape)
+    return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
+
+
+def begun_again(
+    scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
+) -> Fire:
+    """The fire a scenario describes from what burns at a time, with what is lit later."""
+    later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
+    return _fire(scenario, landscape, weather, later, burning)
+
+
+def _ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
+    section = scenario.fire
+    ignitions: list[CellIgnition] = [
+        (row, col, ignition.at_s)
+        for ignition in scenario.ignition
+        for row, col in cells_of_ignition(ignition, landscape)
+        if section.initial_cells is None  # else they have burned already
+    ]
+    if scenario.burn is not None:
+        ignitions += [
+            (row, col, line.at_s)
+            for line in scenario.burn.lit
+            for row, col in cells_lit(line.points, landscape)
+        ]
+    return ignitions
+
+
+def _fire(
+    scenario: Scenario,
+    landscape: Landscape,
+    weather: WeatherStream,
+    ignitions: list[CellIgnition],
+    burning: Burning | None,
+) -> Fire:
+    from firemodel.anyangle import AnyAngleFire
+    from firemodel.devs8 import Devs8Fire
+    from firemodel.probabilistic import ProbabilisticFire
+
+    section = scenario.fire
+    if section.scheme == "probabilistic":
+        return ProbabilisticFire(
+            landscape,
+            weather,
+            ignitions,
+            burning,
+            p_spread=section.p_spread,
+            step_s=section.update_s,
+            rng=np.random.default_rng(scenario.seed),
+        )
+    scheme = AnyAngleFire if section.scheme == "anyangle" else Devs8Fire
+    return scheme(landscape, weather, ignitions, burning, wind_limit=section.wind_limit)

@@ -1,0 +1,37 @@
+"""Flying upwind of where spheres are to lie: the wind carries them while they fall."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mission_service.config.sections import BurnSection
+from mission_service.guidance.burn.planner import LinePlan, Situation
+from mission_service.guidance.burn.recheck import trouble
+from mission_service.guidance.burn.release import Moving, landing
+
+SAME_PLACE_M = 0.05
+LEAST_M = 0.2  # less is not worth another path
+
+
+def aimed(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
+    """The plan with its path moved against the drift of a sphere let go at the drop height.
+
+    Places above where the vehicle begins stay. Where the path so moved would not be right (out of
+    the unit, too near to fire) the plan stays as it is: spheres then fall beside their places, or
+    are left out.
+    """
+    wind = situation.wind_m_s * np.array(
+        [np.cos(situation.toward_rad), np.sin(situation.toward_rad)]
+    )
+    dropper = burn.dropper
+    hover = Moving(0.0, 0.0, burn.drop_height_m, 0.0, 0.0)
+    blown = (float(wind[0]), float(wind[1]))
+    falls = landing(hover, blown, dropper.terminal_speed_m_s, dropper.delay_s)
+    drift_m = np.array([falls.x_m, falls.y_m])
+    if np.hypot(*drift_m) < LEAST_M:
+        return plan
+    path = plan.path.copy()
+    gone = np.hypot(*(path[:, :2] - path[0, :2]).T) > SAME_PLACE_M
+    path[gone, :2] -= drift_m
+    moved = replace(plan, path=path)
+    return plan if trouble(moved, situation, burn) else moved

@@ -1,0 +1,541 @@
+"""Flight of a burn: a line is proposed, approved, flown, and dropped sphere by sphere.
+
+planning --> proposed --approved--> approved --its mission is flown--> flying
+flying --at the path's end--> planning; --anything amiss--> climbing --safe height--> planning
+waiting: nothing is planned before somebody wants it (after an abort, by hand, at the end).
+No drop is in a mission on board: each is ordered here while everything that must hold holds.
+"""
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import MissionItem
+from firemodel.errors import FireModelError
+from firemodel.landscape import Landscape
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ClimbAndHold,
+    Drop,
+    Propose,
+    Withdraw,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.core.steering import Here
+from mission_service.errors import MissionServiceError, ScenarioError
+from mission_service.events import (
+    Aborted,
+    Answered,
+    Approved,
+    BatteryTold,
+    CrewEvent,
+    DropFinished,
+    FixTold,
+    HostTime,
+    LinkLost,
+    ModeChanged,
+    Observed,
+    PersonTold,
+    PlanWanted,
+    Rejected,
+    Resumed,
+    UnitTold,
+    VehicleEvent,
+    VehicleRebooted,
+    WindMeasured,
+)
+from mission_service.fire.setup import weather_of
+from mission_service.guidance.burn.approval import Approvals
+from mission_service.guidance.burn.checklist import Checklist
+from mission_service.guidance.burn.dropping import drops_due
+from mission_service.guidance.burn.flown import HIGH_SHARE, Flown, first_danger_s, flown_of
+from mission_service.guidance.burn.mission import mission_items
+from mission_service.guidance.burn.planner import LinePlan, NoPlan
+from mission_service.guidance.burn.recheck import trouble
+from mission_service.guidance.burn.state import BurnState
+from mission_service.guidance.burn.watch import Wind, mean_wind, wind_differs
+from mission_service.guidance.protocol import Decision
+from mission_service.ignition_plan import IgnitionPlan
+from mission_service.vehicles.missions_sent import MissionsSent
+from mission_service.vehicles.state import Vehicle, say
+
+Floats = NDArray[np.float64]
+Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
+
+CLIMB_AGAIN_S, CLIMBS_SHARE = 5.0, 1.05
+LOOK_EVERY_S, LOOK_AT_PROPOSED_EVERY_S = 1.0, 5.0
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # after the proposal, as planned
+OFF_PATH_M = 12.0
+AT_END_M = 3.0
+WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
+
+
+class BurnFlight:
+    """Leads the one vehicle of a burn."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape, missions: MissionsSent) -> None:
+        assert scenario.burn is not None  # by the scenario's own check
+        burn, section = scenario.burn, scenario.vehicles[0]
+        self.state = BurnState(burn, landscape, weather_of(scenario), section)
+        self._refuse_stations_inside()
+        self.approvals = Approvals(burn)
+        self.checklist = Checklist(burn.go_items)
+        self.phase: Phase = "planning"
+        self.complete = False
+        self._missions = missions
+        self._vehicle: Vehicle | None = None
+        self._name = section.name
+        self._found: LinePlan | None = None
+        self._flown: Flown | None = None
+        self._after_climb: Phase = "planning"
+        self._mode, self._armed, self._fix_good, self._by_hand = "", False, True, False
+        self._battery_pct: float | None = None
+        self._climbed_at_s = self._looked_at_s = -math.inf
+        self._reloads = False
+        self._winds: list[Wind] = []
+
+    def _refuse_stations_inside(self) -> None:
+        """Nobody approves fire from where it is to burn."""
+        for station in self.state.burn.stations:
+            place = (station.lat_deg, station.lon_deg)
+            x_m, y_m = self.state.landscape.xy_of_lat_lon(*place)
+            if self.state.unit.area.covers(shapely.Point(x_m, y_m)):
+                raise ScenarioError(
+                    f"burn.stations: {station.name} is inside the burn unit; move it outside"
+                )
+
+    # What comes in ----------------------------------------------------------------------------
+
+    def told(self, event: CrewEvent) -> list[AnyCommand]:
+        """What a person did or said."""
+        self.approvals.heard(event)
+        try:
+            changed = self.state.fire.take(event)
+        except FireModelError as error:
+            return self._say(f"not taken: {error}", warning=True)
+        match event:
+            case PersonTold() | UnitTold():
+                return self._unit_told(event)
+            case Answered():
+                return self._answered(event)
+            case PlanWanted():
+                return self._plan_wanted(event)
+            case Approved():
+                return self._approved(event)
+            case Rejected() if event.plan_hash == self.approvals.plan_hash:
+                return self._stop(f"rejected by {event.by}", "waiting")
+            case Aborted():
+                self.checklist.take(event)
+                return self._stop(f"aborted by {event.by}", "waiting", always=True)
+            case Resumed():
+                self.checklist.take(event)
+                self._by_hand, self._mode = False, ""
+                return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
+            case _:
+                return self._changed(event.at_us / 1e6) if changed else []
+
+    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+        """Take note of the link, the mode, the position, the battery and what was dropped."""
+        self._vehicle = vehicle
+        match event:
+            case ModeChanged():
+                return self._mode_changed(vehicle, event)
+            case HostTime():
+                self.approvals.host_time(event)
+                why = self._why_over(event.at_us)
+                return [] if why is None else self._stop(why)
+            case LinkLost():
+                return self._stop("the link is lost")
+            case VehicleRebooted():
+                self.checklist.clear("the autopilot was restarted")
+                return self._stop("the autopilot was restarted")
+            case FixTold():
+                self._fix_good = event.good
+                return [] if event.good else self._stop(f"its position is lost ({event.fix})")
+            case BatteryTold():
+                return self._battery_told(vehicle, event)
+            case DropFinished():
+                return self._drop_finished(event)
+            case WindMeasured() if vehicle.presence.airborne:
+                return self._wind_measured(event)
+            case Observed() if self.state.fire.take(event):
+                return []  # looked at once a second
+            case _:
+                return []
+
+    # The fire, the unit and the wind ----------------------------------------------------------
+
+    def _unit_told(self, event: PersonTold | UnitTold) -> list[AnyCommand]:
+        try:
+            self.state.unit_told(event)
+        except MissionServiceError as error:
+            return self._say(f"not taken: {error}", warning=True)
+        return self._changed(event.at_us / 1e6)
+
+    def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
+        """Wind that stays unlike the one planned for is the wind from now on."""
+        plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
+        if plan is None:
+            return []
+        differs = wind_differs(plan, wind, self.state.burn) is not None
+        self._winds = [*self._winds, wind] if differs else []
+        if len(self._winds) < WIND_FOR:
+            return []
+        wind, self._winds = mean_wind(self._winds), []
+        self.state.fire.blow(*wind, event.at_us / 1e6)
+        return self._changed(event.at_us / 1e6)
+
+    def _changed(self, at_s: float) -> list[AnyCommand]:
+        """Whatever is proposed or flown must still be right."""
+        why = self._why_void(at_s)
+        return [] if why is None else self._stop(why)
+
+    def _why_void(self, at_s: float) -> str | None:
+        """What speaks against the plan that is proposed or flown, by what is known now."""
+        plan = self.approvals.plan
+        if plan is None:
+            return None
+        if plan.digest != self.state.unit.digest(self.state.burn):
+            return "the burn unit, its people or its settings are no longer those of the plan"
+        differs = wind_differs(plan, self.state.wind(at_s), self.state.burn)
+        return differs or self._danger_ahead(plan, at_s)
+
+    def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
+        """Where the path that is proposed or still ahead would come too near to fire."""
+        flown, vehicle = self._flown, self._vehicle
+        if vehicle is None or vehicle.presence.here is None or self._found is None:
+            return None
+        here = vehicle.presence.here
+        if flown is None or self.phase != "flying":
+            begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
+            return trouble(self._found, begins, self.state.burn) or None
+        path = flown.table.ahead(at_s)
+        path[0, :3] = here.x_m, here.y_m, self.state.height_m(here)
+        air = self.state.air(vehicle, here, at_s)
+        found_s = first_danger_s(path, air, self.state.fire.held)
+        if found_s is None:
+            return None
+        return f"fire would be too near to the path in {max(found_s - at_s, 0.0):.0f} s"
+
+    # Plans and their approval -----------------------------------------------------------------
+
+    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+        """What time brings: an approval that lapses, a plan that is due."""
+        here = vehicle.presence.here
+        if here is None:
+            return []
+        if not (vehicle.presence.airborne or self._armed or vehicle.deployed):  # it stands
+            self.state.stands(here)
+        why = self._why_over(round(at_s * 1e6))
+        if why is None and self.phase in ("proposed", "approved"):
+            why = self._look(at_s)
+        if why is not None:
+            return self._stop(why)
+        flown = self._flown
+        if self.phase == "approved" and flown is not None and self._flies(vehicle, flown):
+            self.phase = "flying"
+            return [say(vehicle, f"flies line {flown.plan.line}: {len(flown.plan.drops)} drops")]
+        if self.phase == "planning" and self._may_plan(vehicle, here):
+            return self._plan(vehicle, here)
+        return []
+
+    def _why_over(self, at_us: int) -> str | None:
+        """Why the plan or its approval has expired; None if neither has."""
+        over = "it has expired" if self.approvals.out_of_date(at_us) else None
+        return self.approvals.lapsed(at_us) or over
+
+    def _look(self, at_s: float) -> str | None:
+        """Now and then: whether the plan is still right."""
+        every_s = LOOK_AT_PROPOSED_EVERY_S if self.phase == "proposed" else LOOK_EVERY_S
+        if at_s - self._looked_at_s < every_s:
+            return None
+        self._looked_at_s = at_s
+        return self._why_void(at_s)
+
+    def _flies(self, vehicle: Vehicle, flown: Flown) -> bool:
+        """Whether it flies the mission of the plan, by all that it told."""
+        on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
+        return on_board and self._armed and self._mode == "mission"
+
+    def _may_plan(self, vehicle: Vehicle, here: Here) -> bool:
+        if not self._fix_good or self._battery_low or vehicle.going_home or self.complete:
+            return False
+        return not vehicle.presence.airborne or self._is_high(here)
+
+    def _plan_wanted(self, event: PlanWanted) -> list[AnyCommand]:
+        if self.phase in ("flying", "approved", "climbing"):
+            return self._say("a line is being flown: the next plan comes after it")
+        refused = self.state.spaced(event)
+        if refused is not None:
+            return self._say(refused, warning=True)
+        commands = self._void("a new plan is wanted")
+        self.phase, self.complete, self._by_hand = "planning", False, False
+        return commands
+
+    def _approved(self, event: Approved) -> list[AnyCommand]:
+        still = self.checklist.open_items
+        refused = self.approvals.approve(event) if not still else f"{len(still)} items are open"
+        plan = self.approvals.plan
+        if refused is not None or plan is None:
+            words = self._say(f"approval by {event.by} does not count: {refused}", warning=True)
+            ours = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
+            return [*words, *self._stop("whose word it has is in doubt")] if ours else words
+        why = self._why_void(event.at_us / 1e6)
+        if why is not None:
+            return self._stop(why)
+        self._flown = flown_of(plan, self.state.landscape)
+        self.phase, self._by_hand = "approved", False
+        return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
+
+    def _answered(self, event: Answered) -> list[AnyCommand]:
+        commands = self._say(self.checklist.take(event) or "")
+        if not event.go and self.phase in ("approved", "flying"):
+            return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
+        if self.checklist.complete and self._reloads:
+            self._reloads = False
+            self.state.account.load(self.state.burn.spheres)
+        return commands
+
+    def _plan(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Propose the next line; without one the vehicle goes home."""
+        airborne = vehicle.presence.airborne
+        begin_s = here.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
+        found = self.state.next_plan(vehicle, here, begin_s)
+        if isinstance(found, NoPlan):
+            self.phase, self.complete = "waiting", found.why == "complete"
+            vehicle.going_home = airborne
+            return self._say(f"no further line: {found.words}")
+        line, plan = found
+        name = self.approvals.propose(plan)
+        self._found, self.phase, self._looked_at_s = line, "proposed", here.at_s
+        words = (
+            f"line {plan.line} proposed, {name[:12]}: {len(plan.drops)} drops in "
+            f"{plan.duration_s:.0f} s, {len(plan.skipped)} skipped as unsafe"
+        )
+        return [Propose(self._name, plan, name), *self._say(words)]
+
+    def status(self) -> dict[str, Any]:
+        """Where it stands, for people and programs."""
+        plan, approval = self.approvals.plan, self.approvals.approval
+        return {
+            "phase": self.phase,
+            "line": self.state.line,
+            "complete": self.complete,
+            "plan_hash": self.approvals.plan_hash,
+            "approved_by": None if approval is None else f"{approval.by} at {approval.station}",
+            "drops_planned": 0 if plan is None else len(plan.drops),
+            "drops_done": len(self.state.account.of(self.approvals.plan_hash)),
+            "spheres_left": self.state.account.left,
+            "battery_pct": self._battery_pct,
+            "position_good": self._fix_good,
+            "mode": self._mode,
+            "checklist": self.checklist.status(),
+            "corrections": self.state.fire.log.status(),
+            **self.state.places(),
+        }
+
+    # In the air -------------------------------------------------------------------------------
+
+    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
+        """That of the plan that is approved."""
+        flown = self._flown
+        if self.phase != "approved" or flown is None or flown.sent:
+            return None
+        return flown.table.points_m[:, :2]
+
+    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+        """The mission of the plan: its path and nothing else."""
+        assert self._flown is not None
+        self._flown.sent = True
+        plan, on_ground = self._flown.plan, not vehicle.presence.airborne
+        path = plan.path[1:] if on_ground else plan.path
+        return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
+
+    def in_mission(self, name: str) -> bool:
+        """Whether it flies the mission it has on board, by its mode."""
+        return self._mode == "mission"
+
+    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Send what is approved, watch and drop what is flown, or climb to the safe height."""
+        if not self._fix_good:
+            return []
+        if self.phase == "flying" and self._flown is not None:
+            return self._fly(vehicle, self._flown, here)
+        if self.phase == "approved":
+            path = self.first_path(vehicle, here)
+            if path is None or vehicle.pending is not None or here.at_s < vehicle.not_before_s:
+                return []
+            items = self.items(vehicle, path, here)
+            return [self._missions.upload(vehicle, path, items, here, "fly the line approved")]
+        return self._climb(vehicle, here)
+
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """At the safe height."""
+        return None if self._is_high(here) else self._climb(vehicle, here)
+
+    def _fly(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
+        off_m = flown.table.moved(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
+        why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
+        if why is not None:
+            return self._stop(why)
+        commands = self._release(vehicle, flown, here)
+        if flown.table.left_m <= AT_END_M:
+            commands += self._line_done(vehicle, flown)
+        return commands
+
+    def _release(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
+        """Let go of the next sphere if it would fall on its place now."""
+        commands: list[AnyCommand] = []
+        for due in drops_due(self.state, flown, here):
+            why_not = due.why_not or self._why_none()
+            if why_not is None:
+                name = self.approvals.plan_hash
+                self.state.account.order(due.sphere(name, round(here.at_s * 1e6)))
+                place = self.state.lat_lon(*due.falls_m)
+                return [*commands, Drop(self._name, name, due.number, *place)]
+            words = f"drop {due.number + 1} of line {flown.plan.line} left out: {why_not}"
+            commands.append(say(vehicle, words, warning=True))
+        return commands
+
+    def _why_none(self) -> str | None:
+        """Why nothing may be dropped at all."""
+        if self.approvals.approval is None or not self.checklist.complete:
+            return "it is not approved"
+        if self._mode != "mission" or not self._armed:
+            return f"it is in mode {self._mode}"
+        return None
+
+    def _drop_finished(self, event: DropFinished) -> list[AnyCommand]:
+        sphere = self.state.account.finish(event)
+        if sphere is None:
+            return []
+        if not sphere.counts:
+            return self._say(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
+        ignites_s = sphere.at_us / 1e6 + self.state.burn.ignition_delay_s
+        self.state.fire.hold((*sphere.falls_m, ignites_s))
+        return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
+
+    def _line_done(self, vehicle: Vehicle, flown: Flown) -> list[AnyCommand]:
+        spheres = self.state.account.of(self.approvals.plan_hash)
+        farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
+        if self._found is not None:
+            self.state.area_left = self._found.area_left
+        self.state.line += 1
+        self._end_plan()
+        self.phase = "planning"
+        return self._say(
+            f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, the "
+            f"farthest {farthest_m:.1f} m off its place; {self.state.account.left} spheres left"
+        )
+
+    # What ends a plan -------------------------------------------------------------------------
+
+    def _void(self, why: str) -> list[AnyCommand]:
+        """What is proposed or approved no longer is."""
+        name = self.approvals.plan_hash
+        self._end_plan()
+        if not name:
+            return []
+        words = self._say(f"plan withdrawn: {why}", warning=True)
+        return [Withdraw(self._name, name, why), *words]
+
+    def _end_plan(self) -> None:
+        self.approvals.void()
+        self._flown = self._found = None
+        self._winds = []
+        self.state.fire.let_go()
+
+    def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
+        """Withdraw the plan; who flies it climbs to the safe height and holds.
+
+        ``always``: who is in the air does so without a plan as well.
+        """
+        vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
+        commands = self._void(why)
+        if vehicle is None or not vehicle.presence.airborne:
+            self.phase = then
+            if vehicle is not None:  # it does not take off with what it may have on board
+                vehicle.deployed = vehicle.started = False
+                vehicle.pending = vehicle.flown_line = vehicle.start_again_at_s = None
+            return commands
+        if not flew and not always:
+            self.phase = then
+            return commands
+        vehicle.pending = vehicle.flown_line = None
+        self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
+        here = vehicle.presence.here
+        if vehicle.presence.flies and here is not None and self._fix_good:
+            commands += self._climb(vehicle, here)
+        return commands
+
+    def _climb(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """To the safe height, straight up, unless somebody's hand is on it."""
+        ordered = self._climbed_at_s > -math.inf
+        if self._is_high(here) and (ordered or self.phase != "climbing"):
+            if self.phase == "climbing":
+                vehicle.holding, self.phase = True, self._after_climb
+            return []
+        if self._by_hand or here.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
+            return []
+        self._climbed_at_s = here.at_s
+        safe_m = self.state.altitude_m(here, CLIMBS_SHARE * self.state.burn.safe_height_m)
+        altitude_m = round(max(safe_m, here.altitude_m), 1)
+        return [ClimbAndHold(self._name, *self.state.lat_lon(here.x_m, here.y_m), altitude_m)]
+
+    def _is_high(self, here: Here) -> bool:
+        return self.state.height_m(here) >= HIGH_SHARE * self.state.burn.safe_height_m
+
+    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
+        was_armed = self._armed
+        self._mode, self._armed = event.mode, event.armed
+        if not event.armed:
+            if not was_armed:
+                return []
+            if vehicle.started:
+                self._reloads, vehicle.started = True, False
+                self.checklist.clear("it has landed")
+            return self._stop("it is disarmed")
+        if event.mode == "mission":
+            self._by_hand = False
+        elif self.phase == "flying":
+            self._by_hand, self.phase = True, "waiting"
+            return self._void(f"mode {event.mode} was not ordered here")
+        return []
+
+    def _battery_told(self, vehicle: Vehicle, event: BatteryTold) -> list[AnyCommand]:
+        self._battery_pct = event.percent
+        if not self._battery_low:
+            return []
+        vehicle.going_home = vehicle.presence.airborne
+        return self._stop(f"its battery is at {event.percent:.0f} %")
+
+    @property
+    def _battery_low(self) -> bool:
+        told = self._battery_pct
+        return told is not None and told < self.state.burn.least_battery_pct
+
+    def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
+        return [Announce(self._name, text, "warning" if warning else "info")] if text else []
+
+
+class Undecided:
+    """Steers nothing: a burn's vehicle flies plans."""
+
+    def observe(self, observed: Observed) -> None:
+        """Nothing."""
+
+    def correct(self, told: Observed) -> None:
+        """Nothing: the burn's own fire is corrected."""
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Nothing."""
+
+    def at(self, row: float, col: float, at_s: float) -> None:
+        """Nothing."""
+
+    def left(self, at_s: float) -> None:
+        """Nothing."""

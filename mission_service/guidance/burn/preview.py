@@ -1,0 +1,47 @@
+"""A burn to its end as it would go now, without a vehicle: report and picture."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import BurnSection
+from mission_service.errors import ScenarioError
+from mission_service.fire.setup import landscape_of, weather_of
+from mission_service.guidance.burn.planner import Situation, next_line
+from mission_service.guidance.burn.report import burn_json, draw_burn, totals
+from mission_service.guidance.burn.state import BurnState
+from mission_service.guidance.burn.whole_burn import whole_burn
+
+
+def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) -> Situation:
+    """Before the first line: the vehicle stands at home, and burns what the crew has lit."""
+    home = scenario.vehicles[0]
+    state = BurnState(burn, landscape, weather_of(scenario), home)
+    home_m = landscape.xy_of_lat_lon(home.home_lat_deg, home.home_lon_deg)
+    begin_s = max(scenario.start_s, scenario.deploy_at_s)
+    return state.situation_from(home_m, 0.0, 0.0, home_m, begin_s)
+
+
+def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
+    """All lines of a scenario's burn from its deployment on; writes burn.json and burn.png.
+
+    Returns the totals; no time is counted for approvals. Raises MissionServiceError for a scenario
+    without a burn, or with a unit that cannot be.
+    """
+    burn = scenario.burn
+    if burn is None or not scenario.vehicles:
+        raise ScenarioError(f"{scenario.name}: there is no burn to preview: it needs [burn]")
+    situation = situation_of(scenario, burn, landscape_of(scenario))
+    found, area = whole_burn(situation, burn), situation.area
+    told = json.dumps(burn_json(found, area))
+    (out / "burn.json").write_text(told + "\n", encoding="utf-8")
+    draw_burn(out / "burn.png", found, area, scenario.name)
+    return totals(found, area)
+
+
+def warm_up(scenario: Scenario, landscape: Landscape) -> None:
+    """Plan once: what is compiled is compiled before anybody flies, not while a link is minded."""
+    assert scenario.burn is not None
+    next_line(situation_of(scenario, scenario.burn, landscape), scenario.burn)

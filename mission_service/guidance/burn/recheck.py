@@ -1,0 +1,90 @@
+"""Whether a plan that was made before still holds."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from mission_service.config.sections import BurnSection
+from mission_service.guidance.burn.flight import Air, OwnFires, Place, part_of
+from mission_service.guidance.burn.planner import LinePlan, Situation, air_of
+
+ROUNDED_S = 1e-6
+
+
+def trouble(
+    plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
+) -> str:
+    """What speaks against flying the rest of a plan, of which ``flown_s`` are flown; "" if nothing.
+
+    The rest begins at ``situation.at_s``, in its wind and unit. Its fire is to be without the drops
+    of this plan: they count as they did when it was made, at the times of the plan.
+    """
+    air = air_of(situation, settings)
+    begin_s = situation.at_s - flown_s
+    places = [Place(x, y, height, begin_s + after) for x, y, height, after in plan.path.tolist()]
+    own, number = OwnFires(air), 0
+    for leg in pairwise(places):
+        while number < len(plan.drops) and _dropped_by(plan, number, leg[0].at_s - begin_s):
+            x_m, y_m, after_s = plan.drops[number].tolist()
+            own.add(x_m, y_m, begin_s + after_s)
+            number += 1
+        if leg[1].at_s <= situation.at_s:
+            continue
+        rest = (_later(leg, situation.at_s), leg[1])
+        after_s = rest[0].at_s - begin_s
+        found = _of_place(air, rest, places[0])
+        if found:
+            return f"{found} {after_s:.0f} s after its begin"
+        # All of the leg, as it was checked when planned; what is flown of it does not count.
+        margin_s = max(
+            min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
+        )
+        first = plan.climbs_first and leg[0] == places[0]
+        if margin_s < settings.time_margin_s and not first:
+            near = f"comes within {margin_s:.0f} s" if margin_s > 0.0 else "burns within reach"
+            return f"fire {near} of its path {after_s:.0f} s after its begin"
+    return _of_drops(plan, air, begin_s, flown_s) or _of_load(plan, situation, settings, flown_s)
+
+
+def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
+    return bool(plan.drops[number, 2] <= after_s + ROUNDED_S)
+
+
+def _later(leg: tuple[Place, Place], at_s: float) -> Place:
+    """Where on a leg the vehicle is at a time, its begin at the earliest."""
+    begin, end = leg
+    if at_s <= begin.at_s:
+        return begin
+    return part_of(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
+
+
+def _of_place(air: Air, leg: tuple[Place, Place], start: Place) -> str:
+    begin, end = leg[0][:2], leg[1][:2]
+    if air.high is not None and not air.high.straight(begin, end):
+        return "its path leaves the fence"
+    upright_at_start = begin == end == start[:2]
+    if not air.is_high(leg) and not upright_at_start and not air.low.straight(begin, end):
+        return "its path is low outside the unit, or over people,"
+    return ""
+
+
+def _of_drops(plan: LinePlan, air: Air, begin_s: float, flown_s: float) -> str:
+    left = plan.drops[plan.drops[:, 2] > flown_s + ROUNDED_S]
+    if not len(left):
+        return ""
+    if not air.unit.may_drop(left[:, :2]).all():
+        return "a drop is outside the unit, or on a no-drop area or people"
+    lands_s = begin_s + left[:, 2] + air.settings.ignition_delay_s
+    if (np.asarray(air.fire.ignition_time_s(left[:, :2])) <= lands_s).any():
+        return "a drop is on ground that will have burned"
+    return ""
+
+
+def _of_load(plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float) -> str:
+    left = int((plan.drops[:, 2] > flown_s + ROUNDED_S).sum())
+    if left > situation.spheres:
+        return f"it has {left} more drops, and {situation.spheres} spheres are left"
+    needs_s = plan.duration_s - flown_s + plan.home_s + settings.battery_reserve_s
+    if needs_s > situation.battery_s + ROUNDED_S:
+        return f"it needs {needs_s:.0f} s of battery, and {situation.battery_s:.0f} s are left"
+    return ""

@@ -1,0 +1,213 @@
+"""The burn unit: where is to be burned, where nothing may fall, where must not be flown."""
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.landscape import Landscape
+from firemodel.readers.shapes import box_of, read_shapes
+from mission_service.config.sections import BurnSection
+from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.lines import only_areas
+from mission_service.guidance.burn.ways import Ways
+
+Floats = NDArray[np.float64]
+Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
+
+ARC = 16  # sides of a quarter of a circle
+LEAST_M2 = 1.0  # of an area
+CLEAR_M = 0.01  # on top of margins, for what is rounded
+
+
+class Person(NamedTuple):
+    """Somebody, or something, around whom nothing falls and nothing is flown low."""
+
+    name: str
+    x_m: float
+    y_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """In the landscape's metres. ``fence`` is None where there is none; flights stay inside it."""
+
+    area: BaseGeometry  # Polygon or MultiPolygon, holes are not to be burned
+    no_drop: BaseGeometry
+    fence: BaseGeometry | None
+    people: tuple[Person, ...]
+    edge_m: float
+
+    @cached_property
+    def droppable(self) -> BaseGeometry:
+        """Where spheres may fall; never more than ``may_drop`` says."""
+        left = self.area.difference(_grown(self.area.boundary, self.edge_m + CLEAR_M))
+        left = left.difference(_grown(self.no_drop, self.edge_m + CLEAR_M))
+        return self._without_people(left if self.fence is None else left.intersection(self.fence))
+
+    @cached_property
+    def low_ways(self) -> Ways:
+        """Where may be flown below the safe height."""
+        inside = self.area if self.fence is None else self.area.intersection(self.fence)
+        return Ways(self._without_people(inside))
+
+    @cached_property
+    def high_ways(self) -> Ways | None:
+        """Where may be flown at the safe height; None for everywhere."""
+        return None if self.fence is None else Ways(self.fence)
+
+    def _without_people(self, area: BaseGeometry) -> BaseGeometry:
+        for person in self.people:
+            circle = _grown(shapely.Point(person.x_m, person.y_m), person.radius_m + CLEAR_M)
+            area = area.difference(circle)
+        return only_areas(area)
+
+    def may_drop(self, places_m: Floats) -> NDArray[np.bool_]:
+        """Whether a sphere may fall on each place (n, 2), by distances, not by drawn margins."""
+        points = shapely.points(np.asarray(places_m, np.float64).reshape(-1, 2))
+        good = shapely.covers(self.area, points)
+        good &= shapely.distance(self.area.boundary, points) >= self.edge_m
+        if not self.no_drop.is_empty:
+            good &= shapely.distance(self.no_drop, points) > self.edge_m
+        for person in self.people:
+            middle = shapely.Point(person.x_m, person.y_m)
+            good &= shapely.distance(middle, points) > person.radius_m
+        if self.fence is not None:
+            good &= shapely.covers(self.fence, points)
+        return np.asarray(good, np.bool_)
+
+    def with_people(self, people: tuple[Person, ...]) -> "Unit":
+        """The same with these people instead."""
+        return replace(self, people=people)
+
+    def digest(self, settings: BurnSection) -> str:
+        """SHA-256, in hexadecimal, of all coordinates, people and settings."""
+        sha = hashlib.sha256()
+        for shape in (self.area, self.no_drop, self.fence):
+            sha.update(b"none" if shape is None else shapely.to_wkb(shape, byte_order=1))
+            sha.update(b";")
+        for person in self.people:
+            sha.update(f"{person.name!r},{person[1:]!r};".encode())
+        sha.update(f"{self.edge_m!r};".encode())
+        sha.update(settings.model_dump_json().encode())
+        return sha.hexdigest()
+
+
+def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
+    """All within a distance of a shape, and never less: arcs are drawn outside of the true ones."""
+    if shape.is_empty or by_m <= 0.0:
+        return shape
+    found: BaseGeometry = shape.buffer(by_m / math.cos(math.pi / (4 * ARC)), quad_segs=ARC)
+    return found
+
+
+def unit_of(
+    burn: BurnSection,
+    landscape: Landscape,
+    home: tuple[float, float] | None = None,
+    corners: Corners | None = None,
+) -> Unit:
+    """The unit of a scenario. ``home`` (lat, lon) is where the vehicle starts.
+
+    ``corners`` (lat, lon), told later, take the place of those set. Raises MissionServiceError
+    with one line if the unit, its fence or a no-drop area cannot be, nothing is left to drop on,
+    or home is outside the fence.
+    """
+    if corners is None and burn.unit_file is not None:
+        area = _areas_of(burn.unit_file, landscape)
+    else:
+        area = _polygon("unit", corners or burn.unit or (), landscape)
+    no_drop: BaseGeometry = shapely.MultiPolygon()
+    if burn.no_drop_file is not None:
+        no_drop = _areas_of(burn.no_drop_file, landscape)
+    fence = None if burn.fence is None else _polygon("fence", burn.fence, landscape)
+    people = tuple(
+        Person(who.name, *landscape.xy_of_lat_lon(who.lat_deg, who.lon_deg), who.radius_m)
+        for who in burn.people
+    )
+    unit = Unit(area, no_drop, fence, people, burn.edge_m)
+    check(unit, None if home is None else landscape.xy_of_lat_lon(*home))
+    return unit
+
+
+def check(unit: Unit, home_m: tuple[float, float] | None = None) -> None:
+    """Raise MissionServiceError if nothing can be dropped, or home (x, y) is outside the fence."""
+    if unit.fence is not None:
+        if home_m is not None and not unit.fence.covers(shapely.Point(home_m)):
+            away_m = unit.fence.distance(shapely.Point(home_m))
+            raise MissionServiceError(
+                f"burn: home is {away_m:.0f} m outside the fence; draw the fence around home, or "
+                "start inside it"
+            )
+        if not only_areas(unit.area.intersection(unit.fence)).area > 0.0:
+            raise MissionServiceError(
+                "burn: no part of the unit is inside the fence; draw the fence around the unit"
+            )
+    if unit.droppable.is_empty:
+        raise MissionServiceError(
+            f"burn: nothing of the unit ({unit.area.area / 1e4:.2f} ha) is left to drop on: "
+            f"edge_m = {unit.edge_m:g}, no-drop areas, people and fence take all of it; make the "
+            "unit larger or them smaller"
+        )
+
+
+def _polygon(name: str, corners: Corners, landscape: Landscape) -> BaseGeometry:
+    places = np.array(corners, np.float64).reshape(-1, 2)
+    x_m, y_m = landscape.xy_of_lat_lon(places[:, 0], places[:, 1])
+    xy_m = np.stack([x_m, y_m], axis=1)
+    inside = shapely.covers(box_of(landscape), shapely.points(xy_m))
+    if not inside.all():
+        which = int(np.argmin(inside))
+        raise MissionServiceError(
+            f"burn: {name}: corner {which + 1} (lat {places[which, 0]:.5f}, lon "
+            f"{places[which, 1]:.5f}) is outside the landscape; correct it (lat first, then lon)"
+        )
+    if len(places) < 3:
+        raise MissionServiceError(f"burn: {name}: has {len(places)} corners; give at least 3")
+    return _checked(f"burn: {name}", shapely.Polygon(xy_m), landscape)
+
+
+def _areas_of(path: Path, landscape: Landscape) -> BaseGeometry:
+    try:
+        shapes = read_shapes(path, landscape)
+    except FireModelError as error:
+        raise MissionServiceError(f"burn: {error}") from None
+    for number, shape in enumerate(shapes, start=1):
+        if shape.geom_type not in ("Polygon", "MultiPolygon"):
+            raise MissionServiceError(
+                f"burn: {path}: feature {number} is a {shape.geom_type}; draw polygons only"
+            )
+    return _checked(f"burn: {path}", shapely.union_all(shapes), landscape)
+
+
+def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
+    if not area.is_valid:
+        lat, lon = landscape.lat_lon_of(*_fault(area))
+        reason = shapely.is_valid_reason(area).split("[")[0]
+        raise MissionServiceError(
+            f"burn: {where.removeprefix('burn: ')}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
+            "its corners in order, around it, so that no two sides cross"
+        )
+    if not area.area >= LEAST_M2:
+        raise MissionServiceError(f"{where}: has no area; give at least three corners not in line")
+    if not box_of(landscape).covers(area):
+        raise MissionServiceError(
+            f"{where}: reaches beyond the landscape; make it smaller, or take a larger landscape"
+        )
+    return area
+
+
+def _fault(area: BaseGeometry) -> tuple[float, float]:
+    """Where GEOS finds a polygon not valid."""
+    reason = shapely.is_valid_reason(area)
+    inside = reason[reason.index("[") + 1 : reason.index("]")].split()
+    return float(inside[0]), float(inside[1])

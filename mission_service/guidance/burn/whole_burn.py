@@ -1,0 +1,183 @@
+"""A burn to its end: all lines one after the other, loads, time, and the fire that it will be."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.marks import Simulation
+from mission_service.config.sections import BurnSection
+from mission_service.guidance.burn.flight import Place
+from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
+
+Floats = NDArray[np.float64]
+
+MOST_ROUNDS = 2_000  # lines, and reloads
+REST_S, REST_TIMES = 60.0, 60  # waits for fire near home to burn out, and how many
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """What the figures hold for."""
+
+    ignition_delay_s: float
+    spheres_a_load: int
+    most_drops_per_min: float
+    speed_m_s: float
+    climb_m_s: float
+    sink_m_s: float
+    drop_height_m: float
+    safe_height_m: float
+    battery_s: float
+    battery_reserve_s: float
+    reload_s: float
+    pause_s: float  # between the end of a line and the begin of the next
+    time_margin_s: float
+    distance_margin_m: float
+    wind_m_s: float  # all the time, for lines and margins; the simulation may know of changes
+    toward_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class FlownLine:
+    """A line, or the part of it that one load sufficed for."""
+
+    number: int  # from 1
+    load: int  # from 1
+    plan: LinePlan
+
+    @property
+    def end_s(self) -> float:
+        """When the vehicle holds at the safe height."""
+        return self.plan.begin_s + self.plan.duration_s
+
+
+@dataclass(frozen=True, eq=False)
+class WholeBurn:
+    """All of it. ``ended`` is why no further line was planned; ``end_s`` is with the way home."""
+
+    lines: tuple[FlownLine, ...]
+    loads: int
+    begin_s: float
+    end_s: float
+    fire: Simulation
+    area_left: BaseGeometry
+    ended: NoPlan
+    assumptions: Assumptions
+
+
+class Together:
+    """Several fires as one: the first of them that comes."""
+
+    def __init__(self, fires: Sequence[Simulation]) -> None:
+        self.fires = tuple(fires)
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        found: Floats = np.min([fire.ignition_time_s(points_m) for fire in self.fires], axis=0)
+        return found
+
+
+def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
+    """Line after line from a situation until none is left, each begun ``pause_s`` after the last.
+
+    Spheres or battery that do not suffice for the rest of a line are filled up first, if they are
+    not full: a line is not left half dropped for a reload that has to come anyway. A reload is the
+    way home at the safe height, ``reload_s``, and a start from the ground at home.
+    """
+    now, base = situation, situation.fire
+    lit = np.empty((0, 3))
+    lines: list[FlownLine] = []
+    load, resting = 1, 0
+    fresh = now.spheres >= settings.spheres and now.battery_s >= settings.battery_s
+    for _ in range(MOST_ROUNDS):
+        plan = next_line(now, settings)
+        short = plan.why in ("spheres", "battery") if isinstance(plan, NoPlan) else bool(plan.ended)
+        if short and not fresh:
+            now, load, fresh = _reloaded(now, settings), load + 1, True
+            continue
+        if isinstance(plan, NoPlan):
+            # Fire near home, as its own spheres': it passes.
+            if plan.why == "danger" and resting < REST_TIMES:
+                now, resting = replace(now, at_s=now.at_s + REST_S), resting + 1
+                continue
+            break
+        lines.append(FlownLine(len(lines) + 1, load, plan))
+        delay_s = plan.begin_s + settings.ignition_delay_s
+        lit = np.concatenate([lit, plan.drops + np.array([0.0, 0.0, delay_s])])
+        now, fresh = _after(now, plan, Together([base, now.lights(lit)]), pause_s), False
+    else:
+        plan = NoPlan("complete", f"stopped after {MOST_ROUNDS} lines and reloads")
+    home_s = _way_home_s(now, settings)
+    return WholeBurn(
+        lines=tuple(lines),
+        loads=load,
+        begin_s=situation.at_s,
+        end_s=now.at_s + home_s,
+        fire=now.fire,
+        area_left=now.area,
+        ended=plan if isinstance(plan, NoPlan) else NoPlan("complete", "burn complete"),
+        assumptions=_assumed(situation, settings, pause_s),
+    )
+
+
+def _after(now: Situation, plan: LinePlan, fire: Simulation, pause_s: float) -> Situation:
+    x_m, y_m, height_m, after_s = plan.path[-1].tolist()
+    return replace(
+        now,
+        area=plan.area_left,
+        dropped_m=np.concatenate([now.dropped_m, plan.drops[:, :2]]),
+        fire=fire,
+        at_s=plan.begin_s + after_s + pause_s,
+        x_m=x_m,
+        y_m=y_m,
+        height_m=height_m,
+        spheres=plan.spheres_left,
+        battery_s=now.battery_s - after_s - pause_s,
+    )
+
+
+def _way_home_s(now: Situation, settings: BurnSection) -> float:
+    if now.height_m <= 0.0 and (now.x_m, now.y_m) == now.home_m:
+        return 0.0
+    here = Place(now.x_m, now.y_m, now.height_m, now.at_s)
+    air = air_of(now, settings)
+    above = air.straight_up(here)[-1]
+    home_s = air.home_s(above)
+    return above.at_s - here.at_s + (home_s if math.isfinite(home_s) else 0.0)
+
+
+def _reloaded(now: Situation, settings: BurnSection) -> Situation:
+    return replace(
+        now,
+        at_s=now.at_s + _way_home_s(now, settings) + settings.reload_s,
+        x_m=now.home_m[0],
+        y_m=now.home_m[1],
+        height_m=0.0,
+        spheres=settings.spheres,
+        battery_s=settings.battery_s,
+    )
+
+
+def _assumed(situation: Situation, settings: BurnSection, pause_s: float) -> Assumptions:
+    return Assumptions(
+        ignition_delay_s=settings.ignition_delay_s,
+        spheres_a_load=settings.spheres,
+        most_drops_per_min=settings.most_drops_per_min,
+        speed_m_s=settings.speed_m_s,
+        climb_m_s=settings.climb_m_s,
+        sink_m_s=settings.sink_m_s,
+        drop_height_m=settings.drop_height_m,
+        safe_height_m=settings.safe_height_m,
+        battery_s=settings.battery_s,
+        battery_reserve_s=settings.battery_reserve_s,
+        reload_s=settings.reload_s,
+        pause_s=pause_s,
+        time_margin_s=settings.time_margin_s,
+        distance_margin_m=settings.distance_margin_m,
+        wind_m_s=situation.wind_m_s,
+        toward_rad=situation.toward_rad,
+    )

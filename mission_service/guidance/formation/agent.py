@@ -1,0 +1,300 @@
+"""One UAV of the formation: what it knows, where its virtual agent goes, what it means to fly.
+
+Every UAV runs one of these on what it sees and hears itself. ``step`` is called at each of its
+positions; what comes out is an ``Intention``: an orbit and an airspeed. Whoever flies it (the ideal
+world's kinematics, an autopilot's own orbit command, a loiter item) keeps to that.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.guidance.formation.coverage import Mover
+from mission_service.guidance.formation.fire_maps import AgentMaps
+from mission_service.guidance.formation.forces import tie_rad
+from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.intent import Choice, Flying, Orbit, choose, rules
+from mission_service.guidance.formation.peers import GOAL_X, GOAL_Y, Peers, key_of
+from mission_service.guidance.formation.phase import airspeed_in_phase_m_s, is_on_orbit
+from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.shared_map import SharedMap
+from mission_service.guidance.formation.silent import Silent
+from mission_service.peer_messages import AnyMessage, Leaving, State
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int64]
+NO_CELLS: Cells = np.empty(0, dtype=np.int64)
+Avoidance = Literal["intent", "rvo", "none"]
+
+STATE_EVERY_US = 500_000
+NEWS_M = 20.0  # another orbit than was told is told at once, and so is another goal
+LONGEST_STEP_S = 1.0
+SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
+NOWHERE = (math.nan, math.nan)
+COOL_FOR_S = 20.0  # it stays up for so long after it was hot
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """What a UAV knows of itself; velocities over the ground, and the wind as it blows towards."""
+
+    at_us: int
+    x_m: float
+    y_m: float
+    altitude_amsl_m: float
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    airspeed_m_s: float
+    wind_x_m_s: float = 0.0
+    wind_y_m_s: float = 0.0
+    hot: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Intention:
+    """What a UAV means to fly: an orbit, signed as in MAVLink, and an airspeed.
+
+    ``climb_m`` is how far above its normal altitude, to get away from heat; ``settled``: the UAV
+    has been on that orbit for a while. On the way home there is no virtual agent: not a number.
+    """
+
+    orbit_x_m: float
+    orbit_y_m: float
+    orbit_radius_m: float
+    airspeed_m_s: float
+    climb_m: float
+    settled: bool
+    agent_x_m: float
+    agent_y_m: float
+    in_conflict: bool = False  # another orbit was wanted, but somebody is in its way
+
+
+class Agent:
+    """See the module. ``name`` decides who goes first where two are in each other's way."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: Settings,
+        grid: Grid,
+        fire: Cells,
+        at_us: int,
+        avoidance: Avoidance = "intent",
+        synchronises: bool = True,
+    ) -> None:
+        """``fire`` is what the ground base shares before the mission: cells that burn at ``at_us``.
+
+        Raises MissionServiceError for cells that are not on the grid.
+        """
+        self.name = name
+        self.settings = settings
+        self.grid = grid
+        self.peers = Peers()
+        self._silent = Silent()
+        self.map = SharedMap(name, grid.shape)
+        self.maps = AgentMaps(
+            grid.shape,
+            grid.cell_m,
+            settings.augmentation_m(grid.cell_m),
+            settings.agent_area_m,
+            settings.monitoring_m,
+        )
+        self.avoidance = avoidance
+        self.synchronises = synchronises
+        self.agent_m: tuple[float, float] | None = None
+        self.home_m: tuple[float, float] | None = None  # where it is on its way to
+        self._mover = Mover(settings, grid, tie_rad(key_of(name)))
+        self._rules = rules(settings)
+        self._key = key_of(name)
+        self._choice: Choice | None = None
+        self._settled_m = (math.inf, math.inf)
+        self._settled_at_us = at_us
+        self._stepped_at_us = at_us
+        self._state_due_us = at_us
+        self._step_s = 0.0
+        self._cool_at_us = at_us
+        self._climb_m = 0.0
+        self._told_orbit_m = (math.inf, math.inf)
+        self._told_goal_m: tuple[float, float] | None = None
+        self._to_say: list[AnyMessage] = []
+        self.map.start(fire, at_us)
+        self.maps.set(fire, NO_CELLS)
+
+    # What comes in ----------------------------------------------------------------------------
+
+    def hear(self, message: AnyMessage) -> None:
+        """Take in what another UAV has said."""
+        match message:
+            case State():
+                self.peers.hear(message)
+                self._silent.heard(message)
+            case Leaving():
+                self.peers.forget(message.sender)
+                self._silent.left(message.sender)
+            case _:
+                self.maps.set(*self.map.hear(message))
+
+    def see(self, burning: Cells, unburned: Cells, at_us: int) -> None:
+        """Take in what the camera saw: cells that burn, and cells that do not."""
+        self.maps.set(*self.map.see(burning, unburned, at_us))
+
+    # What comes out ---------------------------------------------------------------------------
+
+    def step(self, own: Own) -> Intention:
+        """Where the UAV is now; returns what it means to fly from here on."""
+        self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
+        self._stepped_at_us = own.at_us
+        for state in self._silent.states(own.at_us):
+            self.peers.hear(state)
+        peers = self.peers.rows(own.at_us)
+        if self.home_m is None:
+            self._move_agent(own, peers)
+        return self._intend(own, peers)
+
+    def messages(self, at_us: int) -> list[AnyMessage]:
+        """What is to be said now."""
+        said, self._to_say = self._to_say, []
+        return [*said, *self.map.messages(at_us)]
+
+    def leave(self, at_us: int, why: str) -> None:
+        """The UAV is lost, or on the ground: the others need not mind it until it steps again."""
+        self.agent_m = self._choice = None
+        self._to_say.append(Leaving(at_us, self.name, why))
+
+    def go_home(self, x_m: float, y_m: float) -> None:
+        """From now on it flies to a circle there, without a virtual agent, and minds the others."""
+        self.home_m, self.agent_m = (x_m, y_m), None
+
+    def come_back(self) -> None:
+        """It has a virtual agent again, which begins where the UAV is."""
+        self.home_m = None
+
+    # The virtual agent ------------------------------------------------------------------------
+
+    def _move_agent(self, own: Own, peers: Floats) -> None:
+        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``Mover`` has it."""
+        settings = self.settings
+        agent_m = self.agent_m
+        if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m:
+            yaw_rad = math.atan2(own.velocity_y_m_s, own.velocity_x_m_s)
+            agent_m = (
+                own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
+                own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
+            )
+        east_m_s, north_m_s = self._mover.velocity(
+            own.at_us / 1e6,
+            *agent_m,
+            peers[:, GOAL_X],
+            peers[:, GOAL_Y],
+            self.maps,
+            self._step_s,
+        )
+        step_s = self._step_s
+        agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
+        self.agent_m = agent_m
+
+    # What it flies ----------------------------------------------------------------------------
+
+    def _intend(self, own: Own, peers: Floats) -> Intention:
+        orbit, conflict = self._orbit(own, peers), False
+        if self.avoidance == "intent":
+            heading_rad = math.atan2(
+                own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
+            )
+            flying = Flying(
+                self._key,
+                own.x_m,
+                own.y_m,
+                own.altitude_amsl_m,
+                heading_rad,
+                own.airspeed_m_s,
+                own.wind_x_m_s,
+                own.wind_y_m_s,
+            )
+            held = self._choice if self._choice is not None else Choice(orbit)
+            self._choice = choose(own.at_us / 1e6, flying, orbit, held, peers, self._rules)
+            orbit, conflict = self._choice.orbit, self._choice.in_conflict
+        intention = Intention(
+            orbit.x_m,
+            orbit.y_m,
+            orbit.radius_m,
+            orbit.airspeed_m_s,
+            self._climb(own),
+            self._is_settled(own, orbit),
+            *(self.agent_m or NOWHERE),
+            conflict,
+        )
+        self._tell(own, intention)
+        return intention
+
+    def _orbit(self, own: Own, peers: Floats) -> Orbit:
+        """Round the virtual agent, in phase with the others (section 5.3.2)."""
+        airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
+        centre_m = self.home_m or self.agent_m
+        assert centre_m is not None
+        airspeed_m_s = airframe.cruise_m_s
+        if self.synchronises:
+            airspeed_m_s = airspeed_in_phase_m_s(
+                own.x_m,
+                own.y_m,
+                *centre_m,
+                radius_m,
+                self._key,
+                peers,
+                self.settings.range_m,
+                airframe.least_airspeed_m_s,
+                airframe.most_airspeed_m_s,
+                math.hypot(own.wind_x_m_s, own.wind_y_m_s),
+            )
+        return Orbit(*centre_m, radius_m, airspeed_m_s)
+
+    def _climb(self, own: Own) -> float:
+        """Away from heat, and down again when it has been cool for a while (section 5.3.3)."""
+        step_m = self.settings.airframe.climb_m_s * self._step_s
+        if own.hot:
+            self._cool_at_us = own.at_us + round(COOL_FOR_S * 1e6)
+        if own.at_us < self._cool_at_us:
+            self._climb_m += step_m if own.hot else 0.0
+        else:
+            self._climb_m = max(self._climb_m - step_m, 0.0)
+        return self._climb_m
+
+    def _is_settled(self, own: Own, orbit: Orbit) -> bool:
+        if math.dist(self._settled_m, (orbit.x_m, orbit.y_m)) > SETTLED_M:
+            self._settled_m, self._settled_at_us = (orbit.x_m, orbit.y_m), own.at_us
+        on_orbit = is_on_orbit(own.x_m, own.y_m, orbit.x_m, orbit.y_m, orbit.radius_m)
+        if not on_orbit:
+            self._settled_at_us = own.at_us
+        return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
+
+    def _tell(self, own: Own, intention: Intention) -> None:
+        """Say the state when it is time, or at once when another orbit is meant."""
+        orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
+        goal_m = self.agent_m and self._mover.goal_m
+        is_news = math.dist(self._told_orbit_m, orbit_m) > NEWS_M or goal_m != self._told_goal_m
+        if own.at_us < self._state_due_us and not is_news:
+            return
+        self._told_orbit_m, self._told_goal_m = orbit_m, goal_m
+        self._state_due_us = own.at_us + STATE_EVERY_US
+        state = State(
+            own.at_us,
+            self.name,
+            own.x_m,
+            own.y_m,
+            own.altitude_amsl_m,
+            own.velocity_x_m_s,
+            own.velocity_y_m_s,
+            self.agent_m and self.agent_m[0],
+            self.agent_m and self.agent_m[1],
+            intention.orbit_x_m,
+            intention.orbit_y_m,
+            intention.orbit_radius_m,
+            intention.airspeed_m_s,
+            intention.settled,
+            goal_m and goal_m[0],
+            goal_m and goal_m[1],
+        )
+        self._to_say.append(state)

@@ -1,0 +1,409 @@
+"""Flight in a formation: orbits that move with virtual agents, loiters where these have settled.
+
+A vehicle flies to the fire and loiters by a mission, so that whatever fails, it ends there. On its
+way its agent takes over: the stack's own orbit command follows the virtual agent. Once that has
+settled, the circle becomes the loiter of the vehicle's mission, which it then flies; when the agent
+moves on, orbit commands take over again. Meanwhile the mission on board is renewed now and then, so
+that it ends in a circle not far away. Orders are few: one under way at a time, and each kind so
+often.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import MissionItem
+from firemodel.landscape import Landscape
+from mission_service.commands import AnyCommand, ChangeSpeed, Orbit, StartMission
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.core.steering import Here
+from mission_service.errors import MissionServiceError
+from mission_service.events import (
+    CommandFinished,
+    Contact,
+    CrewEvent,
+    Heard,
+    LinkLost,
+    LinkRestored,
+    MissionHeld,
+    ModeChanged,
+    Resumed,
+    Telemetry,
+    UploadFinished,
+    VehicleEvent,
+    VehicleRebooted,
+)
+from mission_service.guidance.formation.agent import Intention
+from mission_service.guidance.formation.seats import Formation
+from mission_service.guidance.protocol import Decision
+from mission_service.missions.orbits import (
+    CLIMBS_FIRST_M,
+    Circle,
+    Place,
+    altitude_amsl_m,
+    first_mission,
+    highest_ground_m,
+    loiter_mission,
+    orbit_of,
+    pushed_out,
+    waiting_place,
+)
+from mission_service.peer_messages import AnyMessage
+from mission_service.vehicles.missions_sent import MissionsSent
+from mission_service.vehicles.state import Vehicle, say
+from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M
+
+Floats = NDArray[np.float64]
+
+ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
+# Where others are near, what is flown must be what its agent has said and checked.
+NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
+RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
+LOOK_DOWN_EVERY_S = 10.0
+SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
+CLIMBS_BELOW_M = 30.0
+SETTLED_FOR_S = 20.0
+RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
+AGAIN_AFTER_S = 5.0
+HOME_WITHIN_M = 500.0  # from here its autopilot flies home
+UNANSWERED_S = 30.0  # an order that nobody speaks of any more
+TAKES_EFFECT_S = 15.0  # a change of mode so soon after an orbit was ordered comes from it
+# The mode in which a stack flies orbits that were ordered.
+ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
+
+
+@dataclass
+class Led:
+    """What is known of the way one vehicle flies, and was ordered."""
+
+    leads: bool = False  # it flies by its mission or our orbits, not by somebody's hand
+    taken_over: bool = False
+    mode: str = ""
+    order: str = ""  # under way
+    ordered_at_s: float = -math.inf
+    circle: Circle | None = None  # ordered last, or flown by the mission
+    altitude_m: float = 0.0
+    orbit_at_s: float = -math.inf
+    look_down_at_s: float = -math.inf
+    airspeed_m_s: float | None = None
+    speed_at_s: float = -math.inf
+    settled_since_s: float | None = None
+    start_not_before_s: float = -math.inf
+    goes_home_until_s: float = math.inf  # led by its agent, at most until then
+    sending: Circle | None = None  # what a mission under way ends in
+    loiter: Circle | None = None  # what the mission on board ends in
+
+
+def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
+    """How far from the fire's centre a vehicle's circle is clear of all fire that is known."""
+    return formation.reach_m + 3.0 * section.loiter_radius_m
+
+
+def waits_at(
+    scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
+) -> Place:
+    """Where a vehicle's first mission ends: each has a place of its own at the fire's edge."""
+    number = [each.name for each in scenario.vehicles].index(section.name)
+    reach_m = clear_of_fire_m(formation, section)
+    apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
+    return waiting_place(number, formation.centre_m, reach_m, home_m, apart_m)
+
+
+class FormationFlight:
+    """Leads each vehicle as its agent means it to fly."""
+
+    def __init__(
+        self, scenario: Scenario, landscape: Landscape, formation: Formation, missions: MissionsSent
+    ) -> None:
+        self.scenario = scenario
+        self.landscape = landscape
+        self.formation = formation
+        self._missions = missions
+        self._led = {section.name: Led() for section in scenario.vehicles}
+        self._not_understood: set[str] = set()
+        self._in_contact = not scenario.formation.talks  # else it circles on where it is
+
+    # What comes in ----------------------------------------------------------------------------
+
+    def told(self, event: CrewEvent) -> list[AnyCommand]:
+        """After the service was down no order is under way, and what is flown is told anew."""
+        if isinstance(event, Resumed):
+            for led in self._led.values():
+                if led.order == "orbit":  # it may have come, and change the mode yet
+                    led.orbit_at_s = event.at_us / 1e6
+                led.order, led.circle, led.airspeed_m_s = "", None, None
+        return []
+
+    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+        """Take note of outcomes, modes, restarts; say what is to be said."""
+        led, at_s = self._led[vehicle.name], event.at_us / 1e6
+        commands: list[AnyCommand] = []
+        match event:
+            case CommandFinished():
+                self._finished(led, event, at_s)
+            case UploadFinished() if vehicle.pending is None:
+                led.loiter = led.sending if event.outcome == "accepted" else None
+            case MissionHeld() if vehicle.read_back == "new":
+                led.loiter = led.sending
+            case MissionHeld() if vehicle.read_back == "unknown":
+                led.loiter = None
+            case Telemetry() if self._by_hand(vehicle, led):
+                assert vehicle.presence.here is not None
+                self.formation.watch(vehicle.name, vehicle.presence.here)
+            case LinkLost() if led.taken_over or self.formation.seats[vehicle.name].by_hand:
+                self.formation.lost(vehicle.name)
+            case LinkRestored():
+                led.circle = led.airspeed_m_s = None
+            case VehicleRebooted():
+                self.formation.not_lost(vehicle.name, event.at_us)
+                self._led[vehicle.name] = Led()
+            case ModeChanged():
+                self._mode_changed(vehicle, led, event, at_s)
+            case Contact():
+                self._in_contact = event.there
+            case Heard():
+                commands += self._hear(vehicle, event.message)
+            case _:
+                pass
+        return [*commands, *self.formation.said()]
+
+    def _by_hand(self, vehicle: Vehicle, led: Led) -> bool:
+        """Whether it is in the air, and neither its agent nor its mission leads it."""
+        presence = vehicle.presence
+        if not presence.airborne or presence.here is None:
+            return False
+        return bool(vehicle.ordered) or presence.recalled or not led.leads
+
+    def _hear(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
+        """What is not of this map is left out, and told once of each who says it."""
+        try:
+            self.formation.hear(vehicle.name, message)
+        except MissionServiceError as error:
+            if message.sender not in self._not_understood:
+                self._not_understood.add(message.sender)
+                return [say(vehicle, f"left out: {error}", warning=True)]
+        return []
+
+    def _finished(self, led: Led, event: CommandFinished, at_s: float) -> None:
+        if event.command != led.order:
+            return
+        led.order = ""
+        if event.accepted:
+            return
+        match event.command:
+            case "orbit":
+                led.circle, led.orbit_at_s = None, at_s + AGAIN_AFTER_S - ORBIT_EVERY_S
+            case "change speed":
+                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S
+            case _:
+                led.start_not_before_s = at_s + 2.0 * AGAIN_AFTER_S
+
+    def _mode_changed(self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float) -> None:
+        if not event.armed:
+            self.formation.seats[vehicle.name].agent.come_back()
+            self.formation.not_lost(vehicle.name, event.at_us)
+            self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
+            return
+        if event.mode == led.mode and led.leads and event.mode != "mission":
+            return  # reported again after the service was down
+        if event.mode != led.mode:  # both stacks forget the speed with the mode
+            led.mode, led.airspeed_m_s = event.mode, None
+        if event.mode == "mission":
+            led.leads = True
+            if led.loiter is None or led.loiter != led.circle:
+                led.circle = None
+            return
+        ordered = led.order == "orbit" or at_s - led.orbit_at_s < TAKES_EFFECT_S
+        if not led.leads or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
+            return
+        self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
+        self.formation.seats[vehicle.name].left(at_s)
+        self.formation.not_lost(vehicle.name, event.at_us)
+
+    def status(self) -> dict[str, Any]:
+        """Nothing to tell."""
+        return {"complete": True}
+
+    def in_mission(self, name: str) -> bool:
+        """Whether it flies the mission it has on board, by its mode."""
+        return self._led[name].mode == "mission"
+
+    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+        """Nothing."""
+        return []
+
+    # Missions ---------------------------------------------------------------------------------
+
+    def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
+        """To the edge of the fire; in the air to the nearest place clear of it."""
+        section, centre_m = vehicle.section, self.formation.centre_m
+        if vehicle.presence.airborne:
+            reach_m = clear_of_fire_m(self.formation, section)
+            place_m = pushed_out((here.x_m, here.y_m), centre_m, reach_m)
+        else:
+            place_m = waits_at(self.scenario, self.formation, section, vehicle.home_m)
+        return np.array([(here.x_m, here.y_m), place_m])
+
+    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+        """The mission to a waiting place."""
+        section, led = vehicle.section, self._led[vehicle.name]
+        circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
+        led.sending = circle
+        if not vehicle.presence.airborne:
+            return first_mission(self.landscape, circle, section, vehicle.landing.at(here.at_s))
+        altitude_m = self._altitude(vehicle, circle, here)
+        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
+
+    def _begin_again(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """The first mission for one that was in the air when this service began, and refused it."""
+        if here.at_s < vehicle.not_before_s:
+            return []
+        path_m = self.first_path(vehicle, here)
+        items = self.items(vehicle, path_m, here)
+        return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
+
+    def _renew(self, vehicle: Vehicle, led: Led, here: Here) -> list[AnyCommand]:
+        """The circle that is flown becomes the mission's loiter, if that is due."""
+        circle = led.circle
+        if circle is None or vehicle.awaits_mission or led.mode == "mission":
+            return []
+        if led.order == "orbit" or here.at_s < vehicle.not_before_s:
+            return []
+        settled = self._has_settled(led, here)
+        if led.loiter is not None and not settled:
+            near = math.dist(circle.centre_m, led.loiter.centre_m) < RENEW_BEYOND_M
+            if near or here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
+                return []
+        if circle == led.loiter:
+            return []
+        led.sending = circle
+        items = loiter_mission(
+            self.landscape, circle, led.altitude_m, vehicle.landing.at(here.at_s)
+        )
+        why = "settled: loiter here" if settled else "loiter not far from here"
+        path_m = np.array([circle.centre_m])
+        return [self._missions.upload(vehicle, path_m, items, here, why)]
+
+    def _altitude(self, vehicle: Vehicle, circle: Circle, here: Here) -> float:
+        place_m = (here.x_m, here.y_m)
+        return altitude_amsl_m(self.landscape, circle, vehicle.section.altitude_agl_m, place_m)
+
+    # Orders -----------------------------------------------------------------------------------
+
+    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """Follow the agent; nothing before the vehicle is well on its way by its mission."""
+        led = self._led[vehicle.name]
+        if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
+            return self._begin_again(vehicle, here)
+        if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, here)):
+            return []
+        if not self._in_contact:
+            return []
+        intention = self.formation.step(vehicle.name, here)
+        wanted = Circle(
+            intention.orbit_x_m,
+            intention.orbit_y_m,
+            intention.orbit_radius_m,
+            intention.climb_m,
+        )
+        near = not intention.settled and self.formation.is_near_others(vehicle.name)
+        orbit_due = self._orbit_due(vehicle, led, wanted, here, near)
+        if orbit_due or not intention.settled:
+            led.settled_since_s = None
+        elif led.settled_since_s is None:
+            led.settled_since_s = here.at_s
+        commands: list[AnyCommand] = []
+        if led.order and here.at_s - led.ordered_at_s < UNANSWERED_S:
+            pass
+        elif orbit_due:
+            commands.append(self._orbit(vehicle, led, wanted, here))
+        elif self._start_due(led, here):
+            led.order, led.ordered_at_s = "start mission", here.at_s
+            led.start_not_before_s = here.at_s + AGAIN_AFTER_S
+            commands.append(StartMission(vehicle.name))
+        else:
+            commands += self._speed(vehicle, led, intention, here, near)
+        return [*commands, *self._renew(vehicle, led, here)]
+
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """Led by its agent, which minds the others, until it is near home."""
+        led = self._led[vehicle.name]
+        away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
+        if away_m < HOME_WITHIN_M or not led.taken_over:
+            return None
+        if not vehicle.going_home:
+            vehicle.going_home = True
+            slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
+            led.goes_home_until_s = here.at_s + away_m / slow_m_s
+            self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
+            words = "its time is nearly over: led home"
+            return [say(vehicle, words), *self.lead(vehicle, here)]
+        return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None
+
+    def _takes_over(self, vehicle: Vehicle, led: Led, here: Here) -> bool:
+        """Whether it is clear of its home and of the ground."""
+        place_m: Place = (here.x_m, here.y_m)
+        if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
+            return False
+        reach_m = 2.0 * vehicle.section.loiter_radius_m
+        ground_m = highest_ground_m(self.landscape, place_m, place_m, reach_m)
+        clear_m = min(CLIMBS_FIRST_M, vehicle.section.altitude_agl_m) / 2.0
+        led.taken_over = here.altitude_m >= ground_m + clear_m
+        return led.taken_over
+
+    def _orbit_due(
+        self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here, near: bool
+    ) -> bool:
+        flown = led.circle
+        if flown is None:
+            return here.at_s - led.orbit_at_s >= ORBIT_EVERY_S
+        wider = abs(wanted.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
+        if here.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
+            return False
+        moves_m = NEAR_MOVES_M if near else ORBIT_MOVES_M
+        if wider or math.dist(wanted.centre_m, flown.centre_m) > moves_m:
+            return True
+        if abs(wanted.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
+            return True
+        if here.at_s < led.look_down_at_s:
+            return False
+        led.look_down_at_s = here.at_s + LOOK_DOWN_EVERY_S
+        return abs(self._altitude(vehicle, flown, here) - led.altitude_m) >= ALTITUDE_CHANGES_M
+
+    def _orbit(self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here) -> Orbit:
+        led.circle, led.altitude_m = wanted, self._altitude(vehicle, wanted, here)
+        led.order, led.ordered_at_s = "orbit", here.at_s
+        led.orbit_at_s, led.look_down_at_s = here.at_s, here.at_s + LOOK_DOWN_EVERY_S
+        return orbit_of(vehicle.name, self.landscape, wanted, led.altitude_m)
+
+    def _has_settled(self, led: Led, here: Here) -> bool:
+        since_s = led.settled_since_s
+        return since_s is not None and here.at_s - since_s >= SETTLED_FOR_S
+
+    def _start_due(self, led: Led, here: Here) -> bool:
+        """Whether the mission on board now ends in the circle that is flown by an order."""
+        ready = led.loiter is not None and led.loiter == led.circle and led.mode != "mission"
+        return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
+
+    def _speed(
+        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here, near: bool
+    ) -> list[AnyCommand]:
+        section = vehicle.section
+        least, most = section.least_airspeed_m_s, section.most_airspeed_m_s
+        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # to climb takes speed
+            least = max(least, min(section.airspeed_m_s, most))
+        wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
+        told = led.airspeed_m_s
+        # In another mode at once: there it flies as fast as it likes.
+        every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
+        if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
+            return []
+        if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
+            return []
+        led.airspeed_m_s, led.speed_at_s = wanted, here.at_s
+        led.order, led.ordered_at_s = "change speed", here.at_s
+        return [ChangeSpeed(vehicle.name, wanted)]

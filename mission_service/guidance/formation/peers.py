@@ -1,0 +1,82 @@
+"""What a UAV last heard of each other one, as rows of numbers for the kernels."""
+
+import math
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.peer_messages import State
+
+Floats = NDArray[np.float64]
+
+# Columns of a row.
+X, Y, ALTITUDE, VX, VY = range(5)
+GOAL_X, GOAL_Y = 5, 6  # where its virtual agent goes or is; not a number where it has none
+ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S, KEY = range(7, 13)
+COLUMNS = 13
+
+LOST_AFTER_S = 10.0
+
+
+def key_of(name: str) -> int:
+    """The same number for a name everywhere: who goes first."""
+    return zlib.crc32(name.encode())
+
+
+class Peers:
+    """One row for each that was heard; who is silent for long, or has left, is not there."""
+
+    def __init__(self) -> None:
+        self._row_of: dict[str, int] = {}
+        self._rows = np.zeros((8, COLUMNS))
+        self._heard_at_us = np.zeros(8, dtype=np.int64)
+
+    def hear(self, state: State) -> None:
+        """Take in a state, unless a later one is known."""
+        row = self._row_of.get(state.sender)
+        if row is None:
+            row = self._new_row(state.sender)
+        if state.at_us <= self._heard_at_us[row]:
+            return
+        self._heard_at_us[row] = state.at_us
+        goal_x_m = state.agent_x_m if state.goal_x_m is None else state.goal_x_m
+        goal_y_m = state.agent_y_m if state.goal_y_m is None else state.goal_y_m
+        self._rows[row, :AGE_S] = (
+            state.x_m,
+            state.y_m,
+            state.altitude_amsl_m,
+            state.velocity_x_m_s,
+            state.velocity_y_m_s,
+            math.nan if goal_x_m is None else goal_x_m,
+            math.nan if goal_y_m is None else goal_y_m,
+            state.orbit_x_m,
+            state.orbit_y_m,
+            state.orbit_radius_m,
+            state.airspeed_m_s,
+        )
+
+    def forget(self, name: str) -> None:
+        """Somebody has left: it is no longer there until it speaks again."""
+        row = self._row_of.get(name)
+        if row is not None:
+            self._rows[row, AGE_S] = np.inf
+            self._heard_at_us[row] = np.iinfo(np.int64).min
+
+    def rows(self, at_us: int) -> Floats:
+        """(n, COLUMNS): all that were heard of late; ``AGE_S`` is how old that is."""
+        count = len(self._row_of)
+        age_s = (at_us - self._heard_at_us[:count].astype(np.float64)) / 1e6
+        self._rows[:count, AGE_S] = age_s
+        return self._rows[:count][age_s < LOST_AFTER_S]
+
+    def _new_row(self, name: str) -> int:
+        row = self._row_of[name] = len(self._row_of)
+        if row == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+            self._heard_at_us = np.concatenate(
+                [self._heard_at_us, np.zeros_like(self._heard_at_us)]
+            )
+        self._heard_at_us[row] = np.iinfo(np.int64).min
+        self._rows[row, KEY] = key_of(name)
+        return row

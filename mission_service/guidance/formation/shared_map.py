@@ -1,0 +1,294 @@
+"""A fire map that all UAVs share, and that becomes the same on all after messages were lost.
+
+Every cell has a version, the time it was seen; of two the later counts, and of equal ones that it
+burns. So a cell is one number, ``2 * seen_at_us + burning`` (0: never heard of), and hearing is
+taking the larger one: in whatever order, however often, and from whomever it comes.
+
+What a UAV sees it says once, as a ``FireUpdate``; of that some is lost. So everybody says now and
+then a checksum for each tile of the map (``Digest``). A checksum is the sum of a mixed number for
+each cell. Who hears one that is not its own looks whether the difference of the two sums is just a
+cell or two of its own: then it is those that the other lacks, and it says them (``Difference``).
+If not, it may lack something itself: it asks with its own checksum of that tile. If nobody knows
+from that what it lacks, somebody says the whole tile, and everybody what is newer than that.
+
+Nobody answers at once: each waits a few slots that depend on its name, and says nothing of what it
+heard others say meanwhile. Messages are bounded in size, and so is how often they come.
+"""
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.errors import MissionServiceError
+from mission_service.guidance.formation.shared_cells import (
+    TILE,
+    cells_of_runs,
+    differing,
+    known,
+    lacked,
+    merge,
+    newer,
+    sight,
+    unroll,
+)
+from mission_service.peer_messages import Difference, Digest, FireUpdate
+
+Cells = NDArray[np.int64]
+MapMessage = FireUpdate | Digest | Difference
+
+DIGEST_EVERY_US = 4_000_000  # up to eight UAVs; of more each speaks less, all together the same
+TEAM = 8
+PEER_FOR_US = 120_000_000  # who said nothing for longer is not counted
+SLOT_US = 250_000
+MOST_SLOTS = 16
+AGAIN_US = 500_000  # at most one question and one difference in this time
+DIGEST_TILES = 128  # at most in a message
+DIFFERENCE_RUNS = 96  # no further tile after so many; one tile has TILE**2 at most
+
+NONE: Cells = np.empty(0, dtype=np.int64)
+
+
+class SharedMap:
+    """The map of the UAV ``name``. ``fire`` (y, x) is true where it burns or has burned."""
+
+    def __init__(self, name: str, shape: tuple[int, int]) -> None:
+        self.name = name
+        self.fire: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
+        self.stamps: Cells = np.zeros(shape, dtype=np.int64)
+        tiles = -(-shape[0] // TILE) * -(-shape[1] // TILE)
+        self._sums: Cells = np.zeros(tiles, dtype=np.int64)
+        self._seed = zlib.crc32(name.encode())
+        self._draws = 0
+        self._now_us = 0
+        self._news: list[Cells] = []
+        self._peers: dict[str, int] = {}  # when heard
+        self._gives: dict[int, int] = {}  # cell: when to say it
+        self._asks: dict[int, tuple[int, int]] = {}  # tile: when to ask, another's checksum
+        self._tells: dict[int, tuple[int, int]] = {}  # tile: when to say it whole, likewise
+        self._digest_at_us = self._ask_at_us = self._difference_at_us = 0  # not before
+        self._next_tile = 0
+        self._map = f"the map of {shape[0]} x {shape[1]} cells; all must have the same landscape"
+        # Room for kernels.
+        self._found: Cells = np.empty(max(tiles, TILE * TILE), dtype=np.int64)
+        self._shares: Cells = np.empty(TILE * TILE, dtype=np.int64)
+        self._theirs: Cells = np.empty(tiles, dtype=np.int64)
+
+    def start(self, cells_burning: Cells, at_us: int) -> None:
+        """The map that all were given before the mission: known, and not news."""
+        self.see(cells_burning, NONE, at_us)
+        self._news.clear()
+
+    def see(self, cells_burning: Cells, cells_unburned: Cells, at_us: int) -> tuple[Cells, Cells]:
+        """Take in what is seen now; it is later than all that was heard before.
+
+        Returns the cells that burn now and did not on this map, and the other way round.
+        """
+        self._now_us = max(self._now_us, at_us)
+        return self._sight(cells_burning, True, at_us), self._sight(cells_unburned, False, at_us)
+
+    def _sight(self, cells: Cells, burns: bool, at_us: int) -> Cells:
+        if not len(cells):
+            return NONE
+        changed: Cells = np.empty(len(cells), dtype=np.int64)
+        count, off_map = sight(cells, burns, at_us, self.stamps, self.fire, self._sums, changed)
+        self._check(cells, off_map, "sight")
+        changed = changed[:count]
+        if count:
+            self._news.append(changed)
+        return changed
+
+    def hear(self, message: MapMessage) -> tuple[Cells, Cells]:
+        """Take in what another said; returns what changed, as ``see``.
+
+        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
+        """
+        if message.sender == self.name:
+            return NONE, NONE
+        self._peers[message.sender] = self._now_us
+        if isinstance(message, Digest):
+            self._compare(message)
+            return NONE, NONE
+        if isinstance(message, FireUpdate):
+            cells = np.array(message.burning + message.cleared, dtype=np.int64)
+            stamps = np.full(len(cells), 2 * message.at_us, dtype=np.int64)
+            stamps[: len(message.burning)] += 1
+        else:
+            cells, stamps = self._cells_of(message)
+        changed = self._merge(cells, stamps, message.sender)
+        if isinstance(message, Difference):
+            for tile in message.whole:
+                self._answer(tile, cells, stamps)
+        return changed
+
+    def messages(self, at_us: int) -> list[MapMessage]:
+        """What is to be said now: what was seen since, and what is due."""
+        self._now_us = max(self._now_us, at_us)
+        said: list[MapMessage] = list(self._updates())
+        if at_us >= self._difference_at_us and (self._gives or self._tells):
+            said += self._difference(at_us)
+        if at_us >= self._ask_at_us and self._asks:
+            said += self._question(at_us)
+        if at_us >= self._digest_at_us:
+            said.append(self._digest(at_us))
+        return said
+
+    def _updates(self) -> list[FireUpdate]:
+        found = []
+        for cells in self._news:
+            stamps = self.stamps.ravel()[cells]
+            for stamp in np.unique(stamps).tolist():
+                of_it = tuple(cells[stamps == stamp].tolist())
+                both = (of_it, ()) if stamp & 1 else ((), of_it)
+                found.append(FireUpdate(stamp >> 1, self.name, *both))
+        self._news.clear()
+        return found
+
+    def _digest(self, at_us: int) -> Digest:
+        for peer in [p for p, at in self._peers.items() if at < at_us - PEER_FOR_US]:
+            del self._peers[peer]
+        every_us = DIGEST_EVERY_US * max(1 + len(self._peers), TEAM) // TEAM
+        # Not all at the same time, nor always after the same one.
+        self._digest_at_us = at_us + every_us * (12 + self._draw(8)) // 16
+        first = self._next_tile
+        tiles = first + np.flatnonzero(self._sums[first:])
+        end = len(self._sums)
+        if len(tiles) > DIGEST_TILES:
+            end = int(tiles[DIGEST_TILES])
+            tiles = tiles[:DIGEST_TILES]
+        self._next_tile = end % len(self._sums)
+        return Digest(at_us, self.name, self._with_sums(tiles), first, end)
+
+    def _with_sums(self, tiles: Cells) -> tuple[tuple[int, int], ...]:
+        return tuple(zip(tiles.tolist(), self._sums[tiles].tolist(), strict=True))
+
+    def _compare(self, digest: Digest) -> None:
+        """Find out who lacks what, by another's checksums."""
+        listed = np.array(digest.tiles, dtype=np.int64).reshape(-1, 2)
+        count = differing(listed, digest.first, digest.end, self._sums, self._theirs, self._found)
+        if count < 0:
+            raise MissionServiceError(
+                f"digest of {digest.sender}: it has tiles that are not on {self._map}"
+            )
+        for tile in self._found[:count].tolist():
+            checksum = int(self._theirs[tile])
+            due_us = self._slot_us()
+            lacks = lacked(tile, checksum, self.stamps, self._sums, self._found, self._shares)
+            if lacks:
+                self._give(lacks, due_us)
+            elif digest.first == digest.end:
+                self._tells.setdefault(tile, (due_us, checksum))
+            else:
+                self._asks.setdefault(tile, (due_us, checksum))
+
+    def _give(self, count: int, due_us: int) -> None:
+        """Mean to say the first so many cells of ``_found``."""
+        for cell in self._found[:count].tolist():
+            self._gives.setdefault(cell, due_us)
+
+    def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
+        """All cells of its runs, and their stamps."""
+        if difference.whole and max(difference.whole) >= len(self._sums):
+            raise MissionServiceError(
+                f"difference of {difference.sender}: tile {max(difference.whole)} is not on "
+                f"{self._map}"
+            )
+        runs = np.array(difference.cells, dtype=np.int64).reshape(-1, 4)
+        count = cells_of_runs(runs, self.fire.size)
+        if count < 0:
+            first, of_run, *_ = runs[-1 - count].tolist()
+            raise MissionServiceError(
+                f"difference of {difference.sender}: {of_run} cells from {first} on are not on "
+                f"{self._map}"
+            )
+        cells, stamps = np.empty((2, count), dtype=np.int64)
+        unroll(runs, cells, stamps)
+        return cells, stamps
+
+    def _merge(self, cells: Cells, stamps: Cells, sender: str) -> tuple[Cells, Cells]:
+        changed: Cells = np.empty(len(cells), dtype=np.int64)
+        on, off, off_map = merge(cells, stamps, self.stamps, self.fire, self._sums, changed)
+        self._check(cells, off_map, f"fire map of {sender}")
+        if self._gives:
+            own = self.stamps.ravel()[cells]
+            for cell in cells[own == stamps].tolist():
+                self._gives.pop(cell, None)
+        return changed[:on], changed[len(cells) - off :]
+
+    def _check(self, cells: Cells, off_map: int, where: str) -> None:
+        if off_map >= 0:
+            raise MissionServiceError(f"{where}: cell {cells[off_map]} is not on {self._map}")
+
+    def _answer(self, tile: int, cells: Cells, stamps: Cells) -> None:
+        """Somebody said all it knows of a tile: say what is newer here."""
+        self._tells.pop(tile, None)
+        self._shares[:] = 0
+        count = newer(tile, cells, stamps, self.stamps, self._shares, self._found)
+        self._give(count, self._slot_us())
+
+    def _difference(self, at_us: int) -> list[MapMessage]:
+        due = [cell for cell, due_us in self._gives.items() if due_us <= at_us]
+        due.sort(key=self._gives.__getitem__)
+        stamps = self.stamps.ravel()
+        runs = _runs(np.array(due, dtype=np.int64), stamps)[:DIFFERENCE_RUNS]
+        for first, count, _, _ in runs:
+            for cell in range(first, first + count):
+                del self._gives[cell]
+        whole: list[int] = []
+        for tile, (due_us, checksum) in list(self._tells.items()):
+            if due_us > at_us:
+                continue
+            cells = self._found[: known(tile, self.stamps, self._found)]
+            more = _runs(cells, stamps)
+            if runs and len(runs) + len(more) > DIFFERENCE_RUNS:
+                break
+            del self._tells[tile]
+            if checksum != self._sums[tile]:
+                runs += more
+                whole.append(tile)
+                self._asks.pop(tile, None)  # who knows more says so
+        if not runs and not whole:
+            return []
+        self._difference_at_us = at_us + AGAIN_US
+        return [Difference(at_us, self.name, tuple(runs), tuple(whole))]
+
+    def _question(self, at_us: int) -> list[MapMessage]:
+        tiles: list[int] = []
+        for tile, (due_us, checksum) in list(self._asks.items()):
+            if due_us <= at_us and len(tiles) < DIGEST_TILES:
+                del self._asks[tile]
+                if checksum != self._sums[tile]:
+                    tiles.append(tile)
+        if not tiles:
+            return []
+        self._ask_at_us = at_us + AGAIN_US
+        return [Digest(at_us, self.name, self._with_sums(np.array(sorted(tiles))))]
+
+    def _slot_us(self) -> int:
+        """When to answer: some slots from now, others than other UAVs', fewer if they are few."""
+        slots = min(max(len(self._peers) // 2, 2), MOST_SLOTS)
+        return self._now_us + SLOT_US * self._draw(slots)
+
+    def _draw(self, values: int) -> int:
+        """0 to ``values`` - 1, different for each UAV and each time, but always the same."""
+        self._draws += 1
+        x = (self._seed + self._draws * 0x9E3779B97F4A7C15) % 2**64
+        x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
+        return (x >> 33) % values
+
+
+def _runs(cells: Cells, stamps: Cells) -> list[tuple[int, int, int, bool]]:
+    """Cells as the runs of a ``Difference``; ``stamps`` is the whole map's, flat."""
+    if not len(cells):
+        return []
+    of_cells = stamps[cells]
+    begins = np.ones(len(cells), dtype=np.bool_)
+    begins[1:] = (np.diff(cells) != 1) | (np.diff(of_cells) != 0)
+    first = np.flatnonzero(begins)
+    count = np.diff(np.append(first, len(cells)))
+    return [
+        (cell, n, stamp >> 1, bool(stamp & 1))
+        for cell, n, stamp in zip(
+            cells[first].tolist(), count.tolist(), of_cells[first].tolist(), strict=True
+        )
+    ]

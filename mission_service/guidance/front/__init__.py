@@ -1,0 +1,1 @@
+"""One vehicle along the fire front."""

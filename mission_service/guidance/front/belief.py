@@ -1,0 +1,335 @@
+"""The on-board map that goes on growing where nobody looks: a front on 360 bearings.
+
+Each bearing holds the distance of the front, when it was last seen, and how much faster or slower
+than the fire model says it has been found to move (its factor). What is not in view advances at the
+model's speed, under the wind the vehicle measures, times that factor; what is in view is what is
+seen. Factors are learned by a Kalman filter on 72 sectors that share what they learn with their
+neighbours and, a little, with all: an advance seen between two looks is the factor times the
+advance the model gives, plus the noise of a front that moves in whole cells. So two looks seconds
+apart teach nothing, and a look after half an hour a great deal.
+
+Without a landscape, or before any wind is measured, the model is an even spread and the factor
+becomes the measured rate of spread itself. Nothing here reads the burning model.
+
+Distances are in cells from the centre, times in seconds of mission time.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.front_rates import FrontRates
+from firemodel.landscape import Landscape
+from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED, taken_back
+from mission_service.guidance.front.belief_kernels import (
+    BASELINE_CELLS,
+    BASELINE_S,
+    PER_SECTOR,
+    PLACES,
+    facing,
+    learn,
+    outwards,
+    spread_out,
+    watch,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+SECTORS = BEARINGS // PER_SECTOR
+LONGEST_STEP_S = 60.0
+EVEN_CELLS_S = 0.01  # spread where there is no model; the factor is learned on top of it
+
+# How far the model's speed is trusted (standard deviation of the factor), everywhere alike and
+# from place to place, and over how many degrees places are alike; how fast that trust is lost.
+COMMON, LOCAL = 0.25, 0.25
+ALIKE_DEG = 20.0
+DRIFT_PER_SQRT_H = 0.15
+FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
+UNMODELLED = 4.0  # times less trusted where there is no model
+# Wind is averaged over the longer time, or the shorter one if that is this far off (m/s, and share
+# of the speed).
+SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
+WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
+WITHIN_CELLS = 1.5  # burned and unburned ground so near each other have the front between them
+BEYOND_CELLS = 2.0  # a front not in view is believed at least so far beyond what is in view
+UNSEEN_ALIKE_DEG = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class FrontModel:
+    """What is known of the land: speed of fronts on it under a given wind."""
+
+    rates: FrontRates
+    landscape: Landscape
+
+
+def to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
+    """Distance in cells from a place to the edge of the grid on all bearings."""
+    with np.errstate(divide="ignore"):
+        rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
+        cols = np.where(EAST > 0, shape[1] - 1 - centre[1], centre[1]) / np.abs(EAST)
+    return np.maximum(np.minimum(rows, cols), 0.5)
+
+
+class Belief:
+    """State of the believed front; arrays (360) by whole-degree bearing, (72) by sector."""
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        model: FrontModel | None,
+        front: Floats,
+        at_s: float,
+    ) -> None:
+        self.model = model
+        self.centre_row, self.centre_col = centre
+        self._shape = shape
+        self.at_s = at_s
+        self.front = front.copy()
+        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, as believed
+        self.seen_at_s = np.full(BEARINGS, -np.inf)
+        self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
+        self.wind_m_s: Floats | None = None  # towards north and east
+        self._short_wind = self._long_wind = np.zeros(2)
+        self._wind_at_s = -np.inf
+        self._begin_to_learn()
+        room = PLACES * BEARINGS
+        self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
+        self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
+        self._unit = np.zeros(BEARINGS)
+        self._edge = to_edge(shape, centre)
+        self._believed_fuel = self._anchor_fuel
+        self._least, self._most = np.zeros(BEARINGS), np.zeros(BEARINGS)
+
+    @property
+    def modelled(self) -> bool:
+        """Whether the fire model drives the front; otherwise only what was measured."""
+        return self.model is not None and self.wind_m_s is not None
+
+    def _begin_to_learn(self) -> None:
+        """Factors as they are before anything was seen."""
+        self._anchor = self.front.copy()
+        self._anchor_at_s = np.full(BEARINGS, self.at_s)
+        self._anchor_fuel = self._fuel_at(self.front)
+        self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
+        self._since = np.zeros(BEARINGS)  # the same since it was last seen
+        scale = 1.0 if self.modelled else UNMODELLED
+        apart = np.abs(np.arange(SECTORS)[:, None] - np.arange(SECTORS)) * PER_SECTOR
+        alike = np.exp(-np.minimum(apart, BEARINGS - apart) / ALIKE_DEG)
+        self.factor = np.ones(SECTORS)
+        self._covariance = scale**2 * (COMMON**2 + LOCAL**2 * alike)
+        self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+
+    def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
+        """Fuel under a front; 0 everywhere without a landscape."""
+        if self.model is None:
+            return np.zeros(BEARINGS, np.int16)
+        rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
+        cols = np.rint(self.centre_col + front * EAST).astype(np.int64)
+        rows, cols = np.clip(rows, 0, self._shape[0] - 1), np.clip(cols, 0, self._shape[1] - 1)
+        return self.model.landscape.fuel_model[rows, cols]
+
+    def begun_anew(self, centre: tuple[float, float], front: Floats, at_s: float) -> "Belief":
+        """One around another centre, with the same model and wind, before anything was seen."""
+        anew = Belief(self._shape, centre, self.model, front, at_s)
+        anew.wind_m_s = self.wind_m_s
+        anew._short_wind, anew._long_wind = self._short_wind, self._long_wind
+        anew._wind_at_s = self._wind_at_s
+        anew._begin_to_learn()
+        return anew
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Take in a measured wind (at 20 ft, from true north): the mean of a quarter of an hour.
+
+        A shift beyond what gusts and errors explain is believed within a minute or two.
+        """
+        toward = math.radians(from_deg + 180.0)
+        new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
+        if self.wind_m_s is None:
+            self.wind_m_s = self._short_wind = self._long_wind = new
+            self._begin_to_learn()
+        else:
+            elapsed_s = max(at_s - self._wind_at_s, 0.0)
+            short = 1.0 - math.exp(-elapsed_s / SHORT_WIND_S)
+            self._short_wind = self._short_wind + short * (new - self._short_wind)
+            long = 1.0 - math.exp(-elapsed_s / LONG_WIND_S)
+            self._long_wind = self._long_wind + long * (new - self._long_wind)
+            off = self._short_wind - self._long_wind
+            noise_m_s = WIND_NOISE_M_S + WIND_NOISE * math.hypot(*self._long_wind)
+            share = math.hypot(*off) / noise_m_s - 1.0
+            if share >= 1.0:
+                self._long_wind = self._short_wind
+            self.wind_m_s = self._long_wind + min(max(share, 0.0), 1.0) * off
+        self._wind_at_s = at_s
+
+    def advance(self, to_s: float) -> None:
+        """Let the front grow until a time."""
+        while self.at_s < to_s:
+            step_s = min(LONGEST_STEP_S, to_s - self.at_s)
+            unit = self._model_speed()
+            np.multiply(unit, self.factors(), out=self.speed_cells_s)
+            self.front += self.speed_cells_s * step_s
+            np.minimum(self.front, self._edge, out=self.front)
+            self._modelled += unit * step_s
+            self._since += unit * step_s
+            self.at_s = to_s if step_s < LONGEST_STEP_S else self.at_s + step_s
+            self._covariance += step_s / 3600.0 * self._drift
+
+    def factors(self) -> Floats:
+        """How much faster than the model the front is found to move, on all bearings."""
+        found = np.empty(BEARINGS)
+        spread_out(self.factor, found)
+        return found
+
+    def doubt(self) -> Floats:
+        """Standard deviation of the factor on all bearings."""
+        found = np.empty(BEARINGS)
+        spread_out(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
+        return found
+
+    def slant(self) -> Floats:
+        """How many cells a cell across the front is along each bearing."""
+        return self._stretch[:BEARINGS]
+
+    def unseen_advance(self) -> Floats:
+        """Advance since each bearing was last seen, with a factor of 1."""
+        return self._since
+
+    def _model_speed(self) -> Floats:
+        """Speed outwards in cells/s on all bearings with a factor of 1."""
+        places = (
+            self._bearing,
+            self._rows,
+            self._cols,
+            self._north,
+            self._east,
+            self._stretch,
+            self._limit,
+        )
+        count = facing(self.front, self.centre_row, self.centre_col, self._shape, *places)
+        if self.model is None or self.wind_m_s is None:
+            return EVEN_CELLS_S * self._stretch[:BEARINGS]
+        north, east = self.wind_m_s
+        blows_from = math.hypot(north, east), math.degrees(math.atan2(-east, -north)) % 360.0
+        rate = self.model.rates.under_wind(
+            self._rows[:count],
+            self._cols[:count],
+            self._north[:count],
+            self._east[:count],
+            self.at_s,
+            blows_from,
+        )
+        rate /= self.model.landscape.cell_size_m
+        outwards(
+            self._bearing[:count],
+            rate,
+            self._stretch[:count],
+            self._limit[:count],
+            LONGEST_STEP_S,
+            self._unit,
+        )
+        return self._unit
+
+    def see(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
+        """Take in one camera window; returns on which bearings the front is in view.
+
+        ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
+        """
+        self.advance(at_s)
+        least, most = self._least, self._most
+        watch(window, row, col, self.centre_row, self.centre_col, NORTH, EAST, least, most)
+        np.maximum(self.burned, least, out=self.burned)
+        in_view = (least >= self.burned) & (most <= least + WITHIN_CELLS)
+        before = self.front.copy()
+        self._believed_fuel = self._fuel_at(before)
+        new = in_view & np.isinf(self.seen_at_s)
+        # A front seen in a cell is somewhere in it: half-way from its middle to the prediction.
+        off = np.clip(self.front - least, -0.5, 0.5)
+        self.front[in_view] = (least + np.where(new, 0.0, 0.5 * off))[in_view]
+        self._bound(window, in_view)
+        if new.any():
+            self._scale_unseen(np.flatnonzero(new), before)
+        self.seen_at_s[in_view] = at_s
+        self._since[in_view] = 0.0
+        self._learn(in_view, at_s)
+        return in_view
+
+    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Take in what people say of a window; a front that was moved by them teaches nothing."""
+        self.advance(at_s)
+        centre = (self.centre_row, self.centre_col)
+        not_burned, least = taken_back(row, col, window, centre, self.burned)
+        self.burned[not_burned] = least[not_burned]
+        self.front[not_burned] = np.minimum(self.front[not_burned], least[not_burned] + 0.5)
+        least, most = self._least, self._most
+        watch(window, row, col, *centre, NORTH, EAST, least, most)
+        np.maximum(self.burned, least, out=self.burned)
+        told = (least >= self.burned) & (most <= least + WITHIN_CELLS)
+        self.front[told] = least[told]
+        self._bound(window, told)
+        self.seen_at_s[told] = at_s
+        moved = told | not_burned
+        self._since[moved] = self._modelled[moved] = 0.0
+        self._anchor[moved] = self.front[moved]
+        self._anchor_at_s[moved] = at_s
+        self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
+
+    def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
+        """The front is not within ground seen burned, nor beyond ground seen unburned."""
+        least, most, front = self._least, self._most, self.front
+        short = ~in_view & np.isfinite(most) & (most > self.burned)
+        front[short] = np.minimum(front[short], most[short])
+        if not (window == BURNED).any():
+            outside = short & (most >= self.burned + BEYOND_CELLS)
+            front[outside] = np.minimum(front[outside], most[outside] - BEYOND_CELLS)
+        if not (window == UNBURNED).any():
+            inside = (least >= self.burned) & (least >= 0.0)
+            front[inside] = np.maximum(front[inside], least[inside] + BEYOND_CELLS)
+        np.maximum(front, self.burned - 0.5, out=front)
+
+    def _scale_unseen(self, new: Integers, before: Floats) -> None:
+        """What was never seen is as much larger or smaller than thought as what is seen now."""
+        unseen = np.isinf(self.seen_at_s)
+        unseen[new] = False
+        places = np.flatnonzero(unseen)
+        if not places.size:
+            return
+        ratio = np.clip(self.front[new] / np.maximum(before[new], 0.5), 0.3, 3.0)
+        apart = np.abs(places[:, None] - new)
+        apart = np.minimum(apart, BEARINGS - apart)
+        nearest = np.argmin(apart, axis=1)
+        weight = np.exp(-apart.min(axis=1) / UNSEEN_ALIKE_DEG)
+        self.front[places] *= ratio[nearest] ** weight
+
+    def _learn(self, in_view: Booleans, at_s: float) -> None:
+        factors = self.factors()
+        due = in_view & (
+            (self._modelled * factors >= BASELINE_CELLS) | (at_s - self._anchor_at_s >= BASELINE_S)
+        )
+        if not due.any():
+            return
+        fuel = self._fuel_at(self.front)
+        # An advance over two fuels tells nothing of either.
+        alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
+        learn(
+            due & alike,
+            self.front,
+            self._anchor,
+            self._modelled,
+            self._stretch,
+            *(FACTORS if self.modelled else UNMODELLED_FACTORS),
+            self.factor,
+            self._covariance,
+        )
+        self._anchor[due] = self.front[due]
+        self._anchor_fuel[due] = fuel[due]
+        self._anchor_at_s[due] = at_s
+        self._modelled[due] = 0.0
+        # What was learned here holds for what has gone on unseen nearby as well.
+        self.front += (self.factors() - factors) * self._since
+        np.maximum(self.front, self.burned - 0.5, out=self.front)

@@ -1,0 +1,44 @@
+"""A fleet from what was heard of it: who is silent is taken on along the ring, then as lost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission_service.guidance.team.ring import Fleet, Ring
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """The last that a vehicle told."""
+
+    seat: int
+    cell: int
+    clockwise: bool
+    speed_m_s: float
+    at_s: float
+
+
+def fleet_of(heard: Sequence[Heard], ring: Ring, at_s: float, lost_after_s: float) -> Fleet:
+    """Where the vehicles are now: each goes on as it was heard; lost ones are left out."""
+    here = sorted(
+        (one for one in heard if at_s - one.at_s <= lost_after_s), key=lambda one: one.seat
+    )
+    return Fleet(
+        np.array([one.seat for one in here], np.int64),
+        np.array([_reckoned(one, ring, at_s) for one in here], np.int64),
+        np.array([one.clockwise for one in here], np.bool_),
+        np.array([one.speed_m_s for one in here]),
+    )
+
+
+def _reckoned(one: Heard, ring: Ring, at_s: float) -> int:
+    """The last cell that it has come to by now."""
+    size = ring.step_m.size
+    along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
+    flown_m = one.speed_m_s * max(at_s - one.at_s, 0.0) % along_m[-1]
+    if one.clockwise:
+        place_m = (along_m[one.cell] + flown_m) % along_m[-1]
+        return int(np.searchsorted(along_m, place_m, side="right") - 1) % size
+    place_m = (along_m[one.cell] - flown_m) % along_m[-1]
+    return int(np.searchsorted(along_m, place_m, side="left")) % size

@@ -1,0 +1,147 @@
+"""Fire shape from the on-board map: the scan method, the ring of perimeter cells, the hull.
+
+Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of the map's centre.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
+
+Floats = NDArray[np.float64]
+
+# The paper scans "as long as the angle keeps increasing"; cells are a staircase, so the scan ends
+# only when the angle has fallen this far below the largest one.
+STAIRCASE_DEG = 4.0
+SCAN_DEG = 150
+
+
+def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
+    """Join the freshly seen front to the older one ahead by a straight line (scan method).
+
+    Args:
+        outer: distance of the front in cells for each bearing (360), no NaN.
+        foremost: bearing of the last fresh front cell in the flying direction.
+        clockwise: flying direction.
+
+    Returns a copy in which the bearings between the foremost cell and the best cell lie on the
+    straight line that connects them.
+    """
+    joined: Floats = _close_gap(outer, int(foremost), 1 if clockwise else -1)
+    return joined
+
+
+@compiled
+def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
+    start_north = outer[foremost] * NORTH[foremost]
+    start_east = outer[foremost] * EAST[foremost]
+    # Turn from "towards the centre" to the cell, counted outwards along the flying direction.
+    inward = foremost + 180.0
+    highest, best = -np.inf, 0
+    for ahead in range(SCAN_DEG - 1):
+        bearing = (foremost + step * (ahead + 1)) % BEARINGS
+        north = outer[bearing] * NORTH[bearing] - start_north
+        east = outer[bearing] * EAST[bearing] - start_east
+        angle = step * (inward - np.rad2deg(np.arctan2(east, north)))
+        angle = (angle + 90.0) % 360.0 - 90.0
+        if angle > highest:
+            highest, best = angle, ahead
+        elif angle < highest - STAIRCASE_DEG:
+            break
+    joined = outer.copy()
+    if best == 0:
+        return joined
+    end = (foremost + step * (best + 1)) % BEARINGS
+    line_north = outer[end] * NORTH[end] - start_north
+    line_east = outer[end] * EAST[end] - start_east
+    for ahead in range(best):
+        bearing = (foremost + step * (ahead + 1)) % BEARINGS
+        across = NORTH[bearing] * line_east - EAST[bearing] * line_north
+        distance = (start_north * line_east - start_east * line_north) / across
+        if np.isfinite(distance) and distance > joined[bearing]:
+            joined[bearing] = distance
+    return joined
+
+
+def ring_of_cells(
+    outer: Floats, start: int, clockwise: bool
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """The closed ring of perimeter cells, from the vehicle's bearing against its direction.
+
+    Returns (north, east, bearing) of each cell in whole cells relative to the centre; cells
+    follow each other without gaps (8 neighbours).
+    """
+    cells: tuple[Floats, Floats, NDArray[np.int64]] = _ring_of_cells(
+        outer, int(start), -1 if clockwise else 1
+    )
+    return cells
+
+
+@compiled
+def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
+    north, east = np.rint(outer * NORTH), np.rint(outer * EAST)
+    size = 0
+    for here in range(BEARINGS):
+        there = (here + 1) % BEARINGS
+        size += int(max(abs(north[there] - north[here]), abs(east[there] - east[here])))
+    cell_north, cell_east = np.empty(size), np.empty(size)
+    cell_bearing = np.empty(size, dtype=np.int64)
+    cell = 0
+    for place in range(BEARINGS):
+        here = (start + step * place) % BEARINGS
+        there = (here + step) % BEARINGS
+        to_north, to_east = north[there] - north[here], east[there] - east[here]
+        count = int(max(abs(to_north), abs(to_east)))
+        for part in range(count):
+            cell_north[cell] = np.rint(north[here] + part / count * to_north)
+            cell_east[cell] = np.rint(east[here] + part / count * to_east)
+            cell_bearing[cell] = here
+            cell += 1
+    return cell_north, cell_east, cell_bearing
+
+
+def steps_between(north: Floats, east: Floats) -> Floats:
+    """Distance in cells from each ring cell to the next one, the last to the first."""
+    steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
+    return steps
+
+
+def hull_of(shape: Floats) -> Floats:
+    """Section VI.E: the filled convex hull of a shape (360), as distances on 360 bearings."""
+    distance: Floats = _hull_of(shape)
+    return distance
+
+
+@compiled
+def _hull_of(shape):  # type: ignore[no-untyped-def]
+    """Andrew's monotone chain over points in order of bearing, begun at the farthest one.
+
+    The centre is inside, so that the points' order around it is the hull's as well.
+    """
+    north, east = shape * NORTH, shape * EAST
+    first = int(np.argmax(shape))  # is a corner
+    corners = np.empty(BEARINGS + 1, dtype=np.int64)
+    size = 0
+    for place in range(BEARINGS + 1):
+        here = (first + place) % BEARINGS
+        while size > 1:
+            last, before = corners[size - 1], corners[size - 2]
+            turn = (east[last] - east[before]) * (north[here] - north[last])
+            turn -= (north[last] - north[before]) * (east[here] - east[last])
+            if turn < 0.0:  # clockwise, as the bearings go
+                break
+            size -= 1
+        corners[size] = here
+        size += 1
+    found = shape.copy()
+    for corner in range(size - 1):
+        start, end = corners[corner], corners[corner + 1]
+        to_north, to_east = north[end] - north[start], east[end] - east[start]
+        for step in range(1, (end - start) % BEARINGS):
+            bearing = (start + step) % BEARINGS
+            across = EAST[bearing] * to_north - NORTH[bearing] * to_east
+            if across != 0.0:
+                on_side = (east[start] * to_north - north[start] * to_east) / across
+                found[bearing] = max(on_side, found[bearing])
+    return found

@@ -1,0 +1,113 @@
+"""Which part of the front is no longer watched when a vehicle leaves it. Pure."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
+from mission_service.core.steering import Presence
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
+from mission_service.guidance.front.following import bearing_deg
+from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.predictive import PredictivePlanner
+from mission_service.guidance.protocol import Steered
+from mission_service.guidance.team.team import Seat
+
+Floats = NDArray[np.float64]
+
+ALARM = "front"
+
+
+def map_of(planner: Steered) -> FireMap | None:
+    """The on-board map that a planner along a front flies by; None for all others."""
+    if isinstance(planner, Seat):
+        return planner.team.map
+    if isinstance(planner, PerimeterPlanner | PredictivePlanner):
+        return planner.map
+    return None
+
+
+def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
+    """The whole-degree bearings, clockwise, to which no other is nearer than ``own_deg``.
+
+    At least one: that of ``own_deg``, where others are within a degree of it.
+    """
+    bearings = np.arange(BEARINGS)
+
+    def away(deg: float) -> Floats:
+        return np.asarray(np.abs((bearings - deg + 180.0) % 360.0 - 180.0), dtype=np.float64)
+
+    nearest = np.ones(BEARINGS, dtype=bool)
+    for other_deg in others_deg:
+        nearest &= away(own_deg) <= away(other_deg)
+    found = np.flatnonzero(nearest)
+    if not found.size:
+        return np.array([round(own_deg) % BEARINGS])
+    if found.size == BEARINGS:
+        return found
+    gap = int(np.argmax(np.diff(found, append=found[0] + BEARINGS)))
+    return np.roll(found, -gap - 1)
+
+
+def part_in_words(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
+    """A part of the front as a fire analyst names it: bearings from the fire's centre, length."""
+    outer, _ = fire.filled_outer()
+    north, east = outer * NORTH, outer * EAST
+    steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
+    length_km = cell_m * float(steps[bearings].sum()) / 1e3
+    if bearings.size == BEARINGS:
+        return f"the whole front, {length_km:.1f} km"
+    arc = f"bearing {bearings[0]}° clockwise to {bearings[-1]}°, seen from the fire's centre"
+    return f"the front from {arc}, {length_km:.1f} km"
+
+
+class FrontWatch:
+    """Keeps account of the vehicles that watch a front."""
+
+    def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
+        self._planners = planners
+        self._cell_m = cell_m
+        self._watching: set[str] = set()
+        self._alarm: RaiseAlarm | None = None  # by the vehicle that left it last
+
+    def raised(self) -> list[AnyCommand]:
+        """The alarm that stands, to be raised again after the service was restarted."""
+        return [] if self._alarm is None else [self._alarm]
+
+    def after(self, name: str, watches: bool, presence: Mapping[str, Presence]) -> list[AnyCommand]:
+        """What an event of a vehicle changes: a part of the front left, or watched again.
+
+        ``watches``: whether the vehicle follows its planner now.
+        """
+        if watches == (name in self._watching):
+            return []
+        fire = map_of(self._planners[name])
+        if fire is None or bool(np.isnan(fire.outer).all()):
+            return []
+        if watches:
+            self._watching.add(name)
+            raised, self._alarm = self._alarm, None
+            return [] if raised is None else [ClearAlarm(raised.vehicle, ALARM)]
+        self._watching.discard(name)
+        part = part_in_words(fire, self._left(name, fire, presence), self._cell_m)
+        if self._watching:
+            left = ", ".join(sorted(self._watching))
+            return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
+        self._alarm = RaiseAlarm(name, ALARM, f"no vehicle watches {part}", "severe")
+        return [self._alarm]
+
+    def _left(
+        self, name: str, fire: FireMap, presence: Mapping[str, Presence]
+    ) -> NDArray[np.int64]:
+        """The bearings to which it was the nearest of the vehicles that share its map."""
+        places = {
+            each: here
+            for each in (name, *sorted(self._watching))
+            if (here := presence[each].here) is not None and map_of(self._planners[each]) is fire
+        }
+        if name not in places:
+            return np.arange(BEARINGS)
+        degrees = {each: bearing_deg(fire, here.row, here.col) for each, here in places.items()}
+        own_deg = degrees.pop(name)
+        return nearest_bearings(own_deg, list(degrees.values()))

@@ -1,0 +1,48 @@
+"""Planners' kernels compiled before anybody flies: the first time that takes many seconds."""
+
+import math
+
+import numpy as np
+
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.events import Observed
+from mission_service.guidance.registry import fire_position, planners_of
+from mission_service.missions.separation import Track, heights_below
+
+FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
+LAP_STEPS, LAPS = 48, 1.6
+STEP_S = 20.0
+ENOUGH = 2  # vehicles: more do nothing that two do not
+
+
+def warm_up(scenario: Scenario, landscape: Landscape) -> None:
+    """Have planners of their own fly more than a lap around a round fire where theirs is.
+
+    So all that a rule does has been done once, and is compiled, or read from the disk.
+    """
+    heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
+    few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})
+    planners = planners_of(few, landscape)
+    rows, cols = landscape.shape
+    middle = landscape.row_col_of(*fire_position(scenario, landscape))
+    middle_row, middle_col = (round(float(value)) for value in middle)
+    for step in range(round(LAPS * LAP_STEPS)):
+        at_s = scenario.start_s + step * STEP_S
+        reach = FIRE_CELLS + step // 16
+        for number, (name, planner) in enumerate(planners.items()):
+            turned = math.tau * (step / LAP_STEPS + number / len(planners))
+            row = middle_row - (reach + OFF_CELLS - FIRE_CELLS) * math.cos(turned)
+            col = middle_col + (reach + OFF_CELLS - FIRE_CELLS) * math.sin(turned)
+            top, left = max(round(row) - VIEW_CELLS, 0), max(round(col) - VIEW_CELLS, 0)
+            seen_rows, seen_cols = np.mgrid[
+                top : min(top + 2 * VIEW_CELLS + 1, rows),
+                left : min(left + 2 * VIEW_CELLS + 1, cols),
+            ]
+            burns = np.hypot(seen_rows - middle_row, seen_cols - middle_col) <= reach
+            cells = tuple("".join(line) for line in np.where(burns, "b", "u"))
+            planner.wind(4.0, 45.0, at_s)
+            planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
+            planner.at(row, col, at_s)
+            planner.shape(row, col)
+            planner.path(row, col)

@@ -1,0 +1,1 @@
+"""Several vehicles that divide a fire front."""

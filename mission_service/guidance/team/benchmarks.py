@@ -1,0 +1,61 @@
+"""Bent's two benchmark rules (4.3): they look neither at importance nor at who serves what."""
+
+import numpy as np
+
+from mission_service.guidance.team.ring import Fleet, Integers, Ring
+
+
+class Circling:
+    """All fly clockwise, one behind the other."""
+
+    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        """Clockwise."""
+        return True
+
+    def regrown(self, place_of: Integers) -> None:
+        """Nothing is kept."""
+
+
+class Bumper:
+    """Each starts in the direction opposite to its neighbour's; two that meet both turn back.
+
+    They never pass each other: growth may put two into one cell, or one just behind the other, so
+    the cells between neighbours are counted on through that.
+    """
+
+    def __init__(self) -> None:
+        # Not as they fly now: of two that meet the other one turns at its next cell.
+        self._clockwise: dict[int, bool] = {}
+        self._around: list[int] = []  # seats in their order around the ring, which stays
+        self._cells_on: dict[int, int] = {}  # from each seat to the next one clockwise
+
+    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        """As before, unless the neighbour ahead comes the other way and is one cell on."""
+        seats = fleet.seat.tolist()
+        if sorted(self._around) != sorted(seats):
+            self._around = [seats[place] for place in np.argsort(fleet.cell, kind="stable")]
+            self._cells_on.clear()
+            for place, seat in enumerate(self._around):
+                self._clockwise.setdefault(seat, place % 2 == 0)
+        cell_of = dict(zip(seats, fleet.cell.tolist(), strict=True))
+        seat = seats[which]
+        clockwise, place = self._clockwise[seat], self._around.index(seat)
+        behind, after = self._around[place - 1], self._around[(place + 1) % len(seats)]
+        # Both are counted, whichever way it flies, so that neither count loses a lap.
+        since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, seat))
+        met, gap = (after, until) if clockwise else (behind, since)
+        if gap <= 1 and self._clockwise[met] is not clockwise:
+            self._clockwise[met] = clockwise
+            self._clockwise[seat] = not clockwise
+        return self._clockwise[seat]
+
+    def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
+        """Cells from one vehicle on to the next; the count nearest to the last one."""
+        front = self._around[(self._around.index(rear) + 1) % len(self._around)]
+        gap = (cell_of[front] - cell_of[rear]) % around
+        gap += around * round((self._cells_on.get(rear, gap) - gap) / around)
+        self._cells_on[rear] = gap
+        return gap
+
+    def regrown(self, place_of: Integers) -> None:
+        """Cells between neighbours are counted anew at the next decision."""

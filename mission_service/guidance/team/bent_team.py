@@ -1,0 +1,145 @@
+"""A team of Bent's: a region for each vehicle, a planner in it, negotiation at intervals."""
+
+from mission_service.guidance.team.bent_region import Course, Region, Steer, back_into, lifted
+from mission_service.guidance.team.negotiation import Negotiation, Part, held_cells
+from mission_service.guidance.team.regions import (
+    Regions,
+    grown,
+    joined_by,
+    kept,
+    moved,
+    parted,
+    served,
+    without,
+)
+from mission_service.guidance.team.ring import Fleet, Integers, Ring
+
+NEGOTIATE_EVERY_S = 20.0
+
+
+class RegionTeam:
+    """Flies ``steer`` in each region; ``negotiate`` moves the borders; a ``TeamRule``."""
+
+    def __init__(
+        self,
+        steer: Steer,
+        negotiate: Negotiation,
+        *,
+        exponential: bool,
+        every_s: float = NEGOTIATE_EVERY_S,
+    ) -> None:
+        self._steer = steer
+        self._negotiate = negotiate
+        self._exponential = exponential
+        self._every_s = every_s
+        self._next_s = 0.0
+        self._regions: Regions | None = None
+        self._growths: list[Integers] = []
+        self._courses: dict[int, Course] = {}
+        self._fleet_seats: list[int] = []
+        self._index: dict[int, int] = {}
+
+    @property
+    def regions(self) -> Regions | None:
+        """Who serves what, as far as the last decision."""
+        return self._regions
+
+    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        """Back into the vehicle's own region, or as its planner steers."""
+        regions = self._now(ring, fleet, at_s)
+        seat = int(fleet.seat[which])
+        begin, end = served(regions, self._index[seat])
+        here = lifted(int(fleet.cell[which]), begin, regions.cells)
+        speed_m_s = float(fleet.speed_m_s[which])
+        region = Region(ring, begin, end, here, at_s, speed_m_s, self._exponential)
+        if here >= end:
+            course = back_into(region)
+        else:
+            before = self._courses.get(seat, Course())
+            if before.target is not None:
+                target = lifted(before.target, begin, regions.cells)
+                before = Course(before.clockwise, target)
+            course = self._steer(region, before)
+        self._courses[seat] = course
+        return course.clockwise
+
+    def regrown(self, place_of: Integers) -> None:
+        """Borders and targets move with their cells."""
+        # How many cells the new ring has is known only with the next decision, or growth.
+        self._growths.append(place_of)
+
+    def _now(self, ring: Ring, fleet: Fleet, at_s: float) -> Regions:
+        """The regions after all that has happened since the last decision."""
+        cells = ring.step_m.size
+        seats = fleet.seat.tolist()
+        regions = self._regions
+        if regions is None:
+            regions = parted(seats, fleet.cell.tolist(), cells)
+            self._growths.clear()
+            self._next_s = at_s + self._every_s
+        for number, place_of in enumerate(self._growths, 1):
+            last = number == len(self._growths)
+            regions = self._grown(regions, place_of, cells if last else self._growths[number].size)
+        self._growths.clear()
+        if seats != self._fleet_seats:
+            regions = _with_team(regions, seats, fleet.cell.tolist())
+            self._fleet_seats = seats
+            self._index = {seat: index for index, seat in enumerate(regions.seats)}
+        if at_s >= self._next_s:
+            self._next_s = at_s + self._every_s
+            regions = self._negotiated(regions, ring, fleet, at_s)
+        self._regions = regions
+        return regions
+
+    def _grown(self, regions: Regions, place_of: Integers, cells: int) -> Regions:
+        for seat, course in self._courses.items():
+            if course.target is not None:
+                target = int(place_of[course.target % place_of.size])
+                self._courses[seat] = Course(course.clockwise, target)
+        return grown(regions, place_of, cells)
+
+    def _negotiated(self, regions: Regions, ring: Ring, fleet: Fleet, at_s: float) -> Regions:
+        """One after the other gives to its neighbours what the negotiation says (4.2.1)."""
+        count = len(regions.seats)
+        if count == 1:
+            return regions
+        which_of = {seat: which for which, seat in enumerate(fleet.seat.tolist())}
+        for index in range(count):
+            parts = {
+                other: self._part(regions, other, fleet, which_of[regions.seats[other]])
+                for other in {(index - 1) % count, index, (index + 1) % count}
+            }
+            own = parts[index]
+            left, right = parts[(index - 1) % count], parts[(index + 1) % count]
+            first, last = self._negotiate(ring, left, own, right, at_s, self._exponential)
+            if first:
+                regions = moved(regions, index, own.begin + first, left=False)
+            if last:
+                after = (index + 1) % count
+                place = own.end - last - (0 if after else regions.cells)
+                regions = moved(regions, after, place, left=True)
+        return regions
+
+    def _part(self, regions: Regions, index: int, fleet: Fleet, which: int) -> Part:
+        begin, end = kept(regions, index)
+        cell, cells = int(fleet.cell[which]), regions.cells
+        here = lifted(cell, begin, cells)
+        following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
+        target = self._courses.get(regions.seats[index], Course()).target
+        going_to = here if target is None else lifted(target, begin, cells)
+        return Part(begin, end, here, held_cells(begin, end, (here, following, going_to)))
+
+
+def _with_team(regions: Regions, seats: list[int], cells_of: list[int]) -> Regions:
+    """Those who have come are taken in and those who have gone are left out."""
+    for seat, cell in zip(seats, cells_of, strict=True):
+        if seat not in regions.seats:
+            at = dict(zip(seats, cells_of, strict=True))
+            # One that has gone as well may be anywhere: where its region begins.
+            begins = dict(zip(regions.seats, regions.borders, strict=True))
+            others = [at.get(other, begins[other].right.place) for other in regions.seats]
+            regions = joined_by(regions, seat, others, cell)
+    for seat in regions.seats:
+        if seat not in seats:
+            regions = without(regions, seat)
+    return regions

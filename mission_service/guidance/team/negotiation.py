@@ -1,0 +1,80 @@
+"""Negotiation on importance (Bent 4.2.1), and what all negotiations share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mission_service.guidance.team.bent_kernels import chunk, total
+from mission_service.guidance.team.ring import Ring
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A vehicle as a negotiation sees it; cells are lifted (see ``regions``).
+
+    ``held`` are the first and the last of the cells that it does not give away: its own, its next
+    one and its target, those of them that are in its region.
+    """
+
+    begin: int
+    end: int
+    here: int
+    held: tuple[int, int]
+
+    @property
+    def most_first(self) -> int:
+        """How many cells it may give at the beginning of its region."""
+        return max(self.held[0] - self.begin, 0)
+
+    @property
+    def most_last(self) -> int:
+        """How many it may give at the end."""
+        return max(self.end - 1 - self.held[1], 0)
+
+
+# (ring, the vehicle left of it, it, the one right of it, time in s, exponential importance) to the
+# number of cells that it gives at the beginning and at the end of its region. Of two vehicles in
+# all, the one is left and right of the other.
+Negotiation = Callable[[Ring, Part, Part, Part, float, bool], tuple[int, int]]
+
+
+def held_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
+    """The first and the last of those of these cells that are in a region; its middle without."""
+    inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
+    return min(inside), max(inside)
+
+
+def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
+    """Importance to give to the left and to the right neighbour.
+
+    ``alone``: both are one and the same vehicle. It is then given, half at either border, what
+    makes the two equal; the thesis does not say at which border two vehicles trade.
+    """
+    more_left, more_right = max(own - left, 0.0), max(own - right, 0.0)
+    if alone:
+        return more_left / 4.0, more_right / 4.0
+    if more_left == 0.0 or more_right == 0.0:
+        return more_left / 2.0, more_right / 2.0
+    # Leaves this vehicle with as much as the neighbour that now has more.
+    less, more = sorted((more_left, more_right))
+    scale = less / (2.0 * less + more)
+    return scale * more_left, scale * more_right
+
+
+def largest_chunks(
+    ring: Ring, left: Part, own: Part, right: Part, at_s: float, exponential: bool
+) -> tuple[int, int]:
+    """As many cells as are worth no more than the offer, at either end."""
+    rate, visited = ring.spread_rate_m_s, ring.visited_at_s
+
+    def worth(part: Part) -> float:
+        return float(total(rate, visited, part.begin, part.end, at_s, exponential))
+
+    alone = left is right
+    to_left, to_right = offers(worth(own), worth(left), worth(right), alone)
+    first = chunk(rate, visited, own.begin, 1, own.most_first, to_left, at_s, exponential)
+    last = chunk(rate, visited, own.end - 1, -1, own.most_last, to_right, at_s, exponential)
+    # Cells worth nothing are no reason to trade.
+    return int(first) if to_left else 0, int(last) if to_right else 0
+
+
+on_importance: Negotiation = largest_chunks

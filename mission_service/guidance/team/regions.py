@@ -1,0 +1,226 @@
+"""Who serves which part of the ring: contiguous regions, and moving the borders between them.
+
+Each border has two sides, what the vehicle left of it (counter-clockwise) knows and what the right
+one knows: a place and a version. It is moved only by giving cells away, and only by the side whose
+turn it is: even versions are the left one's, odd ones the right one's. A side that offers version
+v + 1 keeps serving what it gave until it hears of v + 1 or later; the other one owns the cells from
+the moment it hears of them, and has the next turn. So messages need nothing but place and version,
+and may be lost, doubled or late: only a version that is newer than one's own counts, and no version
+is ever made twice. What vehicles serve covers the ring always; the newer side of each border is the
+ledger, in which each cell has exactly one owner.
+
+Places are *lifted*: cells that go on counting around the ring, so that a region is
+``range(begin, end)`` of them, modulo the number of cells, and may be empty or the whole ring.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mission_service.guidance.team.ring import Integers
+
+
+class Side(NamedTuple):
+    """What one of its two vehicles knows of a border: the first cell right of it."""
+
+    place: int
+    version: int = 0
+    offered: int | None = None  # the place of version + 1, given away and not known to be taken
+
+
+class Border(NamedTuple):
+    """Both sides of a border."""
+
+    left: Side
+    right: Side
+
+
+class Message(NamedTuple):
+    """What a side says of its border; worth nothing on a ring or in a team of another epoch."""
+
+    epoch: int
+    place: int
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class Regions:
+    """The team clockwise; ``borders[i]`` is where the region of ``seats[i]`` begins.
+
+    Places rise from border to border, by no more than ``cells`` once around. ``epoch`` counts
+    growths of the ring and changes of the team, which all vehicles know of.
+    """
+
+    seats: tuple[int, ...]
+    borders: tuple[Border, ...]
+    cells: int
+    epoch: int = 0
+
+
+def parted(seats: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
+    """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
+
+    As Bent's begin (4.2), wherever the vehicles are.
+    """
+    order = sorted(range(len(seats)), key=lambda which: (cells_of[which], seats[which]))
+    begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
+    return Regions(
+        tuple(seats[which] for which in order), tuple(_agreed(begin) for begin in begins), cells
+    )
+
+
+def served(regions: Regions, index: int) -> tuple[int, int]:
+    """What a vehicle serves, lifted [begin, end): all that is its own as far as it knows."""
+    last = index + 1 == len(regions.borders)
+    end = regions.borders[0].left.place + regions.cells if last else 0
+    return regions.borders[index].right.place, (
+        end if last else regions.borders[index + 1].left.place
+    )
+
+
+def kept(regions: Regions, index: int) -> tuple[int, int]:
+    """What a vehicle serves and has not offered to anyone, lifted [begin, end)."""
+    after = (index + 1) % len(regions.borders)
+    begin, end = regions.borders[index].right, regions.borders[after].left
+    end_place = end.place if end.offered is None else end.offered
+    return (
+        begin.place if begin.offered is None else begin.offered,
+        end_place + (0 if after else regions.cells),
+    )
+
+
+def ledger(regions: Regions) -> tuple[int, ...]:
+    """Where each region begins, lifted: the newer of each border's sides."""
+    return tuple(
+        (right if right.version > left.version else left).place for left, right in regions.borders
+    )
+
+
+def owners(regions: Regions) -> Integers:
+    """The index of the vehicle that owns each cell (n)."""
+    begins = ledger(regions)
+    owner = np.full(regions.cells, -1, np.int64)
+    for index, begin in enumerate(begins):
+        end = begins[index + 1] if index + 1 < len(begins) else begins[0] + regions.cells
+        owner[np.arange(begin, end) % regions.cells] = index
+    return owner
+
+
+def has_turn(border: Border, *, left: bool) -> bool:
+    """Whether this side may offer now."""
+    side = border.left if left else border.right
+    return side.offered is None and (side.version % 2 == 0) == left
+
+
+def offering(border: Border, place: int, *, left: bool) -> Border:
+    """One side gives away the cells up to a place, or none and only the turn; raises ValueError."""
+    side = border.left if left else border.right
+    if not has_turn(border, left=left) or (place > side.place if left else place < side.place):
+        raise ValueError(f"a border at {side.place} cannot be offered at {place} now")
+    offered = side._replace(offered=place)
+    return border._replace(left=offered) if left else border._replace(right=offered)
+
+
+def said(regions: Regions, index: int, *, left: bool) -> Message:
+    """What a side of a border says whenever it speaks: its offer, or else what it knows."""
+    side = regions.borders[index].left if left else regions.borders[index].right
+    if side.offered is not None:
+        return Message(regions.epoch, side.offered, side.version + 1)
+    return Message(regions.epoch, side.place, side.version)
+
+
+def heard(regions: Regions, index: int, message: Message, *, left: bool) -> Regions:
+    """One side of a border hears what the other one said."""
+    border = regions.borders[index]
+    side = border.left if left else border.right
+    if message.epoch != regions.epoch or message.version <= side.version:
+        return regions
+    news = Side(message.place, message.version)
+    border = border._replace(left=news) if left else border._replace(right=news)
+    return with_border(regions, index, border)
+
+
+def with_border(regions: Regions, index: int, border: Border) -> Regions:
+    """The regions with one border changed."""
+    borders = (*regions.borders[:index], border, *regions.borders[index + 1 :])
+    return replace(regions, borders=borders)
+
+
+def moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
+    """One side moves a border and nothing is lost: turn asked for, offer, taken, acknowledged."""
+    if not has_turn(regions.borders[index], left=left):
+        other = regions.borders[index].right if left else regions.borders[index].left
+        regions = _given(regions, index, other.place, left=not left)
+    return _given(regions, index, place, left=left)
+
+
+def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
+    border = offering(regions.borders[index], place, left=left)
+    regions = with_border(regions, index, border)
+    regions = heard(regions, index, said(regions, index, left=left), left=not left)
+    return heard(regions, index, said(regions, index, left=not left), left=left)
+
+
+def grown(regions: Regions, place_of: Integers, cells: int) -> Regions:
+    """The ring has changed to one of ``cells`` cells: borders move with the cells they are at."""
+    first, before = int(place_of[0]), place_of.size
+
+    def new(place: int | None) -> int | None:
+        if place is None:
+            return None
+        laps, cell = divmod(place, before)
+        return laps * cells + first + (int(place_of[cell]) - first) % cells
+
+    def side(old: Side) -> Side:
+        return Side(new(old.place) or 0, old.version, new(old.offered))
+
+    borders = tuple(Border(side(left), side(right)) for left, right in regions.borders)
+    return Regions(regions.seats, borders, cells, regions.epoch + 1)
+
+
+def without(regions: Regions, seat: int) -> Regions:
+    """A vehicle has left: its neighbours share its region. All are told, offers are off.
+
+    The last one cannot leave; raises ValueError.
+    """
+    index, count = regions.seats.index(seat), len(regions.seats)
+    if count == 1:
+        raise ValueError("the last vehicle cannot leave its region to another one")
+    begins = list(ledger(regions))
+    begin = begins[index]
+    end = begins[index + 1] if index + 1 < count else begins[0] + regions.cells
+    middle = (begin + end) // 2
+    if index + 1 < count:
+        begins[index + 1] = middle
+    else:
+        begins[0] = middle - regions.cells
+    del begins[index]
+    return _settled(regions, regions.seats[:index] + regions.seats[index + 1 :], begins)
+
+
+def joined_by(regions: Regions, seat: int, cells_of: Sequence[int], cell: int) -> Regions:
+    """A vehicle has come to a cell: the region there is halved. All are told, offers are off.
+
+    ``cells_of`` are the cells of the others, clockwise; the one whose region it was keeps the half
+    that it is in.
+    """
+    begins = list(ledger(regions))
+    host = int(owners(regions)[cell])
+    begin = begins[host]
+    end = begins[host + 1] if host + 1 < len(begins) else begins[0] + regions.cells
+    middle = (begin + end) // 2
+    first_half = begin + (cells_of[host] - begin) % regions.cells < middle
+    begins.insert(host + 1, middle)
+    after = host + 1 if first_half else host
+    return _settled(regions, (*regions.seats[:after], seat, *regions.seats[after:]), begins)
+
+
+def _settled(regions: Regions, seats: tuple[int, ...], begins: Sequence[int]) -> Regions:
+    borders = tuple(_agreed(begin) for begin in begins)
+    return Regions(seats, borders, regions.cells, regions.epoch + 1)
+
+
+def _agreed(place: int) -> Border:
+    return Border(Side(place), Side(place))

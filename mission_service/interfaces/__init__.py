@@ -1,0 +1,1 @@
+"""How operators and other programs reach a run."""

@@ -1,0 +1,167 @@
+"""Who may ask for what: tokens with roles, of which only SHA-256 sums are kept.
+
+A token is 32 random bytes: it cannot be guessed, so its sum needs no salt and no slow hash.
+"""
+
+import hashlib
+import hmac
+import logging
+import os
+import re
+import secrets
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from mission_service.errors import MissionServiceError
+from mission_service.runtime.redaction import hide
+
+Role = Literal["look", "correct", "fly", "approve"]
+ROLES: tuple[Role, ...] = ("look", "correct", "fly", "approve")
+TOKEN_FILE = "token"  # in the folder of a run
+LONGEST_TOKEN = 200
+_TOKEN = re.compile(rf"[A-Za-z0-9_-]{{20,{LONGEST_TOKEN}}}")
+
+log = logging.getLogger(__name__)
+
+
+class Who(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A person or program, by its token."""
+
+    name: Annotated[str, Meta(pattern=r"^[\w .@-]{1,40}$")]
+    roles: frozenset[Role]
+    sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+    station: Annotated[str, Meta(max_length=80)] = ""
+
+    def may(self, role: Role) -> bool:
+        """Whether this role is theirs; looking is everybody's."""
+        return role == "look" or role in self.roles
+
+
+class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
+    tokens: tuple[Who, ...] = ()
+
+
+def sum_of(token: str) -> str:
+    """What is kept of a token."""
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def new_token() -> str:
+    """A token nobody else has."""
+    return secrets.token_urlsafe(32)
+
+
+def read_tokens(path: Path) -> tuple[Who, ...]:
+    """The tokens of a file; raises MissionServiceError in one line: file, place, what is wrong."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise MissionServiceError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise MissionServiceError(f"{path}: not valid TOML: {error}") from None
+    try:
+        found = msgspec.convert(data, _TokensFile).tokens
+    except msgspec.ValidationError as error:
+        raise MissionServiceError(
+            f"{path}: {error}; a token is [[tokens]] with name, roles, station and sha256, as "
+            "`mission-service token` writes it"
+        ) from None
+    names = [who.name for who in found]
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise MissionServiceError(f"{path}: two tokens have the name {twice}")
+    return found
+
+
+def own_token(out: Path) -> str:
+    """The token of a run without a tokens file: made once, in OUT/token, for its user alone.
+
+    Raises MissionServiceError if others may read it, or if it is no token.
+    """
+    path = out / TOKEN_FILE
+    try:
+        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+        with os.fdopen(handle, "w") as file:
+            file.write(new_token() + "\n")
+    except FileExistsError:
+        pass
+    except OSError as error:
+        raise MissionServiceError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            token = file.read(LONGEST_TOKEN + 2).decode("ascii", "replace").strip()
+    except OSError as error:
+        raise MissionServiceError(f"{path}: cannot be read: {error.strerror}") from None
+    if mode & 0o077:
+        raise MissionServiceError(f"{path}: others may read it; remove it, and a new one is made")
+    if _TOKEN.fullmatch(token) is None:
+        raise MissionServiceError(f"{path}: holds no token; remove it, and a new one is made")
+    hide(token)
+    return token
+
+
+class Tokens:
+    """The tokens that are valid now: those of a file, read again when it changes, or one.
+
+    ``named``: each is somebody's, who acts under that name only; the one of a run is anybody's.
+    A file that cannot be used any more leaves the tokens as they were, and is told in the log:
+    who watches a fire is not to be shut out by a slip of somebody's pen.
+    """
+
+    def __init__(self, known: tuple[Who, ...], path: Path | None = None) -> None:
+        self._known = known
+        self._path = path
+        self._stamp = _stamp(path)
+        self.named = path is not None
+
+    @classmethod
+    def of_file(cls, path: Path) -> "Tokens":
+        """Those of a tokens file; raises MissionServiceError."""
+        return cls(read_tokens(path), path)
+
+    @classmethod
+    def of_run(cls, out: Path) -> "Tokens":
+        """The one in the run's folder, with all roles."""
+        who = Who("user", frozenset(ROLES), sum_of(own_token(out)))
+        return cls((who,))
+
+    def whose(self, token: str) -> Who | None:
+        """Whose token this is. Takes as long for any: all are compared, by their sums."""
+        self._look_again()
+        mine = sum_of(token)
+        found = None
+        for who in self._known:
+            if hmac.compare_digest(who.sha256, mine):
+                found = who
+        return found
+
+    def still(self, who: Who) -> bool:
+        """Whether somebody's token is still valid, with the same roles."""
+        self._look_again()
+        return who in self._known
+
+    def _look_again(self) -> None:
+        stamp = _stamp(self._path)
+        if self._path is None or stamp == self._stamp:
+            return
+        self._stamp = stamp
+        try:
+            self._known = read_tokens(self._path)
+        except MissionServiceError as error:
+            log.warning("%s; the tokens stay as they were", error)
+
+
+def _stamp(path: Path | None) -> tuple[int, ...]:
+    """What changes when a file does; empty where there is none."""
+    if path is None:
+        return ()
+    try:
+        found = path.stat()
+    except OSError:
+        return ()
+    return (found.st_ino, found.st_size, found.st_mtime_ns)

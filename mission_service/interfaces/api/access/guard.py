@@ -1,0 +1,284 @@
+"""What stands before all routes: who calls from where, how often, how much, how slowly.
+
+Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
+tokens, rates, concurrent requests. Clients without a token have a separate limit. An abort with a
+valid token passes all limits and is carried out here, as soon as its headers have arrived; health
+routes pass all limits too. Bodies are read here before anything else is awaited, so that a complete
+request is carried out even if its client has closed the connection meanwhile.
+"""
+
+import asyncio
+import ipaddress
+import math
+from collections.abc import Callable, Collection
+from typing import Any
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from mission_service.interfaces.api.access.auth import LONGEST_TOKEN, Tokens, Who
+from mission_service.interfaces.api.access.callers import client_at
+from mission_service.interfaces.api.access.limits import Buckets, Places
+from mission_service.interfaces.api.answers import (
+    MOST_BODY_BYTES,
+    MOST_PERIMETER_BYTES,
+    ApiError,
+    error_body,
+)
+from mission_service.interfaces.api.live import MOST_STREAMS, TooSlowError
+
+ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
+BODY_WITHIN_S = 20.0
+PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
+HEALTH = ("/healthz", "/readyz")
+# Requests under way: of those with a token what reads (live streams among them) and what changes.
+MOST_READING, MOST_CHANGING = 64 + MOST_STREAMS, 64
+MOST_STRANGERS, MOST_OF_A_STRANGER = 32, 16  # without a token: the page
+SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # a client that reads nothing for so long is cut off
+CSP = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "font-src 'self'; media-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
+    "manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+HEADERS = {
+    b"content-security-policy": CSP.encode(),
+    b"x-content-type-options": b"nosniff",
+    b"x-frame-options": b"DENY",
+    b"referrer-policy": b"no-referrer",
+    b"cross-origin-resource-policy": b"same-origin",
+    b"cross-origin-opener-policy": b"same-origin",
+}
+
+
+class Guard:
+    """The ASGI application in front of the routes."""
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        tokens: Tokens,
+        hosts: Collection[str],
+        now_s: Callable[[], float],
+        abort: Callable[[Who, bytes], Any],
+    ) -> None:
+        """``abort`` is called at once with the user and the query string; it may raise ApiError.
+
+        ``hosts``: the names and addresses it may be called by, without ports. Loopback is always
+        right, and the address a connection came to. By these names a proxy that speaks TLS may
+        stand before the service.
+        """
+        self._app = app
+        self._tokens = tokens
+        self._hosts = {host.lower() for host in (*hosts, "localhost")}
+        self._by_proxy = {f"https://{host.lower()}" for host in hosts}
+        self._now_s = now_s
+        self._abort = abort
+        self._readers = Places(MOST_READING, MOST_READING)
+        self._changers = Places(MOST_CHANGING, MOST_CHANGING)
+        self._strangers = Places(MOST_STRANGERS, MOST_OF_A_STRANGER)
+        self._reading = Buckets(rate_s=100.0, burst=400.0)
+        self._changing = Buckets(rate_s=10.0, burst=40.0)
+        self._failing = Buckets(rate_s=1.0, burst=20.0)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":  # nothing else is served
+            return
+        bounded = _Bounded(scope, send)
+        try:
+            client = self._let_in(scope)
+            if scope["path"] == ABORT and scope["method"] == "POST":
+                who, words = scope["state"]["who"], scope["query_string"]
+                scope["state"]["aborted"] = self._abort(who, words)
+            places = self._places(scope)
+            if places is not None and not places.enter(client):
+                text = f"{places.most} requests are under way already"
+                raise ApiError(503, text, {"retry-after": "1"})
+        except ApiError as error:
+            await _refuse(bounded, error)
+            return
+        try:
+            if places is self._changers:
+                receive = await _whole(scope, receive)
+            await self._app(scope, receive, bounded)
+        except _GoneError:
+            return
+        except ApiError as error:  # of its body
+            await _refuse(bounded, error)
+        except TooSlowError:
+            await _cut(scope)
+        finally:
+            if places is not None:
+                places.leave(client)
+
+    def _places(self, scope: Scope) -> Places | None:
+        """The limit that a request counts against; None for routes that are always served."""
+        if scope["path"] == ABORT or scope["path"] in HEALTH:
+            return None
+        if scope["state"]["who"] is None:
+            return self._strangers
+        return self._readers if _reads(scope) else self._changers
+
+    def _let_in(self, scope: Scope) -> str:
+        """Check a request, note its user in its state, return its client. Raises ApiError."""
+        headers = _headers(scope)
+        host = self._right_host(headers.get(b"host", []), scope.get("server"))
+        _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
+        path, client = scope["path"], client_at(scope.get("client"))
+        scope.setdefault("state", {})["who"] = None
+        if path.startswith(PREFIXES_WITH_TOKEN):
+            who = self._whose(headers.get(b"authorization", []), client)
+            scope["state"]["who"] = who
+            client = f"token {who.name}"
+            scope["state"].get("proven", _nothing)()
+        if path != ABORT and path not in HEALTH:
+            self._refuse_often(self._reading if _reads(scope) else self._changing, client)
+            _refuse_long(headers.get(b"content-length", []))
+        return client
+
+    def _right_host(self, given: list[bytes], server: object) -> str:
+        host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
+        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+        if name not in self._hosts and not _is_own_address(name.strip("[]"), server):
+            raise ApiError(403, "wrong Host: call the service by its address or a name in hosts")
+        return host
+
+    def _whose(self, given: list[bytes], client: str) -> Who:
+        word = {"www-authenticate": "Bearer"}
+        if not given:
+            raise ApiError(401, "a token is needed: Authorization: Bearer TOKEN", word)
+        kind, _, token = given[0].decode("latin-1").strip().partition(" ")
+        token = token.strip()
+        if len(given) == 1 and kind.lower() == "bearer" and len(token) <= LONGEST_TOKEN:
+            who = self._tokens.whose(token)
+            if who is not None:
+                return who
+        self._refuse_often(self._failing, client)
+        raise ApiError(401, "this token is not valid", word)
+
+    def _refuse_often(self, buckets: Buckets, client: str) -> None:
+        wait_s = buckets.take(client, self._now_s())
+        if wait_s > 0.0:
+            again = {"retry-after": str(math.ceil(wait_s))}
+            raise ApiError(429, f"too many requests; ask again in {math.ceil(wait_s)} s", again)
+
+
+class _GoneError(Exception):
+    """The connection ended before the whole request was there."""
+
+
+async def _whole(scope: Scope, receive: Receive) -> Receive:
+    """Read a whole body; returns a ``receive`` that gives it to the routes as one message.
+
+    Raises ApiError 413 if it is too long, 408 if it does not come in time; _GoneError.
+    """
+    most_bytes = MOST_PERIMETER_BYTES if scope["path"] == PERIMETER else MOST_BODY_BYTES
+    body, more = bytearray(), True
+    try:
+        async with asyncio.timeout(BODY_WITHIN_S):
+            while more:
+                message = await receive()
+                if message["type"] != "http.request":
+                    raise _GoneError
+                body += message.get("body", b"")
+                more = message.get("more_body", False)
+                if len(body) > most_bytes:
+                    raise ApiError(413, f"the body has more than {most_bytes} bytes")
+    except TimeoutError:
+        raise ApiError(408, f"the body did not come within {BODY_WITHIN_S:g} s") from None
+    left = [{"type": "http.request", "body": bytes(body), "more_body": False}]
+
+    async def again() -> Message:
+        return left.pop() if left else await receive()
+
+    return again
+
+
+class _Bounded:
+    """``send`` with the headers of all answers, and an end for who does not read."""
+
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._send = send
+        self._path = scope["path"]
+        self._scope = scope
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", []), *self._headers(message)]}
+        try:
+            known = self._scope.get("state", {}).get("who") is not None
+            async with asyncio.timeout(SEND_WITHIN_S if known else STRANGER_WITHIN_S):
+                await self._send(message)
+        except TimeoutError:
+            raise TooSlowError from None
+
+    def _headers(self, message: Message) -> list[tuple[bytes, bytes]]:
+        there = {name.lower() for name, _ in message.get("headers", [])}
+        added = [(name, value) for name, value in HEADERS.items() if name not in there]
+        if b"cache-control" not in there:
+            kept = b"no-store" if self._path.startswith(PREFIXES_WITH_TOKEN) else b"no-cache"
+            added.append((b"cache-control", kept))
+        return added
+
+
+def _reads(scope: Scope) -> bool:
+    return scope["method"] in ("GET", "HEAD")
+
+
+def _nothing() -> None:
+    """For servers that do not ask who is proven."""
+
+
+def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
+    found: dict[bytes, list[bytes]] = {}
+    for name, value in scope["headers"]:
+        found.setdefault(name.lower(), []).append(value)
+    return found
+
+
+def _is_own_address(name: str, server: object) -> bool:
+    """Whether a host is loopback, or the address (``server``) that the connection came to."""
+    try:
+        address = ipaddress.ip_address(name)
+        own = ipaddress.ip_address(server[0] if isinstance(server, tuple) else "")
+    except ValueError:
+        return False
+    return address.is_loopback or address == own
+
+
+def _origin(scope: Scope, host: str) -> str:
+    return f"{scope.get('scheme', 'http')}://{host}"
+
+
+def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
+    """Browsers say where a request comes from; pages of other sites get nothing."""
+    for origin in headers.get(b"origin", []):
+        if origin.decode("latin-1").lower() not in own:
+            raise ApiError(403, "pages of other origins may not use the service")
+    for site in headers.get(b"sec-fetch-site", []):
+        if site.lower() not in (b"same-origin", b"none"):
+            raise ApiError(403, "pages of other sites may not use the service")
+
+
+def _refuse_long(given: list[bytes]) -> None:
+    for length in given:
+        if length.isdigit() and int(length) > MOST_PERIMETER_BYTES:
+            raise ApiError(413, f"the body has more than {MOST_PERIMETER_BYTES} bytes")
+
+
+async def _refuse(send: Send, error: ApiError) -> None:
+    body = error_body(str(error))
+    headers: list[tuple[bytes, bytes]] = [
+        (b"content-type", b"application/json"),
+        (b"content-length", str(len(body)).encode()),
+        *((name.encode(), value.encode()) for name, value in (error.headers or {}).items()),
+    ]
+    try:
+        await send({"type": "http.response.start", "status": error.status, "headers": headers})
+        await send({"type": "http.response.body", "body": body})
+    except TooSlowError:  # an answer so short is only stuck behind others of this connection
+        return
+
+
+async def _cut(scope: dict[str, Any] | Scope) -> None:
+    """Close a connection though its buffer is not empty, where the server can do that."""
+    scope.get("state", {}).get("cut", _nothing)()
+    await asyncio.sleep(0)  # the server has noticed then

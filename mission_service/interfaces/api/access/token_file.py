@@ -1,0 +1,61 @@
+"""Adding to a tokens file. What people have written there stays as it is."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.api.access.auth import ROLES, new_token, read_tokens, sum_of
+
+
+def added(path: Path, name: str, roles: tuple[str, ...], station: str) -> str:
+    """Add a new token to a file (0600, replaced as a whole) and return it.
+
+    Raises MissionServiceError for a role that there is not, a name that is taken or of odd
+    characters, and a file that cannot be used.
+    """
+    for role in roles:
+        if role not in ROLES:
+            raise MissionServiceError(f"--roles {role}: there are {', '.join(ROLES)}")
+    before = _text(path)
+    if before and any(who.name == name for who in read_tokens(path)):
+        raise MissionServiceError(f"{path}: has a token for {name} already; remove it first")
+    token = new_token()
+    text = before + ("" if not before or before.endswith("\n") else "\n")
+    text += ("\n" if before else "") + "[[tokens]]\n"
+    text += f"name = {_quoted(name)}\n"
+    text += f"roles = [{', '.join(_quoted(role) for role in roles)}]\n"
+    text += f"station = {_quoted(station)}\n" if station else ""
+    text += f'sha256 = "{sum_of(token)}"\n'
+    try:
+        handle, made = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+        fresh = Path(made)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            read_tokens(fresh)
+            fresh.replace(path)
+        finally:
+            fresh.unlink(missing_ok=True)
+    except OSError as error:
+        raise MissionServiceError(f"{path}: cannot be written: {error.strerror}") from None
+    except MissionServiceError as error:
+        raise MissionServiceError(str(error).replace(made, str(path))) from None
+    return token
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise MissionServiceError(f"{path}: cannot be read: {error}") from None
+
+
+def _quoted(text: str) -> str:
+    """As TOML's basic string; control characters are for ``read_tokens`` to refuse."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'

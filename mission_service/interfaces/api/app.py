@@ -1,0 +1,193 @@
+"""All routes joined, behind the guard."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from starlette.exceptions import HTTPException
+from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
+
+from autopilot_bridge.errors import BridgeError
+from firemodel.errors import FireModelError
+from mission_service import __version__
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.api import (
+    burn,
+    fire,
+    health,
+    journal,
+    missions,
+    planner,
+    replay,
+    state,
+    states,
+    vehicles,
+)
+from mission_service.interfaces.api.access.auth import Tokens
+from mission_service.interfaces.api.access.guard import Guard
+from mission_service.interfaces.api.answers import ApiError, encode, error_answer
+from mission_service.interfaces.api.context import Api
+from mission_service.interfaces.api.described import COMMON, REF, V1, Needs, json, route
+from mission_service.runtime.clocks import wall_us
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.picture import MissionState, NewsLine, TelemetryState, VehicleState
+from mission_service.runtime.play_head import ReplayState
+
+PAGE = Path(__file__).parents[1] / "web" / "dist"
+ANSWERS = (
+    states.Error,
+    states.Told,
+    states.State,
+    states.Preview,
+    states.Importance,
+    states.Health,
+    MissionState,
+    NewsLine,
+    ReplayState,
+    TelemetryState,
+    VehicleState,
+)
+ABOUT = """State, orders and corrections of one run. Mission time is in integer microseconds
+(`at_us`); angles are in degrees, directions clockwise from north. See docs/api.md."""
+
+
+@dataclass(frozen=True)
+class Application:
+    """What is served: ``asgi``, the guard with the routes behind it."""
+
+    asgi: Guard
+    routes: FastAPI
+    api: Api
+
+
+def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
+    """The application for one run; its ``api`` is to be closed when it ends.
+
+    ``page`` is the folder of the built map; without it ``/`` says how it is built.
+    """
+    api = Api(hub, tokens, wall_us)
+    app = FastAPI(
+        title="mission-service",
+        version=__version__,
+        description=ABOUT,
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        telemetry={"tracing": False, "metrics": False, "logs": False},
+    )
+    for part in (state, vehicles, missions, fire, planner, burn, journal, replay, health):
+        part.add(app.router, api)
+    described = json({"openapi": "3.1.0"}, what="This description.")
+
+    @app.get(f"{V1}/openapi.json", **route("look", "This description.", described))
+    async def openapi() -> Response:
+        return Response(
+            await asyncio.to_thread(lambda: encode(app.openapi())), media_type="application/json"
+        )
+
+    for each in routes_of(app):
+        role_of(each)  # a route without a role must not be served
+    _describe(app)
+    _say_errors(app)
+    _serve_page(app, page)
+    http = hub.settings.http
+    hosts = () if http is None else (http.host, *http.hosts)
+    return Application(Guard(app, tokens, hosts, api.streams.now_s, api.abort), app, api)
+
+
+def routes_of(app: FastAPI) -> list[APIRoute]:
+    """All routes of the API, without the page."""
+    return [each for each in app.routes if isinstance(each, APIRoute)]
+
+
+def role_of(api_route: APIRoute) -> str:
+    """The role a route takes, or ``nobody``. Raises MissionServiceError for one without."""
+    needed = [each.dependency for each in api_route.dependencies]
+    roles = [each.role for each in needed if isinstance(each, Needs)]
+    if len(roles) != 1:
+        raise MissionServiceError(f"{api_route.path}: the route has no role; add one with route()")
+    return roles[0] or "nobody"
+
+
+def _describe(app: FastAPI) -> None:
+    """Add the schemas of the Structs, and the token, to what FastAPI knows."""
+    made: Callable[[], dict[str, Any]] = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            found = made()
+            _, schemas = msgspec.json.schema_components(ANSWERS, ref_template=REF)
+            parts = found.setdefault("components", {})
+            parts["schemas"] = {**parts.get("schemas", {}), **schemas}
+            parts["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+            parts["responses"] = {f"E{status}": COMMON[status] for status in COMMON}
+            for each in routes_of(app):
+                for method in each.methods or ():
+                    operation = found["paths"][each.path_format][method.lower()]
+                    # As it is: FastAPI leaves out what is null in examples.
+                    operation["responses"]["200"] = each.responses[200]
+                    for status in COMMON:  # told once, not with each route
+                        told = {"$ref": f"#/components/responses/E{status}"}
+                        operation["responses"][str(status)] = told
+            app.openapi_schema = found
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _say_errors(app: FastAPI) -> None:
+    """One form for all errors; nothing of what went wrong inside is told outside."""
+
+    @app.exception_handler(ApiError)
+    async def refused(request: Request, error: ApiError) -> Response:
+        return error_answer(error.status, str(error), error.headers)
+
+    @app.exception_handler(HTTPException)
+    async def no_route(request: Request, error: HTTPException) -> Response:
+        headers = {name.lower(): value for name, value in (error.headers or {}).items()}
+        if error.status_code == 405:
+            headers["allow"] = ", ".join(_methods(app, request.scope["path"]))
+        return error_answer(error.status_code, str(error.detail), headers)
+
+    @app.exception_handler(RequestValidationError)
+    async def wrong(request: Request, error: RequestValidationError) -> Response:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        return error_answer(422, f"{where}: {first['msg']}")
+
+    @app.exception_handler(Exception)
+    async def failed(request: Request, error: Exception) -> Response:
+        return error_answer(500, "the service has a defect; its log says more")
+
+    async def known(request: Request, error: Exception) -> Response:
+        return error_answer(422, str(error))
+
+    for kind in (FireModelError, BridgeError, MissionServiceError):
+        app.add_exception_handler(kind, known)
+
+
+def _methods(app: FastAPI, path: str) -> list[str]:
+    """All that a path takes; a router names only the first route's."""
+    found = [each.methods or set() for each in routes_of(app) if each.path_regex.match(path)]
+    return sorted(set().union(*found))
+
+
+def _serve_page(app: FastAPI, page: Path) -> None:
+    """All that is no route is the page's; so a wrong method of a route is no missing file."""
+    if page.is_dir():
+        app.router.default = StaticFiles(directory=page, html=True)
+        return
+
+    async def unbuilt(scope: Scope, receive: Receive, send: Send) -> None:
+        text = "the map is not built; see docs/api.md" if scope["path"] == "/" else "Not Found"
+        raise HTTPException(404, text)
+
+    app.router.default = unbuilt

@@ -1,0 +1,119 @@
+"""What OpenAPI says of a route: its role, what it takes, what it answers, with an example.
+
+Schemas come from the msgspec Structs themselves, so they cannot say anything else than the code.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+from fastapi import Depends, Request
+
+from mission_service.interfaces.api.access.auth import Role
+from mission_service.interfaces.api.answers import ApiError
+
+V1 = "/api/v1"
+REF = "#/components/schemas/{name}"
+REFUSALS = {
+    400: "The request cannot be read.",
+    401: "No token, or one that is not valid.",
+    403: "The token has not the role, or the page is of another origin.",
+    404: "There is no such thing.",
+    408: "The body did not come in time.",
+    409: "Not in this kind of run.",
+    413: "Too large.",
+    422: "Understood, and wrong: the line says what.",
+    429: "Too often; Retry-After says when again.",
+    503: "Not now: too many at once, or not ready.",
+    507: "It cannot be written down (the disk is full, say), so it was not done.",
+}
+ERROR = {
+    "application/json": {
+        "schema": {"$ref": REF.format(name="Error")},
+        "example": {"error": "no vehicle 'hawk2'; there are hawk"},
+    }
+}
+COMMON = {status: {"description": text, "content": ERROR} for status, text in REFUSALS.items()}
+WHO = {
+    "by": {"type": "string", "description": "Who asks, where the token is nobody's own."},
+    "station": {"type": "string", "description": "From where; default: the token's, or the only."},
+}
+
+
+class Needs:
+    """The role of a route, as a dependency of it. ``None``: everybody's, without a token."""
+
+    def __init__(self, role: Role | None) -> None:
+        self.role = role
+
+    async def __call__(self, request: Request) -> None:
+        if self.role is None:
+            return
+        who = request.state.who
+        if who is None:
+            raise ApiError(401, "a token is needed", {"www-authenticate": "Bearer"})
+        if not who.may(self.role):
+            raise ApiError(403, f"this takes the role {self.role}; {who.name} has it not")
+
+
+def route(
+    role: Role | None,
+    summary: str,
+    answer: Mapping[str, Any],
+    takes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The keywords of a route. ``answer`` and ``takes``: content by media type."""
+    extra: dict[str, Any] = {"x-role": role or "nobody"}
+    if role is not None:
+        extra["security"] = [{"token": []}]
+    if takes is not None:
+        extra["requestBody"] = {"required": False, "content": dict(takes)}
+    found = {200: {"description": "As asked.", "content": dict(answer)}}
+    return {
+        "dependencies": [Depends(Needs(role))],
+        "summary": summary,
+        "responses": {**found, **COMMON},
+        "openapi_extra": extra,
+    }
+
+
+def struct(kind: type, example: Any) -> dict[str, Any]:
+    """An answer that is one of the API's Structs."""
+    return {"application/json": {"schema": _ref(kind), "example": example}}
+
+
+def structs(kind: type, example: Any) -> dict[str, Any]:
+    """An answer that is a list of them."""
+    schema = {"type": "array", "items": _ref(kind)}
+    return {"application/json": {"schema": schema, "example": [example]}}
+
+
+def json(example: Any, media_type: str = "application/json", what: str = "") -> dict[str, Any]:
+    """An answer that is some JSON object."""
+    return {media_type: {"schema": {"type": "object", "description": what}, "example": example}}
+
+
+def file(media_type: str) -> dict[str, Any]:
+    """An answer that is a file."""
+    return {media_type: {"schema": {"type": "string", "format": "binary"}}}
+
+
+def body(
+    kind: type[msgspec.Struct], example: dict[str, Any], without: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """A body that becomes a request of this kind; ``without`` is what the path says already."""
+    whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
+    left_out = ("do", "by", "station", *without)
+    properties = {k: v for k, v in whole["properties"].items() if k not in left_out}
+    schema = {
+        "type": "object",
+        "description": whole.get("description", ""),
+        "properties": {**properties, **WHO},
+        "required": [key for key in whole["required"] if key not in left_out],
+        "additionalProperties": False,
+    }
+    return {"application/json": {"schema": schema, "example": example}}
+
+
+def _ref(kind: type) -> dict[str, str]:
+    return {"$ref": REF.format(name=kind.__name__)}

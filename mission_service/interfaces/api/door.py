@@ -1,0 +1,49 @@
+"""HTTP as a door of the daemon: what is in use or missing is told before anything else begins."""
+
+import asyncio
+import contextlib
+import socket
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mission_service.config.service import HttpSection
+from mission_service.interfaces.api.access.auth import Tokens, own_token
+from mission_service.interfaces.api.app import app_of
+from mission_service.interfaces.api.server import bound, serving, tls_of, url_of
+from mission_service.runtime.hub import Hub
+
+
+@dataclass(frozen=True)
+class HttpDoor:
+    """A port that is ours, and who may use it. ``address`` is for people; never for a log."""
+
+    listening: socket.socket
+    tokens: Tokens
+    tls: ssl.SSLContext | None
+    address: str
+
+    async def __call__(self, hub: Hub) -> None:
+        """Serve until cancelled; it has ended within two seconds then."""
+        app = app_of(hub, self.tokens)
+        hub.gauges["stream_clients"] = lambda: app.api.streams.count
+        hub.gauges["forecast_seconds"] = lambda: app.api.forecasts.took_s
+        try:
+            async with serving(app.asgi, self.listening, app.api.streams.stopping, self.tls):
+                await asyncio.Event().wait()
+        finally:
+            app.api.close()
+
+
+@contextlib.contextmanager
+def http_door(section: HttpSection, out: Path) -> Iterator[HttpDoor]:
+    """The door of a run whose files are in ``out``. Raises MissionServiceError in one line."""
+    tls = tls_of(section)
+    with bound(section) as listening:
+        address = url_of(section, listening)
+        if section.tokens is not None:
+            yield HttpDoor(listening, Tokens.of_file(section.tokens), tls, f"{address}/")
+        else:
+            whole = f"{address}/#token={own_token(out)}"
+            yield HttpDoor(listening, Tokens.of_run(out), tls, whole)

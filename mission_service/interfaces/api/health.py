@@ -1,0 +1,37 @@
+"""Whether the service lives and is ready; figures for Prometheus."""
+
+from fastapi import APIRouter, Response
+
+from mission_service.interfaces.api.answers import ApiError, encode
+from mission_service.interfaces.api.context import Api
+from mission_service.interfaces.api.described import route, struct
+from mission_service.interfaces.api.states import Health
+
+
+def add(routes: APIRouter, api: Api) -> None:
+    """``/healthz``, ``/readyz`` without a token; ``/metrics``."""
+    healthy = struct(Health, {"ok": True, "not_ready": []})
+
+    @routes.get("/healthz", **route(None, "Whether the service lives.", healthy))
+    async def healthz() -> Response:
+        return Response(encode(Health(True)), media_type="application/json")
+
+    @routes.get("/readyz", **route(None, "Whether it does its work, or what it lacks.", healthy))
+    async def readyz() -> Response:
+        lacks = api.hub.ready()
+        if api.hub.stopping:
+            lacks = [*lacks, "service: it is being stopped"]
+        if lacks:
+            raise ApiError(503, "; ".join(lacks))
+        return Response(encode(Health(True)), media_type="application/json")
+
+    text = {"text/plain": {"schema": {"type": "string"}}}
+
+    @routes.get("/metrics", **route("look", "Figures for Prometheus.", text))
+    async def metrics() -> Response:
+        from mission_service.interfaces.metrics import (
+            metrics_of,  # prometheus_client, when somebody asks
+        )
+
+        content, media_type = metrics_of(api.hub)
+        return Response(content, headers={"content-type": media_type})

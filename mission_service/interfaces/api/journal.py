@@ -1,0 +1,79 @@
+"""What happened, as it was written down: the piece that is written now, and those before it."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from functools import partial
+from typing import Annotated, BinaryIO
+
+from fastapi import APIRouter, Query, Response
+from starlette.responses import StreamingResponse
+
+from mission_service.interfaces.api.answers import ApiError
+from mission_service.interfaces.api.context import Api
+from mission_service.interfaces.api.described import V1, route
+from mission_service.interfaces.api.journal_lines import JournalLines
+from mission_service.journal.journal import segment_path
+
+LINES = "application/x-ndjson"
+MOST_LINES, MOST_BYTES = 5000, 1 << 20
+PART_BYTES = 1 << 18
+LARGEST = 2**53
+Segment = Annotated[
+    int | None, Query(ge=1, le=LARGEST, description="Which piece; default: the newest.")
+]
+
+
+def add(routes: APIRouter, api: Api) -> None:
+    """``/journal``, ``/journal/file``."""
+    journal = JournalLines()
+    lines = {LINES: {"schema": {"type": "string"}, "example": '{"event":{},"crc":"00c0ffee"}\n'}}
+
+    @routes.get(
+        f"{V1}/journal",
+        **route(
+            "look",
+            "Lines after a line (1: the header) of a piece; X-Segment says which it is, "
+            "X-Last-Line the number of the last line.",
+            lines,
+        ),
+    )
+    async def journal_lines(
+        after: Annotated[int, Query(ge=0, le=LARGEST)] = 0,
+        limit: Annotated[int, Query(ge=1, le=MOST_LINES)] = 500,
+        segment: Segment = None,
+    ) -> Response:
+        number, file = _opened(api, segment)
+        with file:
+            found, last = await api.aside(partial(journal.after, file, after, limit, MOST_BYTES))
+        told = {"x-last-line": str(last), "x-segment": str(number)}
+        return Response(found, headers=told, media_type=LINES)
+
+    @routes.get(f"{V1}/journal/file", **route("look", "A piece as a file.", lines))
+    async def journal_file(segment: Segment = None) -> Response:
+        number, file = _opened(api, segment)
+        size = os.fstat(file.fileno()).st_size
+        headers = {
+            "content-length": str(size),
+            "content-disposition": f'attachment; filename="journal-{number:06d}.jsonl"',
+        }
+        return StreamingResponse(_parts(file, size), headers=headers, media_type=LINES)
+
+
+def _opened(api: Api, segment: int | None) -> tuple[int, BinaryIO]:
+    """A piece's number, and its file; no other piece can take its name in between."""
+    newest = api.hub.service.recording.journal.rest.segment
+    number = newest if segment is None else segment
+    path = api.hub.journal_path
+    try:
+        return number, (path if number == newest else segment_path(path, number)).open("rb")
+    except (FileNotFoundError, OverflowError):
+        raise ApiError(404, f"there is no piece {number} of the journal any more") from None
+
+
+async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
+    """So much of a file, which may grow meanwhile."""
+    with file:
+        while size > 0 and (part := await asyncio.to_thread(file.read, min(size, PART_BYTES))):
+            size -= len(part)
+            yield part

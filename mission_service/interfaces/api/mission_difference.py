@@ -1,0 +1,26 @@
+"""How a mission differs from another one. Pure."""
+
+from collections.abc import Sequence
+
+from mission_service.ground_distance import distance_m
+from mission_service.interfaces.api.states import Difference
+from mission_service.runtime.picture import ItemState
+
+
+def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> Difference:
+    """How a mission differs from the one before it, item by item from the first."""
+    alike = 0
+    while alike < min(len(before), len(after)) and before[alike] == after[alike]:
+        alike += 1
+    moved_m = [_apart_m(old, new) for old, new in zip(before, after, strict=False)]
+    return Difference(
+        alike, len(after) - alike, len(before) - alike, round(max(moved_m, default=0.0), 1)
+    )
+
+
+def _apart_m(one: ItemState, other: ItemState) -> float:
+    if one.lat_deg is None or one.lon_deg is None:
+        return 0.0
+    if other.lat_deg is None or other.lon_deg is None:
+        return 0.0
+    return distance_m((one.lat_deg, one.lon_deg), (other.lat_deg, other.lon_deg))

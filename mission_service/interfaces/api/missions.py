@@ -1,0 +1,146 @@
+"""Missions: what is on board, what would be sent now, and a person's word on it."""
+
+import tempfile
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+
+from autopilot_bridge.items import Items, MissionItem, Plan
+from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.stacks import stack_named
+from mission_service.core import requests
+from mission_service.fire.setup import home_of
+from mission_service.interfaces.api import examples
+from mission_service.interfaces.api.answers import ApiError, answer, asked
+from mission_service.interfaces.api.context import Api
+from mission_service.interfaces.api.described import V1, body, json, route, struct
+from mission_service.interfaces.api.mission_difference import difference_of
+from mission_service.interfaces.api.states import Preview, Told
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.picture import Mission, MissionState, item_state, mission_hash
+
+WORDS: dict[str, tuple[type[requests.Request], str, dict[str, Any]]] = {
+    "renew": (requests.Renew, "Plan a new mission and send it now.", {}),
+    "accept": (
+        requests.Accept,
+        "Let the proposed mission of this hash go to the vehicle.",
+        {"hash": examples.HASH},
+    ),
+    "refuse": (
+        requests.Refuse,
+        "Have the proposed mission of this hash not flown.",
+        {"hash": examples.HASH},
+    ),
+}
+
+
+def items_of(mission: Mission) -> Items:
+    """The items as they were sent. Raises ApiError 409 if they cannot be told again exactly."""
+    items = tuple(
+        MissionItem(
+            item.command,
+            item.frame,
+            0 if item.lat_deg is None else round(item.lat_deg * 1e7),
+            0 if item.lon_deg is None else round(item.lon_deg * 1e7),
+            item.altitude_m,
+            *item.params,
+        )
+        for item in mission.items
+    )
+    if mission_hash(items) != mission.mission_hash:
+        raise ApiError(409, "this mission has items that only MAVLink can tell; download it there")
+    return items
+
+
+def preview_of(hub: Hub, name: str) -> Preview:
+    """What the vehicle would be sent now, or what waits for a word.
+
+    Raises ApiError 409 if there is nothing.
+    """
+    mission = hub.picture.missions[name]
+    proposed, on_board = mission.proposed, mission.on_board
+    items = hub.preview(name) if proposed is None else items_of(proposed)
+    if items is None:
+        rule = hub.scenario.planner.rule
+        raise ApiError(
+            409, f"{name}: there is nothing to fly yet, or the rule {rule} has no missions"
+        )
+    shown = tuple(item_state(item) for item in items)
+    difference = difference_of(() if on_board is None else on_board.items, shown)
+    return Preview(
+        hub.clock.now_us, name, mission_hash(items), shown, hub.figures(name, items), difference
+    )
+
+
+def plan_file(items: Items, hub: Hub, name: str) -> bytes:
+    """A QGroundControl .plan file."""
+    section = hub.core.vehicles[name].section
+    home = home_of(section, hub.landscape)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mission.plan"
+        write_plan(path, Plan(items, home=home), stack_named(section.stack, section.kind))
+        return path.read_bytes()
+
+
+def add(routes: APIRouter, api: Api) -> None:
+    """``/vehicles/NAME/mission``."""
+
+    @routes.get(
+        f"{V1}/vehicles/{{name}}/mission",
+        **route(
+            "look",
+            "What is on board, on its way, and waits for a word.",
+            struct(MissionState, examples.MISSION),
+        ),
+    )
+    async def mission(name: str) -> Response:
+        api.vehicle(name)
+        return answer(api.hub.picture.missions[name])
+
+    plan = json({"fileType": "Plan", "version": 1}, what="A QGroundControl .plan file.")
+
+    @routes.get(
+        f"{V1}/vehicles/{{name}}/mission.plan",
+        **route("look", "What is on board, as a .plan file.", plan),
+    )
+    async def mission_plan(name: str) -> Response:
+        api.vehicle(name)
+        on_board = api.hub.picture.missions[name].on_board
+        if on_board is None:
+            raise ApiError(404, f"{name}: no mission is known to be on board")
+        content = await api.aside(partial(plan_file, items_of(on_board), api.hub, name))
+        named = {"content-disposition": f'attachment; filename="{name}.plan"'}
+        return Response(content, headers=named, media_type="application/json")
+
+    @routes.post(
+        f"{V1}/vehicles/{{name}}/mission/preview",
+        **route(
+            "fly",
+            "What waits for a word or would be sent now, its figures, what it changes.",
+            struct(Preview, examples.PREVIEW),
+        ),
+    )
+    async def preview(name: str, request: Request) -> Response:
+        await asked(request)
+        api.vehicle(name)
+        return answer(preview_of(api.hub, name))
+
+    def asking(do: str) -> Callable[[str, Request], Awaitable[Response]]:
+        async def ask(name: str, request: Request) -> Response:
+            api.vehicle(name)
+            return await api.ask(request, do, vehicle=name)
+
+        return ask
+
+    for do, (kind, summary, example) in WORDS.items():
+        told = struct(Told, {**examples.TOLD, "event": "MissionAccepted"})
+        routes.add_api_route(
+            f"{V1}/vehicles/{{name}}/mission/{do}",
+            asking(do),
+            methods=["POST"],
+            operation_id=f"mission_{do}",
+            **route("fly", summary, told, body(kind, example, ("vehicle",))),
+        )

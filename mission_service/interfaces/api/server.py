@@ -1,0 +1,269 @@
+"""uvicorn inside the daemon: its tasks and signals are the daemon's, and so is its end.
+
+Of uvicorn there is the protocol (h11) and the loop around it. What is ours: the listening socket,
+TLS, timeouts, which connection is closed when there are too many (``callers.py``), and the end.
+That reaches into uvicorn, so pyproject.toml names the versions it was written for.
+"""
+
+import asyncio
+import contextlib
+import errno
+import logging
+import socket
+import ssl
+from collections.abc import AsyncIterator, Iterator
+from functools import partial
+from typing import Any
+
+import uvicorn
+from h11 import ERROR
+from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from mission_service.config.service import HttpSection
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.api.access.callers import Caller, Callers, client_at
+from mission_service.interfaces.api.access.guard import HEADERS
+from mission_service.interfaces.api.answers import error_body
+
+REQUEST_WITHIN_S = 10.0  # from its first byte, or the connection's, to the end of its headers
+KEEP_ALIVE_S = 30
+HANDSHAKE_WITHIN_S = 5.0
+NO_ROOM_S = 0.05  # until the next attempt to accept a connection
+STOP_WITHIN_S = 1  # then what is left is cut off
+MOST_HEADER_BYTES = 16 * 1024
+SEND_BUFFER_BYTES = 128 * 1024  # more in the kernel would only be older news
+
+
+@contextlib.contextmanager
+def bound(section: HttpSection) -> Iterator[socket.socket]:
+    """A listening socket. Raises MissionServiceError in one line if there cannot be one."""
+    family = socket.AF_INET6 if ":" in section.host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        listening.bind((section.host, section.port))
+        listening.listen(128)
+        listening.setblocking(False)
+    except OSError as error:
+        listening.close()
+        why = error.strerror or str(error)
+        if error.errno == errno.EADDRINUSE:
+            why = "in use; is another service running? Choose another with service.http.listen"
+        raise MissionServiceError(f"HTTP on {section.listen}: {why}") from None
+    with listening:
+        yield listening
+
+
+def url_of(section: HttpSection, listening: socket.socket) -> str:
+    """Where browsers find it, as http://127.0.0.1:8765."""
+    host = f"[{section.host}]" if ":" in section.host else section.host
+    scheme = "http" if section.tls_certificate is None else "https"
+    return f"{scheme}://{host}:{listening.getsockname()[1]}"
+
+
+def tls_of(section: HttpSection) -> ssl.SSLContext | None:
+    """TLS 1.2 and later; None without a certificate. Raises MissionServiceError."""
+    certificate, key = section.tls_certificate, section.tls_key
+    if certificate is None or key is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    # Session tickets are written before the request is read. If the client has sent its request and
+    # closed the connection, this write fails, and asyncio discards the unread request.
+    context.num_tickets = 0
+    try:
+        # Else a key with a password would have OpenSSL ask on the terminal.
+        context.load_cert_chain(certificate, key, password=_no_password)
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise MissionServiceError(
+            f"TLS with {certificate} and {key}: {why}; they must be PEM, and belong together"
+        ) from None
+    return context
+
+
+def _no_password() -> str:
+    raise ValueError("the key has a password; give one without")
+
+
+@contextlib.asynccontextmanager
+async def serving(
+    app: ASGIApp, listening: socket.socket, stopping: asyncio.Event, tls: ssl.SSLContext | None
+) -> AsyncIterator[None]:
+    """Serve within this context. ``stopping`` is set at its end, so that streams end in order."""
+    config = uvicorn.Config(
+        app,
+        http=Connection,
+        ws="none",
+        loop="none",
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        timeout_keep_alive=KEEP_ALIVE_S,
+        timeout_graceful_shutdown=STOP_WITHIN_S,
+        h11_max_incomplete_event_size=MOST_HEADER_BYTES,
+    )
+    # It warns of each request that is no HTTP; whoever sends those could fill the disk.
+    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
+    server = _Server(config, listening, tls)
+    running = asyncio.create_task(server.serve())
+    try:
+        await server.ready.wait()
+        yield
+    finally:
+        stopping.set()
+        server.stop.set()
+        await running
+        for connection in list(server.server_state.connections):
+            connection.transport.abort()
+
+
+def _shut(there: socket.socket) -> None:
+    with contextlib.suppress(OSError):  # it is closed already
+        there.shutdown(socket.SHUT_RDWR)
+
+
+class _Server(uvicorn.Server):
+    """uvicorn's server on our socket, without its signals, its exit and its ten ticks a second."""
+
+    def __init__(
+        self, config: uvicorn.Config, listening: socket.socket, tls: ssl.SSLContext | None
+    ) -> None:
+        super().__init__(config)
+        self._listening = listening
+        self._tls = tls
+        self._callers = Callers()
+        self._beginning: set[asyncio.Task[None]] = set()
+        self.ready = asyncio.Event()
+        self.stop = asyncio.Event()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        self.servers = []
+        self._accepting = asyncio.create_task(self._accept())
+        self.started = True
+        self.ready.set()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        for task in (self._accepting, *self._beginning):
+            task.cancel()
+        await asyncio.gather(self._accepting, *self._beginning, return_exceptions=True)
+        await super().shutdown(sockets)
+
+    async def _accept(self) -> None:
+        """Accept connections one by one; each is counted before anything is read from it."""
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                there, address = await loop.sock_accept(self._listening)
+            except OSError:  # no file descriptor left, or the client has closed it
+                self._callers.cut_one()
+                await asyncio.sleep(NO_ROOM_S)
+                continue
+            caller = Caller(client_at(address), partial(_shut, there))
+            self._callers.come(caller)
+            task = asyncio.create_task(self._begin(there, caller))
+            self._beginning.add(task)
+            task.add_done_callback(self._beginning.discard)
+
+    async def _begin(self, there: socket.socket, caller: Caller) -> None:
+        """Attach the protocol to a connection, after its TLS handshake if there is one."""
+        loop = asyncio.get_running_loop()
+        begun = False
+
+        def connection() -> asyncio.Protocol:
+            return Connection(self._callers, caller, self.config, self.server_state, {})
+
+        try:
+            await loop.connect_accepted_socket(
+                connection,
+                there,
+                ssl=self._tls,
+                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_WITHIN_S,
+            )
+            begun = True
+        except OSError:  # closed during its handshake
+            pass
+        finally:
+            if not begun:
+                self._callers.leave(caller)
+                there.close()
+
+    async def main_loop(self) -> None:
+        while not self.stop.is_set():
+            await self.on_tick(0)  # the Date header
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self.stop.wait(), 1.0)
+
+
+class Connection(H11Protocol):
+    """One connection, with a time limit for its headers.
+
+    Through ``state`` its requests can close it, and mark it as one with a valid token.
+    """
+
+    def __init__(self, callers: Callers, caller: Caller, *args: Any) -> None:
+        super().__init__(*args)
+        self._callers = callers
+        self._caller = caller
+        self._too_late: asyncio.TimerHandle | None = None
+        routes = self.app
+
+        async def app(scope: Scope, receive: Receive, send: Send) -> None:
+            scope["state"] = {"cut": self.transport.abort, "proven": self._prove}
+            await routes(scope, receive, send)
+
+        self.app = app
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)  # type: ignore[arg-type]
+        self._caller.cut = self.transport.abort
+        self._expect_request()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._expect_nothing()
+        self._callers.leave(self._caller)
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        if self._too_late is None and self._idle:
+            self._expect_request()
+        super().data_received(data)
+        if not self._idle:
+            self._expect_nothing()
+
+    def send_400_response(self, msg: str) -> None:
+        """To what is no HTTP: the same form as all errors, and the end of the connection."""
+        if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
+            self.transport.close()
+            return
+        body = error_body("this is no HTTP request, or its headers are too long")
+        lines = [b"HTTP/1.1 400 Bad Request", b"content-type: application/json"]
+        lines += [b"content-length: %d" % len(body), b"connection: close"]
+        lines += [b"cache-control: no-store"]
+        lines += [b"%b: %b" % header for header in HEADERS.items()]
+        self.transport.write(b"\r\n".join([*lines, b"", body]))
+        self.transport.close()
+
+    @property
+    def _idle(self) -> bool:
+        """Whether no request is under way."""
+        return self.cycle is None or self.cycle.response_complete
+
+    def _prove(self) -> None:
+        self._callers.prove(self._caller)
+
+    def _expect_request(self) -> None:
+        self._too_late = self.loop.call_later(REQUEST_WITHIN_S, self.transport.abort)
+
+    def _expect_nothing(self) -> None:
+        if self._too_late is not None:
+            self._too_late.cancel()
+            self._too_late = None

@@ -1,0 +1,1 @@
+"""Cursor on Target: vehicles and front to other maps."""

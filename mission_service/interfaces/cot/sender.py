@@ -1,0 +1,165 @@
+"""Sends Cursor on Target by UDP (also multicast), TCP or TLS, as ``[service.cot]`` says.
+
+Nothing waits for who listens: each round sends what is true then; what could not go is not kept.
+"""
+
+import asyncio
+import contextlib
+import socket
+import ssl
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any, Protocol
+
+from mission_service.config.mqtt_names import site_of
+from mission_service.config.service import CotSection
+from mission_service.interfaces.cot.messages import fire_events, vehicle_event
+from mission_service.interfaces.maps.of_run import forecasts_of, front_now
+from mission_service.interfaces.mqtt.connection import tls_of
+from mission_service.runtime.clocks import wall_us
+
+if TYPE_CHECKING:
+    from mission_service.runtime.hub import Hub
+
+FIRE_EVERY = 10  # rounds
+ROUNDS_UNTIL_STALE = 3
+ANSWER_S = 5.0  # to connect, and to take what is sent
+LEAST_WAIT_S, MOST_WAIT_S = 1.0, 30.0
+ALARM = "cot"
+
+
+class Way(Protocol):
+    """Where events go."""
+
+    async def send(self, event: bytes) -> None:
+        """Raises OSError or TimeoutError when it does not go."""
+
+    def close(self) -> None:
+        """The end."""
+
+
+class Datagrams:
+    """One event a datagram; nobody knows whether they come."""
+
+    def __init__(self, address: tuple[Any, ...], family: int) -> None:
+        self._address = address
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+
+    async def send(self, event: bytes) -> None:
+        """A full socket is no trouble: the next round tells more."""
+        with contextlib.suppress(BlockingIOError):
+            self._socket.sendto(event, self._address)
+
+    def close(self) -> None:
+        """The end."""
+        self._socket.close()
+
+
+class Stream:
+    """Events one after another to a TAK server; what it sends us is read and dropped."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._writer = writer
+        self._listens = asyncio.create_task(self._drop(reader))
+
+    async def send(self, event: bytes) -> None:
+        """Wait a little for a slow server."""
+        if self._listens.done():
+            raise ConnectionResetError("the server has closed the connection")
+        self._writer.write(event + b"\n")
+        async with asyncio.timeout(ANSWER_S):
+            await self._writer.drain()
+
+    def close(self) -> None:
+        """The end."""
+        self._listens.cancel()
+        self._writer.close()
+
+    async def _drop(self, reader: asyncio.StreamReader) -> None:
+        with contextlib.suppress(OSError):
+            while await reader.read(65_536):
+                pass
+
+
+def cot_door(
+    settings: CotSection, scenario_name: str
+) -> Callable[["Hub"], Coroutine[Any, Any, None]]:
+    """What sends by these settings until cancelled. Raises MissionServiceError."""
+    tls = None
+    if settings.scheme == "tls":
+        tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
+
+    async def door(hub: "Hub") -> None:
+        await Sender(hub, settings, site_of(scenario_name), tls).run()
+
+    return door
+
+
+class Sender:
+    """One run's events."""
+
+    def __init__(
+        self, hub: "Hub", settings: CotSection, site: str, tls: ssl.SSLContext | None
+    ) -> None:
+        self._hub, self._settings, self._site, self._tls = hub, settings, site, tls
+        self._forecasts = forecasts_of(hub)
+        self._sent: dict[str, int] = {}  # version of the picture, by vehicle
+
+    async def run(self) -> None:
+        """Until cancelled, whatever becomes of the way."""
+        wait_s = LEAST_WAIT_S
+        try:
+            while True:
+                try:
+                    async with asyncio.timeout(ANSWER_S):
+                        way = await self._way()
+                    try:
+                        await self._rounds(way)
+                    finally:
+                        way.close()
+                        wait_s = LEAST_WAIT_S
+                except (OSError, TimeoutError) as error:
+                    words = str(error) or "no answer"
+                    self._hub.picture.alarm(ALARM, f"no CoT to {self._settings.url}: {words}")
+                    self._hub.ring()
+                await asyncio.sleep(wait_s)
+                wait_s = min(2.0 * wait_s, MOST_WAIT_S)
+        finally:
+            self._forecasts.close()
+
+    async def _way(self) -> Way:
+        host, port = self._settings.host, self._settings.port
+        if self._settings.scheme != "udp":
+            reader, writer = await asyncio.open_connection(host, port, ssl=self._tls)
+            return Stream(reader, writer)
+        loop = asyncio.get_running_loop()
+        found = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        family, _, _, _, address = found[0]
+        return Datagrams(address, family)
+
+    async def _rounds(self, way: Way) -> None:
+        """Raises OSError or TimeoutError when the way is no more."""
+        stale_us = round(ROUNDS_UNTIL_STALE * self._settings.every_s * 1e6)
+        number = 0
+        while True:
+            if number % FIRE_EVERY == 0:
+                await self._tell_fire(way, FIRE_EVERY * stale_us)
+            await self._tell_vehicles(way, stale_us)
+            self._hub.picture.clear(ALARM)
+            number += 1
+            await asyncio.sleep(self._settings.every_s)
+
+    async def _tell_vehicles(self, way: Way, stale_us: int) -> None:
+        """Those that were heard since the last round; others grow stale on the maps."""
+        picture = self._hub.picture
+        for name, here in list(picture.telemetry.items()):
+            version = picture.changed[f"telemetry/{name}"]
+            if version > self._sent.get(name, 0):
+                self._sent[name] = version
+                kind = picture.vehicles[name].kind
+                await way.send(vehicle_event(here, kind, self._site, wall_us(), stale_us))
+
+    async def _tell_fire(self, way: Way, stale_us: int) -> None:
+        front = await front_now(self._hub, self._forecasts)
+        for event in fire_events(front, self._site, wall_us(), stale_us):
+            await way.send(event)

@@ -1,0 +1,173 @@
+"""Transparent pictures of the fire and of the fuel to lay over a map in Web Mercator."""
+
+import io
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.fuels import FUEL_MODELS, NON_BURNABLE
+from firemodel.landscape import Landscape
+from mission_service.interfaces.maps.mercator import (
+    Box,
+    bounds_deg,
+    cell_mercator_m,
+    grid_positions,
+    mercator_box,
+)
+
+PIXELS_A_CELL = 2.0  # so that cells keep their edges when warped
+MOST_PIXELS = 2048  # along a side
+OPAQUE = 185  # of 255
+COLOURS = 250
+# matplotlib's inferno without its black end, which looks like shadow: nine places of it.
+INFERNO = (
+    (30, 12, 69),
+    (76, 12, 107),
+    (117, 27, 110),
+    (160, 42, 99),
+    (199, 62, 76),
+    (231, 94, 46),
+    (249, 139, 11),
+    (251, 188, 33),
+    (241, 239, 117),
+)
+# By what carries the fire: first code, last code, first and last colour.
+FUEL_COLOURS = (
+    (1, 3, (255, 243, 176), (222, 196, 96)),  # grass (Anderson)
+    (4, 7, (222, 170, 120), (150, 95, 50)),  # chaparral, brush
+    (8, 10, (178, 216, 160), (60, 120, 60)),  # timber litter
+    (11, 13, (206, 170, 206), (120, 70, 130)),  # slash
+    (91, 99, (200, 208, 216), (130, 150, 175)),  # does not burn
+    (101, 109, (255, 243, 176), (214, 180, 70)),  # GR
+    (121, 124, (228, 224, 140), (176, 168, 70)),  # GS
+    (141, 149, (222, 170, 120), (130, 78, 40)),  # SH
+    (161, 165, (150, 200, 150), (50, 120, 90)),  # TU
+    (181, 189, (178, 216, 160), (40, 100, 50)),  # TL
+    (201, 204, (206, 170, 206), (110, 60, 125)),  # SB
+)
+
+Colour = tuple[int, int, int]
+Floats = NDArray[np.float64]
+
+
+class _Frame(NamedTuple):
+    box: Box
+    width: int
+    height: int
+    cells: NDArray[np.int32]  # (height, width) cell in a row, one past the last outside
+
+
+def arrival_png(arrival_s: Floats, landscape: Landscape, from_s: float, until_s: float) -> bytes:
+    """When fire comes, as a transparent PNG in the landscape's ``overlay_frame``.
+
+    Arrival times (y, x). Colours run from ``from_s`` (and before) to ``until_s``; what burns later
+    or never is clear. ``arrival_scale`` is their legend.
+    """
+    share = (arrival_s - from_s) / max(until_s - from_s, 1e-9)
+    place = 1 + np.clip(share, 0.0, 1.0) * (COLOURS - 1)
+    levels = np.where(arrival_s <= until_s, place, 0.0).astype(np.uint8)
+    return _png(levels, [_colour(n / (COLOURS - 1)) for n in range(COLOURS)], landscape)
+
+
+def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
+    """The legend of ``arrival_png``: times and their colours, straight between."""
+    last = len(INFERNO) - 1
+    return [
+        {"at_s": from_s + (until_s - from_s) * place / last, "colour": _hex(colour)}
+        for place, colour in enumerate(INFERNO)
+    ]
+
+
+def overlay_frame(landscape: Landscape) -> dict[str, Any]:
+    """Where pictures lie: corners as MapLibre's image source takes them (NW, NE, SE, SW), bounds.
+
+    All in degrees, [lon, lat]; besides, how many pixels they have.
+    """
+    frame = _frame(landscape)
+    west, south, east, north = bounds_deg(frame.box)
+    return {
+        "corners": [[west, north], [east, north], [east, south], [west, south]],
+        "bounds": [west, south, east, north],
+        "width_px": frame.width,
+        "height_px": frame.height,
+    }
+
+
+def fuel_png(landscape: Landscape) -> bytes:
+    """Fuel models as a PNG in ``overlay_frame``; ``fuel_legend`` is its legend."""
+    codes = np.unique(landscape.fuel_model)
+    levels = (np.searchsorted(codes, landscape.fuel_model) + 1).astype(np.uint8)
+    return _png(levels, [_fuel_colour(int(code)) for code in codes], landscape)
+
+
+def fuel_legend(landscape: Landscape) -> list[dict[str, Any]]:
+    """Code, name, colour and share of the landscape of each fuel there is, the most first."""
+    codes, counts = np.unique(landscape.fuel_model, return_counts=True)
+    return [
+        {
+            "code": int(codes[place]),
+            "name": _fuel_name(int(codes[place])),
+            "colour": _hex(_fuel_colour(int(codes[place]))),
+            "share": round(float(counts[place] / landscape.fuel_model.size), 4),
+        }
+        for place in np.argsort(-counts, kind="stable")
+    ]
+
+
+@lru_cache(maxsize=2)
+def _frame(landscape: Landscape) -> _Frame:
+    west, south, east, north = mercator_box(landscape)
+    pixel_m = max(
+        cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MOST_PIXELS
+    )
+    # Whole pixels: what is left over goes to the south and the east.
+    width, height = math.ceil((east - west) / pixel_m), math.ceil((north - south) / pixel_m)
+    box = west, north - height * pixel_m, west + width * pixel_m, north
+    row, col = np.rint(grid_positions(landscape, box, width, height)).astype(np.int32)
+    rows, cols = landscape.shape
+    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    cells = np.where(inside, row * cols + col, rows * cols).astype(np.int32)
+    return _Frame(box, width, height, cells)
+
+
+def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape) -> bytes:
+    """Levels (y, x): 0 is clear, 1 the first colour."""
+    from PIL import Image
+
+    pixels = np.append(levels.ravel(), np.uint8(0))[_frame(landscape).cells]
+    image = Image.fromarray(pixels)
+    image.putpalette(bytes([0, 0, 0]) + b"".join(bytes(colour) for colour in colours))
+    file = io.BytesIO()
+    clear = bytes([0]) + bytes([OPAQUE]) * len(colours)
+    image.save(file, "PNG", transparency=clear, compress_level=3)
+    return file.getvalue()
+
+
+def _colour(share: float) -> Colour:
+    """From INFERNO, 0 to 1, straight between its places."""
+    at = share * (len(INFERNO) - 1)
+    low = min(int(at), len(INFERNO) - 2)
+    return _mixed(INFERNO[low], INFERNO[low + 1], at - low)
+
+
+def _mixed(one: Colour, other: Colour, share: float) -> Colour:
+    red, green, blue = (round(a + (b - a) * share) for a, b in zip(one, other, strict=True))
+    return red, green, blue
+
+
+def _hex(colour: Colour) -> str:
+    return "#" + bytes(colour).hex()
+
+
+def _fuel_colour(code: int) -> Colour:
+    for first, last, light, dark in FUEL_COLOURS:
+        if first <= code <= last:
+            return _mixed(light, dark, (code - first) / (last - first))
+    return 128, 128, 128
+
+
+def _fuel_name(code: int) -> str:
+    return FUEL_MODELS[code].name if code in FUEL_MODELS else NON_BURNABLE[code]

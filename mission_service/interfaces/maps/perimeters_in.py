@@ -1,0 +1,256 @@
+"""Perimeters that others drew: where, and what their records say of when and how."""
+
+import math
+import re
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from pyproj import Geod
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.front import multipolygon
+from firemodel.landscape import Landscape
+from firemodel.readers.bands import refuse
+from firemodel.readers.shapes import shape_problems
+from firemodel.writers import M2_PER_ACRE
+from mission_service.interfaces.maps.mercator import outline_of
+from mission_service.interfaces.maps.tangled import MOST_PAIRS, most_repaired, pairs_near
+from mission_service.interfaces.maps.uploads import LARGEST_BYTES, WGS84, Drawn, features_in
+
+__all__ = ["LARGEST_BYTES", "Perimeter", "read_perimeter"]
+
+# What is told of each feature, and the names it has in WFIGS (there with poly_ or attr_ before it),
+# in FIRIS and in KML. Shapefiles cut names off at ten letters.
+FIELDS = {
+    "incident_name": ("IncidentName", "incident_name", "name"),
+    "feature_category": ("FeatureCategory", "type"),
+    "map_method": ("MapMethod",),
+    "feature_status": ("FeatureStatus",),
+    "source": ("Source",),
+    "irwin_id": ("IRWINID",),
+    "gis_acres": ("GISAcres",),
+    "polygon_unix_ms": ("PolygonDateTime", "when", "end", "begin"),
+    "current_unix_ms": ("DateCurrent", "modify_date"),
+    "created_unix_ms": ("CreateDate", "created_date"),
+}
+CUT = 10
+PREFIXES = ("", "poly_", "attr_")
+FAR_APART_MS = 24 * 3600 * 1000  # of two times of one record
+AREAS_DIFFER = 0.1
+SMALL_SHARE = 0.001
+LONGEST_TEXT = 200
+EARLIEST_MS, LATEST_MS = 0, 4_102_444_800_000  # 1970 to 2100
+
+Record = dict[str, Any]
+
+
+class Perimeter(NamedTuple):
+    """What others drew of a fire."""
+
+    area: Any  # shapely MultiPolygon, WGS84 longitude and latitude: all features together
+    area_ha: float
+    vertices: int
+    records: list[Record]  # one a feature with the keys of FIELDS, None where it says nothing
+    notes: list[str]  # what is odd about it, each one line
+
+    def geojson(self) -> dict[str, Any]:
+        """A Feature with all that is known as properties."""
+        return {
+            "type": "Feature",
+            "properties": {
+                "area_ha": round(self.area_ha, 3),
+                "vertices": self.vertices,
+                "records": self.records,
+                "notes": self.notes,
+            },
+            "geometry": shapely.geometry.mapping(self.area),
+        }
+
+    def rings(self) -> list[list[tuple[float, float]]]:
+        """Its outer rings as (lat, lon), the last point not the first again."""
+        return [
+            [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]] for polygon in self.area.geoms
+        ]
+
+
+def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimeter:
+    """A perimeter from the bytes of a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploads``).
+
+    Features that are no polygons or not on the landscape are left out, and those not valid are
+    repaired; ``notes`` tell of each. Raises FireModelError, one line, naming file and feature.
+    """
+    return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
+
+
+def read_perimeter_in(data: bytes, file_name: str, here: BaseGeometry) -> Perimeter:
+    """The same, with the landscape as a polygon in longitude and latitude."""
+    name = _printable(file_name)
+    polygons, records, notes = [], [], []
+    off: list[tuple[int, BaseGeometry]] = []
+    features = features_in(data, name)
+    if pairs_near([drawn.shape for drawn in features], MOST_PAIRS) > MOST_PAIRS:
+        raise FireModelError(f"{name}: its lines cross or overlap too often; simplify it")
+    for number, drawn in enumerate(features, start=1):
+        area, odd = _polygons_of(drawn, number, name)
+        notes += odd
+        if area is None:
+            continue
+        if not area.intersects(here):
+            off.append((number, area))
+            continue
+        record = _record(drawn)
+        notes += _odd_record(record, area, number)
+        polygons.append(area)
+        records.append(record)
+    if not polygons and off:
+        number, area = off[0]
+        raise FireModelError(
+            f"{name}: feature {number} (at {_place(area)}) lies outside the landscape (around "
+            f"{_place(here)}); send the perimeter of this fire"
+        )
+    if not polygons:
+        raise FireModelError(f"{name}: holds no polygon; draw the perimeter as one")
+    if off:
+        notes.append(f"{len(off)} features are not on the landscape: left out")
+    area = multipolygon(shapely.orient_polygons(shapely.union_all(polygons)))
+    beyond = 1.0 - area.intersection(here).area / area.area
+    if beyond > SMALL_SHARE:
+        notes.append(f"{100 * beyond:.1f} % of its area lies off the landscape")
+    notes += _odd_times(records)
+    vertices = int(shapely.get_num_coordinates(area))
+    return Perimeter(area, area_m2(area) / 1e4, vertices, records, notes)
+
+
+def area_m2(area: Any) -> float:
+    """Area on the ellipsoid of polygons in longitude and latitude."""
+    return abs(float(Geod(ellps="WGS84").geometry_area_perimeter(area)[0]))
+
+
+def _place(area: BaseGeometry) -> str:
+    (lon, lat) = area.representative_point().coords[0]
+    return f"lat {lat:.4f}, lon {lon:.4f}"
+
+
+def _printable(file_name: str) -> str:
+    """A file's name for messages: no folders, nothing that could be taken for more than a name."""
+    name = re.split(r"[/\\]", file_name)[-1]
+    return "".join(c if c.isprintable() else "?" for c in name)[:80] or "upload"
+
+
+def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | None, list[str]]:
+    """The polygons of one feature, valid, None if it has none; and what is odd about them."""
+    shape, where = drawn.shape, f"feature {number}"
+    if shape.is_empty:
+        return None, [f"{where} has no polygon: left out"]
+    if not np.isfinite(shapely.get_coordinates(shape)).all() or shape.is_valid:
+        refuse(shape_problems(Path(name), number, shape, WGS84))
+        repaired = []
+    else:
+        reason = shapely.is_valid_reason(shape)
+        if pairs_near([shape], most_repaired(shape)) > most_repaired(shape):
+            raise FireModelError(f"{name}: {where} is not valid ({reason}); draw it anew")
+        shape = shapely.make_valid(shape, method="structure", keep_collapsed=False)
+        repaired = [f"{where} was not valid and has been repaired ({reason})"]
+        if not shape.is_empty:
+            refuse(shape_problems(Path(name), number, shape, WGS84))
+    parts = shapely.get_parts(shapely.get_parts(shape))
+    area = multipolygon(shapely.union_all([part for part in parts if part.area > 0.0]))
+    if area.is_empty:
+        return None, [f"{where} is a {drawn.shape.geom_type} without area: left out"]
+    return area, repaired
+
+
+def _record(drawn: Drawn) -> Record:
+    found: Record = {}
+    for key, names in FIELDS.items():
+        value = _attribute(drawn.attributes, names)
+        if key.endswith("_unix_ms"):
+            found[key] = _unix_ms(value)
+        elif key == "gis_acres":
+            found[key] = _number(value)
+        else:
+            text = None if value is None else str(value).strip()[:LONGEST_TEXT]
+            found[key] = text or None
+    return found
+
+
+def _attribute(attributes: dict[str, Any], names: tuple[str, ...]) -> Any:
+    """The first that is there of the names, written in any of the ways there are."""
+    lower = {key.lower(): value for key, value in attributes.items()}
+    for name in names:
+        for prefix in PREFIXES:
+            for key in (prefix + name, (prefix + name)[:CUT]):
+                # poly_Featu could be any of three.
+                if key.lower() == "poly_featu" and name != "FeatureCategory":
+                    continue
+                if lower.get(key.lower()) not in (None, ""):
+                    return lower[key.lower()]
+    return None
+
+
+def _number(value: Any) -> float | None:
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        return None
+    return found if math.isfinite(found) else None
+
+
+def _unix_ms(value: Any) -> int | None:
+    """Milliseconds since 1970 UTC from such a number, ISO 8601, RFC 1123 or a date; else None."""
+    if value is None or isinstance(value, bool):
+        return None
+    if isinstance(value, np.datetime64):
+        found = None if np.isnat(value) else float(value.astype("datetime64[ms]").astype(np.int64))
+    elif (found := _number(value)) is None:
+        found = _parsed_ms(str(value).strip())
+    return None if found is None or not EARLIEST_MS < found < LATEST_MS else round(found)
+
+
+def _parsed_ms(text: str) -> float | None:
+    for parse in (datetime.fromisoformat, parsedate_to_datetime):
+        try:
+            when = parse(text)
+            when = when if when.tzinfo else when.replace(tzinfo=UTC)
+            return when.timestamp() * 1000.0
+        except (ValueError, TypeError, OverflowError, IndexError):
+            continue
+    return None
+
+
+def _utc(unix_ms: int) -> str:
+    return f"{np.datetime64(unix_ms, 'ms').astype('datetime64[m]')}Z"
+
+
+def _odd_record(record: Record, area: BaseGeometry, number: int) -> list[str]:
+    """What one record says against itself."""
+    notes = []
+    drawn_ms, current_ms = record["polygon_unix_ms"], record["current_unix_ms"]
+    if drawn_ms and current_ms and abs(drawn_ms - current_ms) > FAR_APART_MS:
+        notes.append(
+            f"feature {number}: its polygon is said to be of {_utc(drawn_ms)}, its record "
+            f"was changed {_utc(current_ms)}; the outline may be of either time"
+        )
+    acres = area_m2(area) / M2_PER_ACRE
+    said = record["gis_acres"]
+    if said is not None and abs(said - acres) > AREAS_DIFFER * max(acres, said):
+        notes.append(
+            f"feature {number}: its record says {said:.1f} acres, its outline has {acres:.1f}; one "
+            "of them is older"
+        )
+    return notes
+
+
+def _odd_times(records: list[Record]) -> list[str]:
+    times = sorted(
+        {record["polygon_unix_ms"] or record["created_unix_ms"] or 0 for record in records}
+    )
+    if len(times) < 2:
+        return []
+    first = _utc(times[0]) if times[0] else "unknown"
+    return [f"its features are of {len(times)} times, {first} to {_utc(times[-1])}: taken together"]

@@ -1,0 +1,108 @@
+"""The fire's perimeter for others: field names of WFIGS, and that nobody approved it."""
+
+from datetime import datetime
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.fire import StartArea
+from firemodel.landscape import Landscape
+from firemodel.writers import M2_PER_ACRE, area_geometry
+from mission_service.interfaces.maps.fronts import burned_area
+
+SOURCE = "mission-service"
+STATUS = "Proposed"  # not "Approved": that is for people to say
+
+Floats = NDArray[np.float64]
+
+
+def perimeter_geojson(
+    arrival_s: Floats,
+    landscape: Landscape,
+    at_s: float,
+    *,
+    name: str,
+    written_unix_ms: int,
+    map_method: str = "Modeled",
+    prescribed: bool = False,
+    time_zero: datetime | None = None,
+    start_area: StartArea | None = None,
+) -> dict[str, Any]:
+    """A FeatureCollection of the perimeter at a time (arguments as ``fronts.burned_area``).
+
+    Properties are those of the US interagency perimeters (WFIGS, there with ``poly_`` before them);
+    times in ms since 1970 UTC. ``map_method`` says how it is known ("Modeled" for a simulation,
+    "GPS-Flight" or "IR Image Interpretation" for what was seen). ``time_zero`` is 0 s by the
+    calendar; without it nobody can say of when the polygon is, and PolygonDateTime is None.
+    ``written_unix_ms`` is now.
+    """
+    area = burned_area(arrival_s, landscape, at_s, start_area)
+    of_when = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)
+    properties = {
+        "IncidentName": name,
+        "FeatureCategory": "Prescribed Fire" if prescribed else "Wildfire Daily Fire Perimeter",
+        "MapMethod": map_method,
+        "GISAcres": round(area.area / M2_PER_ACRE, 2),
+        "CreateDate": written_unix_ms,
+        "DateCurrent": written_unix_ms,
+        "PolygonDateTime": of_when,
+        "IRWINID": None,
+        "Source": SOURCE,
+        "FeatureAccess": None,
+        "FeatureStatus": STATUS,
+        "IsVisible": None,
+        "at_s": at_s,
+        "at_us": round(at_s * 1e6),
+        "area_ha": round(area.area / 1e4, 3),
+    }
+    geometry = area_geometry(area, landscape)
+    feature = {"type": "Feature", "properties": properties, "geometry": geometry}
+    return {"type": "FeatureCollection", "features": [feature]}
+
+
+def perimeter_kml(collection: dict[str, Any]) -> bytes:
+    """What ``perimeter_geojson`` gave, as KML 2.2 with the same fields as extended data."""
+    placemarks = "".join(_placemark(feature) for feature in collection["features"])
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+        '<Style id="fire"><LineStyle><color>ff0000ff</color><width>3</width></LineStyle>'
+        "<PolyStyle><color>330000ff</color></PolyStyle></Style>"
+        f"{placemarks}</Document></kml>\n"
+    ).encode()
+
+
+def _placemark(feature: dict[str, Any]) -> str:
+    properties = feature["properties"]
+    data = "".join(
+        f"<Data name={quoteattr(key)}><value>{_text(value)}</value></Data>"
+        for key, value in properties.items()
+        if value is not None
+    )
+    when, of_when_ms = "", properties["PolygonDateTime"]
+    if of_when_ms is not None:
+        when = f"<TimeStamp><when>{np.datetime64(of_when_ms, 'ms')}Z</when></TimeStamp>"
+    polygons = "".join(_polygon(rings) for rings in feature["geometry"]["coordinates"])
+    return (
+        f"<Placemark><name>{_text(properties['IncidentName'])}</name>{when}"
+        f"<styleUrl>#fire</styleUrl><ExtendedData>{data}</ExtendedData>"
+        f"<MultiGeometry>{polygons}</MultiGeometry></Placemark>"
+    )
+
+
+def _polygon(rings: list[list[list[float]]]) -> str:
+    sides = ["outerBoundaryIs"] + ["innerBoundaryIs"] * (len(rings) - 1)
+    edges = "".join(
+        f"<{side}><LinearRing><coordinates>"
+        f"{' '.join(f'{lon!r},{lat!r},0' for lon, lat in ring)}"
+        f"</coordinates></LinearRing></{side}>"
+        for side, ring in zip(sides, rings, strict=True)
+    )
+    return f"<Polygon>{edges}</Polygon>"
+
+
+def _text(value: Any) -> str:
+    """Escaped, without what XML cannot hold."""
+    return escape("".join(c for c in str(value) if c >= " " or c in "\t\n"))

@@ -1,0 +1,136 @@
+"""Figures of a run for Prometheus, read off the hub when somebody asks. Nothing is counted here.
+
+What only an interface knows (how many read the live stream, whether the broker is there) it gives
+as a function in ``hub.gauges``, under the name it has here without the prefix.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.exposition import CONTENT_TYPE_LATEST
+from prometheus_client.registry import Collector
+
+from mission_service import __version__
+from mission_service.journal.segments import closed_segments, newest_state
+from mission_service.runtime.clocks import last_written_s, wall_us
+from mission_service.runtime.hub import Hub
+
+PREFIX = "mission_service_"
+# Name without the prefix: help, labels. Those that end in _total only grow.
+FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "info": ("What runs here; always 1.", ("version", "scenario", "rule")),
+    "ready": ("1 when nothing is missing, as /readyz has it.", ()),
+    "mission_time_seconds": ("Mission time.", ()),
+    "vehicles": ("Vehicles flown from here.", ()),
+    "vehicles_online": ("Vehicles whose link is up.", ()),
+    "vehicle_online": ("1 while the vehicle's link is up.", ("vehicle",)),
+    "vehicle_battery_percent": ("What the vehicle says of its battery.", ("vehicle",)),
+    "telemetry_age_seconds": (
+        "Mission time since the vehicle's last position; absent before the first.",
+        ("vehicle",),
+    ),
+    "telemetry_total": ("Positions heard.", ()),
+    "observations_total": ("Pictures of the ground taken in.", ()),
+    "decisions_total": ("Decisions of the planners.", ("vehicle",)),
+    "reversals_total": ("Decisions to turn back.", ("vehicle",)),
+    "uploads_total": ("Missions sent, by what became of them.", ("vehicle", "outcome")),
+    "drops_total": ("Spheres ordered, by what became of them.", ("vehicle", "outcome")),
+    "alarms_active": ("Alarms that are not cleared, by kind.", ("kind",)),
+    "news_total": ("Lines told to people.", ()),
+    "fire_area_hectares": ("Burned area, as far as is known.", ()),
+    "fire_changes_total": ("Corrections and winds that people gave.", ()),
+    "journal_bytes": ("All pieces of the journal on disk.", ()),
+    "state_age_seconds": ("Since the state file was last written.", ()),
+    "state_seconds": ("How long the last state file took to write.", ()),
+    "forecast_seconds": ("How long the last forecast of the fire took.", ()),
+    "event_loop_lag_seconds": ("How late the event loop was at worst, in the last seconds.", ()),
+    "stream_clients": ("Readers of the live stream.", ()),
+    "mqtt_connected": ("1 while the MQTT broker is there.", ()),
+    "mqtt_sent_total": ("Messages that the MQTT broker took.", ()),
+}
+
+
+def metrics_of(hub: Hub) -> tuple[bytes, str]:
+    """The text that Prometheus reads, and its media type."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(Figures(hub))
+    ProcessCollector(registry=registry)  # process_cpu_seconds_total and its like
+    return generate_latest(registry), CONTENT_TYPE_LATEST
+
+
+class Figures(Collector):
+    """Reads a hub when it is asked."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+
+    def collect(self) -> Iterator[Metric]:
+        """Each figure that there is anything to say of."""
+        found = dict(_of_run(self._hub))
+        found |= _of_vehicles(self._hub)
+        found |= {name: [((), float(value()))] for name, value in self._hub.gauges.items()}
+        for name, samples in found.items():
+            help_text, labels = FIGURES[name]
+            family = CounterMetricFamily if name.endswith("_total") else GaugeMetricFamily
+            metric = family(PREFIX + name, help_text, labels=labels)
+            for values, value in samples:
+                metric.add_metric(values, value)
+            yield metric
+
+
+Samples = list[tuple[tuple[str, ...], float]]
+
+
+def _of_run(hub: Hub) -> Iterable[tuple[str, Samples]]:
+    picture, scenario = hub.picture, hub.scenario
+    yield "info", [((__version__, scenario.name, scenario.planner.rule), 1.0)]
+    yield "ready", [((), float(not hub.ready() and not hub.stopping))]
+    yield "mission_time_seconds", [((), hub.clock.now_us / 1e6)]
+    yield "telemetry_total", [((), picture.telemetry_count)]
+    yield "observations_total", [((), picture.observations)]
+    kinds = Counter(key.partition("/")[0] for key in picture.alarms)
+    yield "alarms_active", [((kind,), count) for kind, count in sorted(kinds.items())]
+    yield "news_total", [((), picture.news_id)]
+    yield "fire_area_hectares", [((), hub.fire()["area_ha"])]
+    yield "fire_changes_total", [((), picture.fire_version - 1)]
+    yield "journal_bytes", [((), _bytes_of(hub.journal_path))]
+    state = newest_state(hub.journal_path)
+    if state.exists():
+        yield "state_age_seconds", [((), wall_us() / 1e6 - last_written_s(state))]
+
+
+def _bytes_of(journal: Path) -> int:
+    """Of the piece that is written and of those before it."""
+    pieces = [journal, *closed_segments(journal).values()]
+    return sum(piece.stat().st_size for piece in pieces if piece.exists())
+
+
+def _of_vehicles(hub: Hub) -> dict[str, Samples]:
+    found: dict[str, Samples] = {}
+
+    def say(name: str, labels: tuple[str, ...], value: float) -> None:
+        found.setdefault(name, []).append((labels, value))
+
+    picture = hub.picture
+    online = [state.link == "online" for state in picture.vehicles.values()]
+    say("vehicles", (), len(online))
+    say("vehicles_online", (), sum(online))
+    for name, state in picture.vehicles.items():
+        say("vehicle_online", (name,), state.link == "online")
+        if state.battery_pct is not None:
+            say("vehicle_battery_percent", (name,), state.battery_pct)
+        here = picture.telemetry.get(name)
+        if here is not None:
+            say("telemetry_age_seconds", (name,), (hub.clock.now_us - here.at_us) / 1e6)
+        say("decisions_total", (name,), state.decisions)
+        say("reversals_total", (name,), state.reversals)
+        say("uploads_total", (name, "accepted"), state.uploads_accepted)
+        say("uploads_total", (name, "failed"), state.uploads_failed)
+        if hub.scenario.burn_flown is not None:
+            say("drops_total", (name, "done"), state.drops_done)
+            say("drops_total", (name, "refused"), state.drops_refused)
+            say("drops_total", (name, "unknown"), state.drops_unknown)
+    return found

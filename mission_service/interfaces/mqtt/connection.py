@@ -1,0 +1,208 @@
+"""One connection to an MQTT broker, for whatever a process tells and hears over it.
+
+It is made again and again, at intervals that grow to ``MOST_WAIT_S``, and nothing waits longer than
+it says here. What uses it keeps no queue that a broker could make grow.
+"""
+
+import asyncio
+import errno
+import logging
+import socket
+import ssl
+import traceback
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from mission_service.config.mqtt_names import Broker
+from mission_service.errors import MissionServiceError
+
+LEAST_WAIT_S, MOST_WAIT_S = 0.25, 2.0  # before the next attempt to reach the broker
+KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
+ANSWER_S = 3.0  # a broker has for an answer ...
+TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
+STEADY_S = 5.0  # a connection that was shorter is no reason to try the next one sooner
+RECEIVE_BYTES = 32_768  # no more: what waits there is old news
+REFUSED = {
+    132: "it knows no MQTT 5",
+    133: "it takes no client of this name",
+    134: "user or password is wrong",
+    135: "user or password is wrong, or this user may not connect",
+    138: "it has banned this client",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Who we are to a broker, and how we know that it is the right one."""
+
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls: ssl.SSLContext | None = field(default=None, repr=False)
+
+
+OPEN = Access()
+
+
+def tls_of(
+    authority: Path | None = None, certificate: Path | None = None, key: Path | None = None
+) -> ssl.SSLContext:
+    """TLS that believes ``authority``, or else those the machine believes; host names are checked.
+
+    ``certificate`` and ``key`` show who we are. Raises MissionServiceError.
+    """
+    try:
+        context = ssl.create_default_context(cafile=authority)
+    except OSError as error:  # ssl.SSLError is one
+        raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
+    if certificate is not None:
+        try:
+            # A key with a passphrase would be asked for on the terminal.
+            context.load_cert_chain(certificate, key, password=lambda: b"")
+        except OSError as error:
+            text = f"{certificate}, {key or 'no key file'}: no certificate and key: {_why(error)}"
+            raise MissionServiceError(text) from None
+    return context
+
+
+def _why(error: OSError) -> str:
+    return error.strerror or str(error)
+
+
+def client_to(
+    broker: Broker,
+    access: Access = OPEN,
+    *,
+    logger: logging.Logger,
+    inbox: asyncio.Queue[aiomqtt.Message],
+    will: aiomqtt.Will | None = None,
+    most_bytes: int | None = None,
+) -> aiomqtt.Client:
+    """A client that is not connected yet. What it hears goes into ``inbox``.
+
+    With ``most_bytes`` it speaks MQTT 5, and the broker sends it no larger packet: a smaller
+    version has no such limit, and a packet is in memory as a whole.
+    """
+    limit = None
+    if most_bytes is not None:
+        limit = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+        limit.MaximumPacketSize = most_bytes
+    five = most_bytes is not None
+    return aiomqtt.Client(
+        broker.host,
+        broker.port,
+        username=access.user,
+        password=access.password,
+        tls_context=access.tls,
+        protocol=aiomqtt.ProtocolVersion.V5 if five else aiomqtt.ProtocolVersion.V311,
+        properties=limit,
+        will=will,
+        logger=logger,
+        keepalive=KEEPALIVE_S,
+        timeout=ANSWER_S,
+        queue_type=lambda maxsize: inbox,  # type: ignore[arg-type]  # any callable does
+        socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
+    )
+
+
+async def keep_connected(
+    make: Callable[[logging.Logger], aiomqtt.Client],
+    use: Callable[[aiomqtt.Client], Awaitable[None]],
+    lost: Callable[[str], None],
+) -> None:
+    """Connect and ``use`` each client that is made, until cancelled, whatever the broker does.
+
+    What a client has to log is not printed, but part of why there is no connection; ``lost`` is
+    told in words of every attempt and connection that failed.
+    """
+    loop = asyncio.get_running_loop()
+    loop.set_exception_handler(_all_but_known)
+    wait_s, ends = LEAST_WAIT_S, False
+    while not ends:
+        began_s, last_words = loop.time(), LastWords()
+        try:
+            async with make(last_words.logger) as client:
+                began_s = loop.time()
+                try:
+                    await use(client)
+                except asyncio.CancelledError:
+                    ends = True  # even if the broker takes no farewell
+                    raise
+        except (aiomqtt.MqttError, OSError) as error:  # the latter from a farewell over TLS
+            lost(in_words(error, last_words.text))
+        if not ends:
+            wait_s = LEAST_WAIT_S if loop.time() - began_s > STEADY_S else wait_s
+            await asyncio.sleep(wait_s)
+        wait_s = min(2.0 * wait_s, MOST_WAIT_S)
+    raise asyncio.CancelledError
+
+
+def in_words(error: aiomqtt.MqttError | OSError, last_words: str = "") -> str:
+    """Why there is no connection, for people; never with a password."""
+    code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
+    if isinstance(code, ReasonCode) and code.value in REFUSED:
+        return REFUSED[code.value]
+    cause = error.__cause__
+    words = [str(error), last_words, "" if cause is None else str(cause)]
+    return "; ".join(dict.fromkeys(filter(None, words)))
+
+
+class LastWords(logging.Handler):
+    """The last error that a client has logged: aiomqtt itself knows only that no answer came."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.text = ""
+        self.logger = logging.Logger("mqtt", logging.ERROR)
+        self.logger.addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep it."""
+        self.text = record.getMessage()
+
+
+async def together(*talks: Coroutine[Any, Any, None]) -> None:
+    """Run until one of them ends, then end all; raises what ended it."""
+    tasks = {asyncio.create_task(talk) for talk in talks}
+    try:
+        ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        await _end(tasks)
+    for task in ended:
+        task.result()
+
+
+def _all_but_known(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell.
+
+    Nor when it has noted for nobody why a connection ended, which has been told.
+    """
+    error = context.get("exception")
+    closed = isinstance(error, OSError) and error.errno == errno.EBADF
+    if not closed and not (error is not None and _is_clients(error)):
+        loop.default_exception_handler(context)
+
+
+def _is_clients(error: BaseException) -> bool:
+    """Whether it came of aiomqtt or of what that reads."""
+    frames = traceback.walk_tb(error.__traceback__)
+    passed = {str(frame.f_globals.get("__name__")).partition(".")[0] for frame, _ in frames}
+    return isinstance(error, aiomqtt.MqttError) or not passed.isdisjoint(("aiomqtt", "paho"))
+
+
+async def _end(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they are: before Python 3.12 ``wait_for`` may swallow a cancellation."""
+    left = tasks
+    while left:
+        for task in left:
+            task.cancel()
+        _, left = await asyncio.wait(left, timeout=0.1)
+    for task in tasks:
+        if not task.cancelled():
+            task.exception()  # seen; one of them is raised

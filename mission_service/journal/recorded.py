@@ -1,0 +1,152 @@
+"""A journal to be read again: its segments as one, its scenario, and what it begins with."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario, parse_scenario
+from mission_service.core.core import Core
+from mission_service.errors import JournalError, StateError
+from mission_service.events import LinesSkipped
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import world_of
+from mission_service.fire.watched import WatchedFire
+from mission_service.journal.journal import Entry, JournalReader
+from mission_service.journal.segments import Chain, begin_state, journal_of
+from mission_service.journal.snapshot import Known, read
+
+SKIPPED = b'{"event":{"type":"LinesSkipped"'
+
+
+class Recorded:
+    """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
+
+    Where its beginning was deleted, core and fire are those of the state that stands for it.
+    """
+
+    def __init__(self, path: Path, alone: bool = False) -> None:
+        """``alone``, or the path of a closed segment: not the segments before this one."""
+        self.path = path
+        self._chain = None if alone or journal_of(path) is not None else Chain(path)
+        self.readers = [JournalReader(path)] if self._chain is None else self._chain.readers
+        self.at: tuple[JournalReader, Entry] | None = None  # what was read last
+        self.damaged = False
+        self.skipped = self._lines_skipped()
+
+    @property
+    def segment(self) -> int:
+        """Number of the first segment; 1 where all of the journal is there."""
+        return self.readers[0].segment
+
+    @property
+    def last(self) -> JournalReader:
+        """The last segment; it knows whether it was cut off, once all was read."""
+        return self.readers[-1]
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario that was flown."""
+        return parse_scenario(self.readers[0].header["scenario"], self.path)
+
+    @cached_property
+    def landscape(self) -> Landscape:
+        """The landscape; raises JournalError if it is another one than the journal's."""
+        found, recorded = landscape_of(self.scenario), self.readers[0].header["landscape_sha256"]
+        if found.digest() != recorded:
+            raise JournalError(
+                f"{self.path}: the landscape is not the one of the journal "
+                f"(sha256 {found.digest()[:12]}…, recorded {recorded[:12]}…); "
+                "replay it where its rasters are"
+            )
+        return found
+
+    def entries(self) -> Iterator[tuple[JournalReader, Entry]]:
+        """Each line with the segment it is in; raises JournalError where one cannot be read."""
+        self.at = None
+        for found in self._entries():
+            self.at = found
+            yield found
+
+    def _entries(self) -> Iterator[tuple[JournalReader, Entry]]:
+        """Entries without the lines that a restart skipped; those after them are not ``sure``."""
+        sure = True
+        for reader, number, body, intact in self._lines():
+            if (reader.segment, number) in self.skipped:
+                sure = False
+                continue
+            entry = reader.entry(number, body, intact)
+            sure = sure or isinstance(entry.content, LinesSkipped)
+            yield reader, entry if sure else replace(entry, sure=False)
+
+    def _lines(self) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
+        if self._chain is not None:
+            yield from self._chain.lines(self._chain.begin)
+        else:
+            yield from ((self.last, *line) for line in self.last.lines(self.last.begin))
+
+    def _lines_skipped(self) -> dict[tuple[int, int], str]:
+        """The lines that restarts have skipped, by (segment, line), and why."""
+        found: dict[tuple[int, int], str] = {}
+        try:
+            for reader, number, body, intact in self._lines():
+                if intact and SKIPPED in body[:200]:
+                    content = reader.entry(number, body, intact).content
+                    if isinstance(content, LinesSkipped):
+                        found |= {(each[0], each[1]): each[2] for each in content.lines}
+        except JournalError:  # reported when it is read
+            pass
+        return found
+
+    def intact(self) -> Iterator[tuple[JournalReader, Entry]]:
+        """As ``entries``; raises JournalError where a line was altered, too."""
+        for reader, entry in self.entries():
+            if not entry.intact:
+                raise JournalError(
+                    f"{reader.path}: line {entry.line} was altered; see replay --verify"
+                )
+            yield reader, entry
+
+    def readable(self) -> Iterator[tuple[JournalReader, Entry]]:
+        """As ``entries``, up to what cannot be read: it is ``damaged`` there."""
+        try:
+            yield from self.entries()
+        except JournalError:
+            self.damaged = True
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether commands of the last event may be missing; known once all was read."""
+        killed = bool(self.last.header.get("live")) and not self.last.ended
+        return killed or self.damaged or self.last.cut_at_line is not None
+
+    def place(self, reader: JournalReader, entry: Entry) -> str:
+        """A line in words."""
+        line = f"line {entry.line}"
+        return line if len(self.readers) == 1 else f"{reader.path.name}, {line}"
+
+    def core(self) -> Core:
+        """The core as it was at the beginning."""
+        if self.segment == 1:
+            return Core(self.scenario, self.landscape)
+        core: Core = self._state()["core"]
+        return core
+
+    def fire(self) -> WatchedFire:
+        """The fire as it was at the beginning."""
+        if self.segment == 1:
+            return WatchedFire(self.scenario, world_of(self.scenario, self.landscape))
+        fire: WatchedFire = self._state()["fire"]
+        return fire
+
+    def _state(self) -> dict[str, Any]:
+        journal = journal_of(self.path) or self.path
+        try:
+            state = begin_state(journal, self.segment)
+            return read(state, Known(self.scenario, self.landscape))
+        except StateError as error:
+            raise JournalError(
+                f"{journal}: segment {self.segment} cannot be replayed: {error}"
+            ) from None

@@ -1,0 +1,306 @@
+"""Going on after a kill: the newest state, and the rest of the journal through it; nothing done.
+
+Nothing of what was on its way is trusted: ``Resumed`` comes after the last event, and voids all.
+
+A line that cannot be read or handled ends a restart with an error that names the line. On request
+it is skipped, and ``LinesSkipped`` records that, so that later restarts and replays skip it too.
+Between the line and that event the core's state may differ from the live run's, so the recorded
+commands count. The last event of a journal is skipped without a request if it cannot be handled:
+the run was killed before it could take the event back.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mission_service.commands import AnyCommand
+from mission_service.config.scenario import Scenario
+from mission_service.errors import JournalError, StateError, UnhandledLineError
+from mission_service.events import AnyEvent, LinesSkipped, Resumed
+from mission_service.guidance.registry import BURN
+from mission_service.journal.differences import difference_of
+from mission_service.journal.journal import Entry, JournalReader, Rest, Unreadable, begins_journal
+from mission_service.journal.private_files import refuse_links
+from mission_service.journal.segments import Chain, closed_segments, complete, move, states
+from mission_service.journal.snapshot import Known, header_of, read
+
+ANEW = "; to begin anew, start with --anew (the journal is kept under another name)"
+SKIP = "; --skip-unreadable goes on without that line"
+
+Line = tuple[int, int]  # segment, line
+
+
+@dataclass
+class _Turn:
+    """One event of the journal with the lines that follow it; None: a line of them is missing."""
+
+    reader: JournalReader
+    line: int
+    event: AnyEvent
+    after_hole: bool  # an event before it may be missing
+    commands: list[tuple[JournalReader, Entry] | None] = field(default_factory=list)
+    is_last: bool = False
+
+    @property
+    def recorded(self) -> list[AnyCommand]:
+        """The commands that can be read."""
+        found = (each[1].content for each in self.commands if each is not None)
+        return list(found)  # type: ignore[arg-type]
+
+    def gives(self, commands: list[AnyCommand]) -> bool:
+        """Whether these equal its recorded commands, as far as those can be read."""
+        return len(commands) == len(self.commands) and all(
+            each is None or each[1].content == ours
+            for each, ours in zip(self.commands, commands, strict=True)
+        )
+
+
+class Unfinished:
+    """A journal of a run that was cut off, to be gone on with.
+
+    ``objects`` is the newest state that can be used, or None: then all is told from the beginning.
+    ``passed_over`` says why newer states could not be; ``skipped`` why lines were, by (segment,
+    line), and ``skips_now`` those of them that the journal does not record yet.
+    """
+
+    def __init__(
+        self, path: Path, chain: Chain, known: Known, skip_unreadable: bool = False
+    ) -> None:
+        """Raises JournalError in one line if there is neither a state nor the beginning."""
+        self.path = path
+        self._chain = chain
+        self._skip_unreadable = skip_unreadable
+        self.last_us = 0
+        self.missing: tuple[AnyCommand, ...] = ()
+        self.objects: dict[str, Any] | None = None
+        self.passed_over: list[str] = []
+        self.skipped: dict[Line, str] = {}
+        self.skips_now: dict[Line, str] = {}
+        self._at: _Turn | None = None  # applied to the core, perhaps not yet to other folds
+        self._place = chain.begin
+        # With short segments the state of the last one's beginning is newer than ``journal.state``.
+        usable: list[tuple[Rest, Path]] = []
+        for state in states(path):
+            try:
+                place = header_of(state, known).rest
+                if not chain.holds(place):
+                    raise StateError(f"{state}: its place is not in the journal")
+                usable.append((place, state))
+            except StateError as error:
+                self.passed_over.append(str(error))
+        for place, state in sorted(usable, key=_latest_last, reverse=True):
+            try:
+                self.objects, self._place = read(state, known), place
+                return
+            except StateError as error:
+                self.passed_over.append(str(error))
+        if chain.readers[0].segment != 1:
+            why = "; ".join(self.passed_over) or "there is none"
+            raise JournalError(
+                f"{path}: cannot be gone on with: its beginning was deleted, and no state can be "
+                f"used ({why}); go on with the version that wrote it, or start with --anew and "
+                "report what burns (the journal is kept under another name)"
+            )
+
+    def rest(self) -> Rest:
+        """Where it goes on; raises JournalError in one line if it is damaged."""
+        unreadable: dict[Line, str] = {}
+        for reader, entry in self._chain.trusted(self._place):
+            if isinstance(entry, Unreadable):
+                unreadable[reader.segment, entry.line] = entry.why
+            elif isinstance(entry.content, LinesSkipped):
+                told = entry.content.lines
+                self.skipped |= {(segment, line): why for segment, line, why in told}
+        for line, why in unreadable.items():
+            if line not in self.skipped:
+                self._skip(line, why)
+        return self._chain.last.rest
+
+    def _skip(self, line: Line, why: str) -> None:
+        if not self._skip_unreadable:
+            raise JournalError(f"{why}{SKIP}{ANEW}")
+        self.skips_now[line] = self.skipped[line] = why
+
+    def turns(
+        self, handle: Callable[[AnyEvent], list[AnyCommand]]
+    ) -> Iterator[tuple[AnyEvent, list[AnyCommand]]]:
+        """Each event with the commands that ``handle``, the core's, answers with.
+
+        After a line that was skipped the commands are those of the journal, as far as they can be
+        read, up to the ``LinesSkipped`` that says so: they were carried out.
+
+        Raises JournalError where the core's are not the journal's, and UnhandledLineError where it
+        fails (``skip_line`` may help then). Afterwards ``last_us`` is the latest mission time in
+        it, and ``missing`` are commands of the last event that the journal lacks: they were not
+        carried out, since commands are journalled first.
+        """
+        sure, self.missing = True, ()
+        for turn in self._turns():
+            self._at = turn
+            sure = isinstance(turn.event, LinesSkipped) or (sure and not turn.after_hole)
+            try:
+                commands = handle(turn.event)
+            except Exception as error:
+                raise self.unhandled(error) from error
+            self.last_us = max(self.last_us, turn.event.at_us)
+            if sure and None in turn.commands and not turn.gives(commands):
+                sure = False
+            if not sure:
+                yield turn.event, turn.recorded
+                continue
+            if None not in turn.commands:
+                self._compare(turn, commands)
+            if turn.is_last:
+                self.missing = tuple(commands[len(turn.commands) :])
+            yield turn.event, commands
+
+    def skips(self, at_us: int) -> LinesSkipped | None:
+        """The event that records the lines skipped by this restart; None if none were."""
+        lines = tuple((*line, why) for line, why in self.skips_now.items())
+        return LinesSkipped(at_us, "service", "", lines) if lines else None
+
+    def unhandled(self, error: Exception) -> UnhandledLineError:
+        """The error for the line that was applied last and cannot be handled."""
+        assert self._at is not None
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        return UnhandledLineError(
+            f"{self._at.reader.path}: line {self._at.line} cannot be handled ({words}){SKIP}{ANEW}"
+        )
+
+    def skip_line(self, problem: UnhandledLineError) -> None:
+        """Skip the line that cannot be handled; the caller starts over from the state.
+
+        Raises the problem unless skipping was requested, or the last event has no command.
+        """
+        assert self._at is not None
+        cut_off = self._at.is_last and not self._at.commands
+        if not (self._skip_unreadable or cut_off):
+            raise problem
+        line = (self._at.reader.segment, self._at.line)
+        self.skips_now[line] = self.skipped[line] = str(problem).partition(SKIP)[0]
+
+    def _compare(self, turn: _Turn, commands: list[AnyCommand]) -> None:
+        """Raise JournalError where the journal's commands are not these."""
+        for number, found in enumerate(turn.commands):
+            assert found is not None
+            reader, entry = found
+            expected = commands[number : number + 1]
+            difference = difference_of(entry, expected)
+            if difference is not None:
+                raise self._differs(reader.path, difference)
+        if len(commands) > len(turn.commands) and not turn.is_last:
+            after = Entry(turn.line + len(turn.commands) + 1, turn.event, True, True)
+            difference = difference_of(after, commands[len(turn.commands) :])
+            raise self._differs(turn.reader.path, str(difference))
+
+    def _differs(self, path: Path, difference: str) -> JournalError:
+        return JournalError(
+            f"{path}: cannot be resumed: {difference}; was it written by another version?{ANEW}"
+        )
+
+    def _turns(self) -> Iterator[_Turn]:
+        turn: _Turn | None = None
+        hole = False
+        for reader, entry in self._chain.trusted(self._place):
+            skipped = (reader.segment, entry.line) in self.skipped
+            if isinstance(entry, Unreadable):
+                if not skipped:
+                    raise JournalError(f"{entry.why}{SKIP}{ANEW}")
+                hole = hole or turn is None
+                if turn is not None:  # one of its commands, or an event after it
+                    turn.commands.append(None)
+            elif entry.is_event:
+                if turn is not None:
+                    yield turn
+                if skipped:
+                    turn, hole = None, True
+                else:
+                    event: AnyEvent = entry.content  # type: ignore[assignment]
+                    turn, hole = _Turn(reader, entry.line, event, hole), False
+            elif turn is not None:
+                turn.commands.append((reader, entry))
+        if turn is not None:
+            turn.is_last = True
+            yield turn
+
+
+def _latest_last(found: tuple[Rest, Path]) -> tuple[int, int]:
+    return found[0].segment, found[0].at_byte
+
+
+def unfinished(
+    path: Path, known: Known, scenario: Scenario, skip_unreadable: bool = False
+) -> Unfinished | None:
+    """The journal at ``path`` if it is a live run of this very scenario that was cut off.
+
+    Raises MissionServiceError for a symbolic link in its place, and JournalError if its first line
+    is damaged.
+    """
+    refuse_links(path.parent, path.stem)
+    complete(path)
+    if not path.exists() or _header_cut(path):
+        return None
+    try:
+        header = JournalReader(path).header
+    except JournalError as error:
+        is_burn = scenario.planner.rule == BURN
+        if not (is_burn or closed_segments(path) or begins_journal(path)):
+            return None  # no journal; it is kept under another name
+        raise JournalError(f"{error}{ANEW}") from None
+    same = (
+        header["scenario"] == scenario.model_dump(mode="json")
+        and header["landscape_sha256"] == known.landscape
+    )
+    if not same or not header.get("live") or _ended(path):
+        return None
+    return Unfinished(path, Chain(path), known, skip_unreadable)
+
+
+def set_aside(path: Path) -> Path | None:
+    """Rename a journal that is in the place of a new one; returns its new path.
+
+    Only ``keep_mb`` deletes journals. A file without a complete header holds no entry and is
+    replaced; segments whose last one was moved away are kept.
+    """
+    refuse_links(path.parent, path.stem)
+    complete(path)
+    if path.exists() and path.stat().st_size == 0:
+        path.unlink()
+    if path.exists() and _header_cut(path) and begins_journal(path):
+        path.unlink()
+    if not path.exists() and not closed_segments(path):
+        for state in states(path):
+            state.unlink()  # of no journal
+        return None
+    number = 1
+    while _taken(kept := path.with_name(f"{path.stem}-{number}{path.suffix}")):
+        number += 1
+    move(path, kept)
+    return kept
+
+
+def _taken(path: Path) -> bool:
+    return path.exists() or bool(closed_segments(path))
+
+
+def resumed(last_us: int, down_s: float) -> Resumed:
+    """What is told to core and crew; mission time went on while the service was down."""
+    down_s = max(0.0, down_s)
+    return Resumed(last_us + round(down_s * 1e6), "service", "", round(down_s, 3))
+
+
+def _header_cut(path: Path) -> bool:
+    """Killed before anything happened."""
+    with path.open("rb") as file:
+        return not file.readline().endswith(b"\n")
+
+
+def _ended(path: Path) -> bool:
+    """Whether the last line says so; without reading all."""
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        file.seek(max(0, file.tell() - 200))
+        tail = file.read()
+    last = tail[:-1].rpartition(b"\n")[2]
+    return tail.endswith(b"\n") and last.startswith(b'{"end":true,')

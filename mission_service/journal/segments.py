@@ -1,0 +1,194 @@
+"""The files of one journal: segments that are closed, the one being written, and states.
+
+journal.jsonl            being written
+journal-000001.jsonl     closed, oldest first; each but the first goes on from a state:
+journal-000002.state     with what the segment of that number begins
+journal.state            the newest state of all; journal.earlier.state the one before
+"""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from mission_service.errors import JournalError
+from mission_service.journal.journal import (
+    Entry,
+    JournalReader,
+    Rest,
+    Unreadable,
+    next_path,
+    segment_path,
+)
+
+NEVER_DELETED = 2  # segments: the one being written, and the one before
+
+
+def closed_segments(path: Path) -> dict[int, Path]:
+    """The closed segments of the journal at ``path`` by number, oldest first."""
+    form = re.compile(rf"{re.escape(path.stem)}-(\d{{6}}){re.escape(path.suffix)}")
+    found = ((form.fullmatch(each.name), each) for each in path.parent.glob(f"{path.stem}-*"))
+    return dict(sorted((int(match[1]), each) for match, each in found if match))
+
+
+def journal_of(segment: Path) -> Path | None:
+    """The journal that a closed segment is of; None for what is no closed segment by its name."""
+    found = re.fullmatch(r"(.+)-\d{6}", segment.stem)
+    return None if found is None else segment.with_name(found[1] + segment.suffix)
+
+
+def begin_state(path: Path, number: int) -> Path:
+    """The state with which a segment begins."""
+    return segment_path(path, number).with_suffix(".state")
+
+
+def newest_state(path: Path) -> Path:
+    """The state written last."""
+    return path.with_suffix(".state")
+
+
+def earlier_state(path: Path) -> Path:
+    """The state written before the last."""
+    return path.with_suffix(".earlier.state")
+
+
+def states(path: Path) -> list[Path]:
+    """All states that are there, the newest first."""
+    begins = [begin_state(path, number + 1) for number in reversed(closed_segments(path))]
+    oldest = [begin_state(path, number) for number in list(closed_segments(path))[:1]]
+    found = [newest_state(path), earlier_state(path), *begins, *oldest]
+    return [each for each in found if each.exists()]
+
+
+def synced(path: Path) -> None:
+    """Have what was written so far on the disk, with the names beside it."""
+    for place in (path, path.parent):
+        file = os.open(place, os.O_RDONLY)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)
+
+
+def complete(path: Path) -> None:
+    """End what a kill has interrupted between two segments, and remove what it left half made."""
+    new = next_path(path)
+    if new.exists():
+        if path.exists():
+            new.unlink()
+        else:
+            new.rename(path)
+    for half in path.parent.glob(f"{path.stem}*.half"):
+        half.unlink()
+
+
+def move(path: Path, to: Path) -> None:
+    """Rename a journal with all its segments and the states these begin with.
+
+    Its newest states, of no use under the new name, are deleted.
+    """
+    closed = closed_segments(path)
+    for number in (*closed, max(closed, default=0) + 1):
+        if begin_state(path, number).exists():
+            begin_state(path, number).rename(begin_state(to, number))
+    for number, each in closed.items():
+        each.rename(segment_path(to, number))
+    for state in states(path):
+        state.unlink()
+    if path.exists():
+        path.rename(to)
+
+
+def trim(path: Path, keep_bytes: int) -> list[Path]:
+    """Delete the oldest segments while all together are larger; returns what was deleted.
+
+    What is left begins with a state, or it could not be replayed: one that was killed before it
+    wrote the state of a segment has none for that.
+    """
+    closed, gone = closed_segments(path), list[Path]()
+    size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
+    for number, each in list(closed.items())[: max(len(closed) + 1 - NEVER_DELETED, 0)]:
+        if size <= keep_bytes and (not gone or begin_state(path, number).exists()):
+            break
+        for old in (each, begin_state(path, number)):
+            if old.exists():
+                size -= old.stat().st_size
+                old.unlink()
+        gone.append(each)
+    return gone
+
+
+class Chain:
+    """The segments of a journal, read one after the other as if they were one.
+
+    Raises JournalError if one cannot be read, is missing, or is not the one that came before.
+    """
+
+    def __init__(self, path: Path) -> None:
+        last = JournalReader(path)
+        closed = [JournalReader(each) for each in closed_segments(path).values()]
+        self.readers = [each for each in closed if each.segment < last.segment] + [last]
+        numbers = [reader.segment for reader in self.readers]
+        for number, reader in zip(range(numbers[0], numbers[-1] + 1), self.readers, strict=False):
+            if reader.segment != number:
+                raise JournalError(f"{segment_path(path, number)}: is missing from the journal")
+
+    @property
+    def last(self) -> JournalReader:
+        """The segment being written."""
+        return self.readers[-1]
+
+    @property
+    def begin(self) -> Rest:
+        """Of the oldest segment that is there."""
+        return self.readers[0].begin
+
+    def holds(self, place: Rest) -> bool:
+        """Whether a place is in this journal."""
+        for reader in self.readers:
+            if reader.segment == place.segment:
+                return place == reader.begin or _line_ends(reader.path, place)
+        return False
+
+    def after(self, place: Rest) -> Iterator[tuple[JournalReader, Entry]]:
+        """Each line after a place, with the segment it is in."""
+        for reader, number, body, intact in self.lines(place):
+            yield reader, reader.entry(number, body, intact)
+
+    def lines(self, place: Rest) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
+        """As ``after``, not decoded: number, body, and whether the checksum holds."""
+        for reader, here in self._places(place):
+            for line in reader.lines(here):
+                yield reader, *line
+
+    def trusted(self, place: Rest) -> Iterator[tuple[JournalReader, Entry | Unreadable]]:
+        """As ``after``; altered and undecodable lines as ``Unreadable``."""
+        for reader, here in self._places(place):
+            for entry in reader.trusted(here):
+                yield reader, entry
+
+    def _places(self, place: Rest) -> Iterator[tuple[JournalReader, Rest]]:
+        """Each segment from a place on, and where in it to begin."""
+        before: JournalReader | None = None
+        for reader in self.readers:
+            if reader.segment < place.segment:
+                continue
+            if before is not None:
+                _refuse_other(before, reader)
+            yield reader, place if reader.segment == place.segment else reader.begin
+            before = reader
+
+
+def _line_ends(path: Path, place: Rest) -> bool:
+    tail = b',"crc":"%08x"}\n' % place.crc
+    with path.open("rb") as file:
+        file.seek(max(place.at_byte - len(tail), 0))
+        return file.read(len(tail)) == tail
+
+
+def _refuse_other(before: JournalReader, reader: JournalReader) -> None:
+    told = (reader.header["previous_bytes"], reader.header["previous_crc"])
+    if before.cut_at_line is not None or told != (before.rest.at_byte, f"{before.rest.crc:08x}"):
+        raise JournalError(
+            f"{before.path}: is not whole, or not what {reader.path.name} goes on from"
+        )

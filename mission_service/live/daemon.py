@@ -1,0 +1,429 @@
+"""The live service: vehicles on their links, interfaces beside them, one TaskGroup."""
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.config.service import ServiceSection
+from mission_service.config.shared_links import sharing
+from mission_service.core.core import Core
+from mission_service.core.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
+from mission_service.errors import UnhandledLineError
+from mission_service.events import SERVICE, CrewEvent, Ordered
+from mission_service.fire.setup import landscape_of
+from mission_service.fire.simulated import FireWorld, world_of
+from mission_service.guidance.registry import BURN, FORMATION
+from mission_service.interfaces.control.client import NAME
+from mission_service.interfaces.control.server import Desk, claimed, serve_control
+from mission_service.interfaces.mqtt.peers import Channel, Exchange
+from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.private_files import refuse_links, written_by_others
+from mission_service.journal.recovery import Unfinished, resumed, set_aside, unfinished
+from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
+from mission_service.runtime.ears import Ears
+from mission_service.runtime.engine import Progress, Service, unheard, unshown
+from mission_service.runtime.freed_memory import give_back_freed
+from mission_service.runtime.gateway import MissionClock
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.links import SEVERITIES, Link, Silence, alarms, connected, open_links
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.record import Record
+from mission_service.runtime.retention import Keeping
+from mission_service.runtime.watchman import Watchman
+
+STATUS_EVERY_S = 0.2
+
+# A door to the hub: an interface that runs beside the vehicles until it is cancelled.
+Door = Callable[[Hub], Coroutine[Any, Any, None]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is run, and where it leaves its files."""
+
+    scenario: Scenario
+    journal_path: Path
+    created: str  # wall-clock time in words
+    settings: ServiceSection = field(default_factory=ServiceSection)
+    tlog_path: Path | None = None
+    logs: bool = False  # news and alarms are logged
+    channel: Channel | None = None  # over which vehicles talk to those of other processes
+    goes_on: bool = True  # with a run that was cut off
+    skip_unreadable: bool = False  # lines of its journal
+
+    @property
+    def out(self) -> Path:
+        """The folder of the run."""
+        return self.journal_path.parent
+
+
+def unwatched() -> None:
+    """Nothing else has to go on."""
+
+
+def untold(address: str) -> None:
+    """Nobody is there to open a map."""
+
+
+async def serve(
+    run: Run,
+    progress: Progress = unshown,
+    watch: Callable[[], None] = unwatched,
+    address: Callable[[str], None] = untold,
+) -> tuple[Record, FireWorld]:
+    """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
+
+    The vehicles keep the mission on board, which ends in a loiter, unless the settings say what
+    they are told at the end. ``progress`` is called five times a second; ``watch`` may raise to end
+    the run (a child process that died, say); ``address`` is told where the map is: it holds a
+    token, and is for a person's eyes.
+
+    Raises ScenarioError for vehicles that cannot share their link.
+    """
+    give_back_freed()
+    scenario = run.scenario
+    sharing(scenario.flown)  # before anything is opened
+    clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
+    landscape = landscape_of(scenario)
+    warm_up_for(scenario, landscape)
+    service: Service | None = None
+    early: list[tuple[str, str]] = []  # told before there is a service
+
+    def tell(vehicle: str, text: str) -> None:
+        if service is None:
+            early.append((vehicle, text))
+        else:
+            service.announce(vehicle, text)
+
+    async with contextlib.AsyncExitStack() as stack:
+        # Ports and socket first: what is in use already must not cost an earlier run its journal.
+        listening = stack.enter_context(claimed(run.out / NAME))
+        doors = doors_of(run.settings, run.out, scenario.name, stack, address, run.logs)
+        links = await open_links(
+            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, tell
+        )
+        known = Known(scenario, landscape)
+        refuse_links(run.out)
+        cut_off = None
+        if run.goes_on:
+            cut_off = unfinished(run.journal_path, known, scenario, run.skip_unreadable)
+        down_from_s = last_written_s(run.journal_path) if cut_off else 0.0
+        journal = _journal_of(run, known, cut_off, tell)
+        stack.callback(journal.close)
+        gateways = {name: link.gateway for name, link in links.items()}
+        latest_us = round(scenario.duration_s * 1e6)
+        exchange = None if run.channel is None else Exchange(run.channel, gateways, latest_us)
+        say = unheard if exchange is None else exchange.say
+        core, world, record, picture = _begun(scenario, landscape, clock, cut_off)
+        service = Service(scenario, core, world, journal, record, gateways, say, picture)
+        if cut_off is not None:
+            await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
+            tell("service", f"goes on with the run of {run.journal_path}; approvals are void")
+            for why in cut_off.skips_now.values():
+                tell("service", f"journal line skipped: {why}")
+            core, world, record = service.core, service.world, service.record
+            assert service.picture is not None
+            picture = service.picture
+        keeping = Keeping(service, known, run.settings.keep)
+        for name, text in early:
+            tell(name, text)
+        desk = desk_of(scenario, service, clock, links)
+        hub = Hub(
+            scenario,
+            run.settings,
+            service,
+            picture,
+            desk,
+            clock,
+            links,
+            run.out,
+            run.journal_path,
+        )
+        hub.gauges["state_seconds"] = lambda: keeping.took_s
+        hub.not_ready = dict.fromkeys(links, "not heard yet")
+        silence = Silence(links, clock_us())
+        watchman = Watchman(picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6))
+        stop = asyncio.Event()
+        signals = stop_on_signals(stop)
+        async with asyncio.TaskGroup() as group:
+            if exchange is not None:
+                tasks = [group.create_task(exchange.run(Ears(service, clock, clock_us)))]
+                await exchange.join()
+            else:
+                tasks = []
+            tasks += [group.create_task(_fly(on_it, service, hub)) for on_it in connected(links)]
+            others = [group.create_task(serve_control(listening, desk))]
+            others += [group.create_task(door(hub)) for door in doors]
+            others.append(group.create_task(keeping.run(clock)))
+            group.create_task(asyncio.to_thread(_load_for_corrections))
+            while not stop.is_set() and clock.now_us < latest_us:
+                watch()
+                if service.defect is not None:
+                    raise service.defect
+                _look_around(hub, watchman, silence)
+                progress(record, world)
+                hub.ring()
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
+            hub.stopping = True
+            is_over = clock.now_us >= latest_us
+            if not is_over:
+                await _told_to_stop(hub)
+            for task in [*others, *tasks]:
+                task.cancel()
+        # Who is stopped by its supervisor goes on when it is started again.
+        by_hand = signal.SIGTERM not in signals
+        if is_over or (by_hand and core.leader.status()["complete"]):
+            journal.end()
+    world.advance(clock.now_us)
+    progress(record, world)
+    record.alarms = picture.alarm_counts
+    return record, world
+
+
+def warm_up_for(scenario: Scenario, landscape: Landscape) -> None:
+    """Compiling takes long: nobody flies yet."""
+    if scenario.planner.rule == FORMATION:
+        from mission_service.guidance.formation.warm_up import warm_up
+
+        warm_up(scenario.formation.avoidance)
+    elif scenario.planner.rule == BURN:
+        from mission_service.guidance.burn.preview import warm_up as warm_up_burn
+
+        warm_up_burn(scenario, landscape)
+    else:
+        from mission_service.guidance.front.warm_up import warm_up as warm_up_planners
+
+        warm_up_planners(scenario, landscape)
+
+
+def _journal_of(
+    run: Run, known: Known, cut_off: Unfinished | None, tell: Callable[[str, str], None]
+) -> Journal:
+    """The journal to resume, or a new one; an earlier one is renamed."""
+    kept = None if cut_off else set_aside(run.journal_path)
+    if kept is not None:
+        tell("service", f"the journal of an earlier run is kept as {kept.name}; this is a new one")
+    if written_by_others(run.out):
+        tell("service", f"other users of this machine can write in {run.out}; chmod 700 {run.out}")
+    rest = None if cut_off is None else cut_off.rest()
+    header = header_of(run.scenario, known.landscape, run.created)
+    return Journal(run.journal_path, header, durable=True, rest=rest)
+
+
+def _load_for_corrections() -> None:
+    """What only the first correction needs, and takes long to load."""
+    for name in ("firemodel.corrected_cells", "contourpy", "rasterio.features"):
+        import_module(name)
+    from firemodel.corrected_cells import warm_up
+
+    warm_up()
+
+
+def _begun(
+    scenario: Scenario, landscape: Landscape, clock: MissionClock, cut_off: Unfinished | None
+) -> tuple[Core, FireWorld, Record, Picture]:
+    """What a run begins with, or what its newest state has of them."""
+    if cut_off is not None and cut_off.objects is not None:
+        kept = cut_off.objects
+        return kept["core"], kept["fire"].world, kept["record"], kept["picture"]
+    world = world_of(scenario, landscape)
+    world.advance(clock.now_us)
+    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
+    picture = Picture(scenario, landscape, clock.now_us)
+    return Core(scenario, landscape), world, record, picture
+
+
+async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, down_s: float) -> None:
+    """Mission time goes on from where it was; links live on while the past is told."""
+    began_us = clock_us()
+    if cut_off.objects is not None:
+        service.restore(cut_off.objects)
+    await asyncio.to_thread(replay, cut_off, service)
+    last_us = max(cut_off.last_us, service.record.at_us)
+    news = resumed(last_us, down_s)
+    clock.go_on(news.at_us, began_us)
+    if service.picture is not None:
+        service.picture.clear_all_but("abort")
+        service.picture.told_before = service.picture.news_id
+    service.go_on(cut_off.missing, news, clock_us(), cut_off.skips(last_us))
+
+
+def replay(cut_off: Unfinished, service: Service) -> None:
+    """Apply the journal to a fresh core and all other folds; no command is carried out.
+
+    Starts over without a line that cannot be handled. Raises JournalError.
+    """
+    begun = Frozen(service.kept(), service.known)
+    while True:
+        try:
+            for event, commands in cut_off.turns(service.core.handle):
+                try:
+                    service.past(event, commands)
+                except Exception as error:
+                    raise cut_off.unhandled(error) from error
+        except UnhandledLineError as problem:
+            cut_off.skip_line(problem)
+            service.restore(thawed(begun))
+        else:
+            return
+
+
+def doors_of(
+    settings: ServiceSection,
+    out: Path,
+    site: str,
+    stack: contextlib.AsyncExitStack,
+    address: Callable[[str], None],
+    logs: bool,
+) -> list[Door]:
+    """The interfaces that the settings name; what is not named is not imported.
+
+    ``site`` is what others know the run by.
+    """
+    from mission_service.runtime.notify import pulse
+
+    doors: list[Door] = [pulse]
+    if logs:
+        from mission_service.runtime.logs import news_to_log
+
+        doors.append(news_to_log)
+    if settings.http is not None:
+        from mission_service.interfaces.api.door import http_door
+
+        door = stack.enter_context(http_door(settings.http, out))
+        address(door.address)
+        doors.append(door)
+    if settings.mqtt is not None:
+        from mission_service.interfaces.mqtt.publisher import mqtt_door
+
+        doors.append(mqtt_door(settings.mqtt, site))
+    if settings.cot is not None:
+        from mission_service.interfaces.cot.sender import cot_door
+
+        doors.append(cot_door(settings.cot, site))
+    return doors
+
+
+def desk_of(
+    scenario: Scenario, service: Service, clock: MissionClock, links: dict[str, Link]
+) -> Desk:
+    """Where people's requests are taken; what they lead to leaves at once."""
+    burn = scenario.burn_flown
+    stations = () if burn is None else tuple(station.name for station in burn.stations)
+    items = () if burn is None else burn.go_items
+
+    def told(event: CrewEvent) -> list[str]:
+        news = service.record.news
+        before = len(news)
+        service.tell(event, clock_us())
+        for on_it in connected(links):
+            on_it[0].connection.flush()
+        return [announced.text for _, announced in news[before:]]
+
+    def status() -> dict[str, Any]:
+        return {
+            "scenario": scenario.name,
+            "at_s": clock.now_us / 1e6,
+            "stations": stations,
+            "items": items,
+            **service.status(),
+            "leader": service.core.leader.status(),
+        }
+
+    def on_map(lat_deg: float, lon_deg: float) -> bool:
+        landscape = service.world.landscape
+        return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
+
+    def burned_ha() -> float:
+        service.world.advance(clock.now_us)
+        return service.world.fire.burned_ha
+
+    words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
+    names = tuple(section.name for section in scenario.flown)
+    area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
+    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words, area)
+
+
+def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
+    """What was not believed on links since the last time."""
+    return [
+        (name, line)
+        for name, link in links.items()
+        for line in link.refusals.news(link.connection.counts, link.connection.hears_signed)
+    ]
+
+
+def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
+    """What shows only with time: who is silent or not believed, and how the fire burns on."""
+    now_us = clock_us()
+    hub.service.clock_read(now_us)
+    watchman.look(now_us)
+    for name, line in silence.news(now_us):
+        hub.service.announce(name, line)
+        hub.picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
+    for name, kind, words in alarms(hub.links):
+        if words:
+            hub.service.announce(name, words)
+            hub.picture.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
+        else:
+            hub.picture.clear(f"{kind}/{name}")
+    for name, line in _refusals(hub.links):
+        hub.service.announce(name, line)
+    hub.clock.wall_passed(now_us)
+    hub.world.advance(hub.clock.now_us)
+    for name in [name for name in hub.not_ready if name in hub.links and hub.links[name].heard]:
+        del hub.not_ready[name]
+
+
+async def _told_to_stop(hub: Hub) -> None:
+    """Order what the settings have vehicles do at the end; wait for their answers.
+
+    One in a mode that its autopilot or pilot chose is left in it (``Steering.ordered``).
+    """
+    settings = hub.settings
+    if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
+        return
+    presence = hub.core.steering.presence
+    waiting = {name for name in hub.links if presence[name].flies}
+    at_us = hub.clock.now_us
+    hub.service.tell(Ordered(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
+    for on_it in connected(hub.links):
+        on_it[0].connection.flush()
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(settings.shutdown_s):
+            while waiting - hub.service.answered(settings.on_shutdown, at_us):
+                await hub.changed(hub.picture.version)
+
+
+async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
+    """Pass the events of all vehicles of one connection to the service until cancelled."""
+    connection = on_it[0].connection
+    while True:
+        await connection.wait()
+        now_us = clock_us()
+        for link in on_it:
+            service.take(link.gateway.events(now_us), now_us)
+        connection.flush()
+        hub.ring()
+
+
+def stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:
+    """Returns those that have come."""
+    loop, come = asyncio.get_running_loop(), set[signal.Signals]()
+
+    def comes(number: signal.Signals) -> None:
+        come.add(number)
+        stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, comes, number)
+    return come

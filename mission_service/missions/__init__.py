@@ -1,0 +1,1 @@
+"""From a path on the map to mission items, within terrain and airspace."""

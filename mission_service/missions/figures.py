@@ -1,0 +1,55 @@
+"""A mission in figures, for the person who is to accept it. Pure."""
+
+import msgspec
+import numpy as np
+
+from autopilot_bridge.check import check
+from autopilot_bridge.items import Items
+from autopilot_bridge.stacks import stack_named
+from firemodel.landscape import Landscape
+from mission_service.config.sections import VehicleSection
+from mission_service.missions.separation import track_of
+
+
+class Figures(msgspec.Struct):
+    """A mission in figures; heights over the landscape's ground, at the lowest it allows."""
+
+    items: int
+    length_m: float
+    duration_s: float
+    least_height_agl_m: float
+    least_height_lat_deg: float
+    least_height_lon_deg: float
+    highest_amsl_m: float
+    farthest_from_home_m: float
+    outside_landscape: bool
+    problems: list[str]  # what the vehicle's autopilot would not take
+
+
+def figures_of(
+    items: Items,
+    landscape: Landscape,
+    section: VehicleSection,
+    start_m: tuple[float, float] | None,
+) -> Figures:
+    """What a mission leads to; from ``start_m`` (x, y) if the vehicle is in the air."""
+    track = track_of(items, landscape, section.loiter_radius_m, start_m)
+    x_m, y_m = track.points_m.T
+    lowest_m = track.lowest_m - np.asarray(landscape.elevation_at(x_m, y_m))
+    at = int(np.argmin(lowest_m))
+    lat_deg, lon_deg = landscape.lat_lon_of(x_m[at], y_m[at])
+    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    way_m = float(np.hypot(*np.diff(track.points_m, axis=0).T).sum())
+    on_map = [landscape.contains(*place) for place in track.points_m.tolist()]
+    return Figures(
+        items=len(items),
+        length_m=round(way_m),
+        duration_s=round(way_m / section.airspeed_m_s),
+        least_height_agl_m=round(float(lowest_m[at]), 1),
+        least_height_lat_deg=round(float(lat_deg), 6),
+        least_height_lon_deg=round(float(lon_deg), 6),
+        highest_amsl_m=round(float(track.highest_m.max()), 1),
+        farthest_from_home_m=round(float(np.hypot(x_m - home_m[0], y_m - home_m[1]).max()), 1),
+        outside_landscape=not all(on_map),
+        problems=[str(each) for each in check(items, stack_named(section.stack, section.kind))],
+    )

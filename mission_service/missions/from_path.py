@@ -1,0 +1,132 @@
+"""Decision to mission: a path over the ground becomes items that a vehicle can fly.
+
+Every mission ends in a loiter without end, so that a vehicle that hears nothing more stays where
+it is safe. Altitudes are above mean sea level, high enough that each leg, flown as a straight line
+between its ends, clears the terrain under it by the wished height.
+"""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import (
+    MissionItem,
+    change_speed,
+    loiter_unlimited,
+    speed_type,
+    takeoff,
+    waypoint,
+)
+from firemodel.landscape import Landscape
+from mission_service.config.sections import VehicleSection
+
+Floats = NDArray[np.float64]
+LeastAltitude = Callable[[Floats], Floats]
+
+
+def no_least(points_m: Floats) -> Floats:
+    """Nothing but terrain under the points (n, 2)."""
+    return np.full(len(points_m), -np.inf)
+
+
+def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_m: float) -> Floats:
+    """A path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
+
+    Simplified to ``tolerance_m``; a point nearer to the last one than ``least_leg_m``, or than a
+    fly-by turn at that corner needs (turn radius times the tangent of half the turn), is left out.
+    The last point always stays.
+    """
+    if len(path_m) < 3:
+        return path_m
+    # To a micrometre: GEOS divides by zero where two points are less than that apart.
+    line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
+    points = shapely.get_coordinates(line)
+    points[0], points[-1] = path_m[0], path_m[-1]
+    kept = [points[0]]
+    for index in range(1, len(points) - 1):
+        leg = points[index] - kept[-1]
+        after = points[index + 1] - points[index]
+        turn = abs(
+            (math.atan2(after[1], after[0]) - math.atan2(leg[1], leg[0]) + math.pi) % math.tau
+            - math.pi
+        )
+        needed_m = turn_radius_m * math.tan(min(turn, 2.6) / 2.0)
+        if np.hypot(*leg) >= max(least_leg_m, needed_m):
+            kept.append(points[index])
+    if len(kept) > 1 and np.hypot(*(points[-1] - kept[-1])) < least_leg_m:
+        kept.pop()
+    return np.array([*kept, points[-1]])
+
+
+def leg_altitudes_m(
+    points_m: Floats,
+    landscape: Landscape,
+    altitude_agl_m: float,
+    around_last_m: float,
+    least_at: LeastAltitude = no_least,
+) -> list[float]:
+    """Altitude above sea level for each point so that all legs clear the terrain under them.
+
+    The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
+    ``least_at`` gives the least altitude at points (n, 2), whatever the terrain.
+    """
+    spacing_m = landscape.cell_size_m / 2.0
+    highest = []
+    for start, end in pairwise(points_m):
+        count = max(2, math.ceil(np.hypot(*(end - start)) / spacing_m) + 1)
+        along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        highest.append(_needed_m(along, landscape, altitude_agl_m, least_at))
+    turns = np.linspace(0.0, math.tau, 32, endpoint=False)
+    circle = around_last_m * np.column_stack([np.cos(turns), np.sin(turns)])
+    around = np.concatenate([points_m[-1] + share * circle for share in (0.0, 0.5, 1.0)])
+    highest.append(_needed_m(around, landscape, altitude_agl_m, least_at))
+    legs = [highest[0], *highest]
+    return [round(max(before, after), 1) for before, after in pairwise(legs)]
+
+
+def _needed_m(
+    points_m: Floats, landscape: Landscape, altitude_agl_m: float, least_at: LeastAltitude
+) -> float:
+    terrain_m = float(np.max(landscape.elevation_at(points_m[:, 0], points_m[:, 1])))
+    return max(terrain_m + altitude_agl_m, float(np.max(least_at(points_m))))
+
+
+def mission_along(
+    path_m: Floats,
+    clockwise: bool,
+    vehicle: VehicleSection,
+    landscape: Landscape,
+    from_ground: bool,
+    landing: tuple[MissionItem, ...] = (),
+    least_at: LeastAltitude = no_least,
+    start_m: tuple[float, float] | None = None,
+) -> tuple[MissionItem, ...]:
+    """The items that fly a path (x, y in metres) and then loiter at its end without end.
+
+    The speed comes first (after a takeoff), in every mission: autopilots forget it with the mode.
+    ``landing`` comes behind the loiter, for autopilots that ask for one; ``start_m`` is where the
+    vehicle is, if it is in the air.
+    """
+    points = flyable(path_m, vehicle.turn_radius_m, vehicle.least_leg_m, landscape.cell_size_m / 2)
+    altitudes = leg_altitudes_m(
+        points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, least_at
+    )
+    if start_m is not None:  # from where it is it climbs to the first point's altitude
+        first = np.linspace(start_m, points[0], 10)
+        needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, least_at)
+        altitudes[0] = max(altitudes[0], round(needed_m, 1))
+    lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
+    items = [change_speed(speed_type(vehicle.kind), vehicle.airspeed_m_s)]
+    items += [
+        waypoint(float(lat[index]), float(lon[index]), altitudes[index])
+        for index in range(len(points) - 1)
+    ]
+    radius_m = vehicle.loiter_radius_m if clockwise else -vehicle.loiter_radius_m
+    items.append(loiter_unlimited(float(lat[-1]), float(lon[-1]), altitudes[-1], radius_m))
+    if from_ground:
+        items.insert(0, takeoff(vehicle.home_lat_deg, vehicle.home_lon_deg, altitudes[0]))
+    return (*items, *landing)

@@ -1,0 +1,176 @@
+"""Keeping vehicles apart: layers one above the other, and who gives way where they fail.
+
+Layers are heights above the terrain under each leg, and two vehicles' legs end in different places:
+over a slope a higher layer may come near a lower one. So a mission is also laid over those of the
+vehicles in lower layers (``Track``, ``heights_below``). Where two are nearly at the same height all
+the same (one layer by the scenario's wish, climbing, on the way home) and come near each other, one
+steps aside, outwards, and loiters there until the other has passed. Metres, x east, y north.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import MissionItem, has_position
+from firemodel.landscape import Landscape
+from mission_service.core.steering import Here
+from mission_service.missions.heights import heights_near
+
+Floats = NDArray[np.float64]
+
+SPACING_M = 30.0
+AROUND = 16  # samples of a loiter
+NEAR_M = 200.0  # corners cut, loiters, fronts seen at different times
+MARGIN_M = 10.0  # above the separation, for altitudes are not held to the metre
+AHEAD_S = 25.0  # an upload, half a turn, and out of the way
+PASSED_M = 1000.0
+NAV_LOITER_UNLIM = 17
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Samples (n, 2) of what a mission flies, the lowest and highest it may be there."""
+
+    points_m: Floats
+    lowest_m: Floats
+    highest_m: Floats
+    box_m: tuple[float, float, float, float] = field(init=False)  # west, south, east, north
+
+    def __post_init__(self) -> None:
+        """With many vehicles nearly all tracks are far from each other: the box tells."""
+        object.__setattr__(self, "box_m", box_around(self.points_m))
+
+
+def track_of(
+    items: tuple[MissionItem, ...],
+    landscape: Landscape,
+    radius_m: float,
+    start_m: tuple[float, float] | None = None,
+) -> Track:
+    """Where a mission leads, up to its endless loiter and once around that.
+
+    From ``start_m`` to its first point the vehicle is at that one's altitude, or will be at once.
+    """
+    last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
+    flown = [item for item in items[: last + 1] if has_position(item.command)]
+    lat, lon = (np.array([getattr(item, axis) for item in flown]) / 1e7 for axis in "xy")
+    points = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
+    altitudes = np.array([item.z for item in flown])
+    if start_m is not None:
+        points = np.vstack([start_m, points])
+        altitudes = np.concatenate([altitudes[:1], altitudes])
+    parts, lowest, highest = [], [], []
+    for leg in range(len(points) - 1):
+        parts.append(along(points[leg], points[leg + 1]))
+        pair = altitudes[leg : leg + 2]
+        lowest.append(np.full(len(parts[-1]), pair.min()))
+        highest.append(np.full(len(parts[-1]), pair.max()))
+    turns = np.linspace(0.0, math.tau, AROUND, endpoint=False)
+    parts.append(points[-1] + radius_m * np.column_stack([np.cos(turns), np.sin(turns)]))
+    lowest.append(np.full(AROUND, altitudes[-1]))
+    highest.append(np.full(AROUND, altitudes[-1]))
+    return Track(np.concatenate(parts), np.concatenate(lowest), np.concatenate(highest))
+
+
+def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
+    """The part of a track that is still to be flown from a place."""
+    first = int(np.argmin(np.hypot(track.points_m[:, 0] - x_m, track.points_m[:, 1] - y_m)))
+    return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
+
+
+def places_of(heres: list[Here]) -> Track:
+    """Where vehicles are now, at least one."""
+    places = np.array([(here.x_m, here.y_m, here.altitude_m) for here in heres])
+    return Track(places[:, :2], places[:, 2], places[:, 2])
+
+
+def along(start: Floats, end: Floats) -> Floats:
+    """Points (n, 2) on a leg, its ends included."""
+    count = max(2, math.ceil(np.hypot(*(end - start)) / SPACING_M) + 1)
+    return np.asarray(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
+
+
+def box_around(points_m: Floats) -> tuple[float, float, float, float]:
+    """West, south, east and north of points (n, 2), n > 0."""
+    (west_m, south_m), (east_m, north_m) = points_m.min(axis=0), points_m.max(axis=0)
+    return float(west_m), float(south_m), float(east_m), float(north_m)
+
+
+def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
+    """For each point (n, 2) how high the tracks near it may be flown; -inf where none is near."""
+    found = np.full(len(points_m), -np.inf)
+    if not len(points_m):
+        return found
+    west_m, south_m, east_m, north_m = box_around(points_m)
+    near = [
+        track
+        for track in tracks
+        if track.box_m[0] <= east_m + NEAR_M
+        and track.box_m[2] >= west_m - NEAR_M
+        and track.box_m[1] <= north_m + NEAR_M
+        and track.box_m[3] >= south_m - NEAR_M
+    ]
+    if near:
+        others_m = np.concatenate([track.points_m for track in near])
+        highest_m = np.concatenate([track.highest_m for track in near])
+        heights_near(points_m, others_m, highest_m, NEAR_M, found)
+    return found
+
+
+def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
+    """Whether a mission comes nearer than that to what is flown under it."""
+    return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
+
+
+def is_near(own: Here, other: Here, separation_m: float, turn_radius_m: float) -> bool:
+    """Whether two at about the same height are close, or will be before one could turn away."""
+    if abs(own.altitude_m - other.altitude_m) >= separation_m:
+        return False
+    near_m = separation_m + 2.0 * turn_radius_m
+    east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
+    if math.hypot(east_m, north_m) < near_m:
+        return True
+    east_m_s, north_m_s = other.east_m_s - own.east_m_s, other.north_m_s - own.north_m_s
+    speed_2 = east_m_s**2 + north_m_s**2
+    if speed_2 == 0.0:
+        return False
+    until_s = -(east_m * east_m_s + north_m * north_m_s) / speed_2
+    missed_m = math.hypot(east_m + until_s * east_m_s, north_m + until_s * north_m_s)
+    return 0.0 < until_s < AHEAD_S and missed_m < near_m
+
+
+def gives_way(own: Here, other: Here, own_comes_later: bool) -> bool:
+    """Of two that are near: the one that flies at the other's back, else the later in order."""
+    east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
+    towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
+    comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0
+    return own_comes_later if towards == comes else towards
+
+
+def has_passed(own: Here, other: Here, separation_m: float, turn_radius_m: float) -> bool:
+    """Whether the way is free for one that gave way; heights change too soon to count."""
+    east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
+    distance_m = math.hypot(east_m, north_m)
+    leaves = other.east_m_s * east_m + other.north_m_s * north_m >= 0.0
+    far_m = 2.0 * (separation_m + 2.0 * turn_radius_m)
+    return distance_m > PASSED_M or (leaves and distance_m > far_m)
+
+
+def place_aside(own: Here, other: Here, away_from_m: tuple[float, float], aside_m: float) -> Floats:
+    """Where to wait, (1, 2): a little ahead, and to a side.
+
+    The side that leads away from the fire, unless the other one comes by there.
+    """
+    speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
+    ahead = np.array([own.east_m_s, own.north_m_s]) / speed
+    right = np.array([ahead[1], -ahead[0]])
+    here = np.array([own.x_m, own.y_m])
+    outwards = right if float(right @ (here - away_from_m)) >= 0.0 else -right
+    start = np.array([other.x_m, other.y_m])
+    comes_by = along(start, start + AHEAD_S * np.array([other.east_m_s, other.north_m_s]))
+    places = [here + aside_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
+    clear_m = [float(np.hypot(*(comes_by - place).T).min()) for place in places]
+    chosen = places[0 if clear_m[0] >= min(aside_m / 2.0, clear_m[1]) else 1]
+    return np.array([chosen])

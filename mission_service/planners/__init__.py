@@ -1,1 +1,0 @@
-"""Planners: pure decisions from what vehicles have seen."""

@@ -1,0 +1,1 @@
+"""Verification of journals, other planners on them, and flown logs."""

@@ -1,0 +1,235 @@
+"""Planners alone on a journal: its positions and observations in, decisions out. No missions.
+
+With the journal's own rule they must be the journal's decisions; with another one they are what it
+would have decided in the places where the vehicles were.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mission_service.commands import Decided, Return
+from mission_service.config.scenario import Scenario
+from mission_service.core.steering import Steering, decided
+from mission_service.errors import MissionServiceError
+from mission_service.events import (
+    Aborted,
+    Crew,
+    CrewEvent,
+    MissionHeld,
+    Ordered,
+    Resumed,
+    SettingsTold,
+    VehicleEvent,
+    VehicleRebooted,
+)
+from mission_service.guidance.front.controller import FrontFlight
+from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.protocol import Planner
+from mission_service.guidance.registry import BURN, FORMATION, RULES, planners_of
+from mission_service.journal.differences import compare, fields_that_differ
+from mission_service.journal.journal import Entry, JournalReader
+from mission_service.journal.recorded import Recorded
+
+Timed = tuple[int, Decided]  # at_us, decision
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """What was decided, and what the journal has. ``difference`` is for the journal's own rule."""
+
+    rule: str
+    journal_rule: str
+    found: list[Timed]
+    recorded: list[Timed]
+    difference: str | None
+
+
+def decide(path: Path, rule: str | None = None) -> Decisions:
+    """Run the planners of a journal's scenario, or those of another rule, on its events.
+
+    Raises JournalError where the journal cannot be read, or a line of it was altered.
+    """
+    journal = Recorded(path)
+    scenario = journal.scenario
+    own = scenario.planner.rule
+    if rule is not None:
+        scenario = with_rule(scenario, rule)
+    rule = scenario.planner.rule
+    if rule in (FORMATION, BURN):
+        raise MissionServiceError(
+            f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
+            "or --planner with another rule"
+        )
+    found, told = decisions_alone(journal, scenario, journal.intact())
+    difference = None
+    if rule == own:
+        difference, _ = first_difference(found, told, may_lack_one=journal.cut_off)
+    return Decisions(rule, own, found, told, difference)
+
+
+def decisions_alone(
+    journal: Recorded, scenario: Scenario, entries: Iterable[tuple[JournalReader, Entry]]
+) -> tuple[list[Timed], list[Timed]]:
+    """The decisions of a scenario's planners on the events of a journal, and those recorded."""
+    steering, planners, silent = _begun(journal, scenario)
+    found: list[Timed] = []
+    recorded: list[Timed] = []
+    at_us = 0
+    for _, entry in entries:
+        content = entry.content
+        if isinstance(content, Decided):
+            if entry.sure:
+                recorded.append((at_us, content))
+        elif isinstance(content, Return):
+            steering.recall(content.vehicle, at_us / 1e6)
+            steering.sent(content, at_us / 1e6)
+        elif isinstance(content, Crew):
+            at_us = content.at_us
+            _told(content, steering, silent)
+        elif not entry.is_event:
+            steering.sent(content, at_us / 1e6)  # type: ignore[arg-type]
+        elif entry.is_event:
+            event: VehicleEvent = content  # type: ignore[assignment]
+            name, at_us = event.vehicle, event.at_us
+            decision = steering.take(event)
+            if decision is not None and entry.sure and name not in silent.held | silent.doubted:
+                found.append((at_us, decided(name, planners[name], decision)))
+            if isinstance(event, MissionHeld | VehicleRebooted):
+                silent.doubted.discard(name)
+    return found, recorded
+
+
+@dataclass
+class _Silent:
+    """Vehicles that are not led, so that nothing they decide is told: held by people, in doubt."""
+
+    held: set[str]
+    doubted: set[str]
+
+
+def _begun(
+    journal: Recorded, scenario: Scenario
+) -> tuple[Steering, Mapping[str, Planner], _Silent]:
+    """What a journal begins with; another rule begins anew there."""
+    if journal.segment == 1:
+        planners = planners_of(scenario, journal.landscape)
+        return Steering(scenario, journal.landscape, planners), planners, _Silent(set(), set())
+    core = journal.core()
+    silent = _Silent(
+        {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
+        {name for name, vehicle in core.vehicles.items() if vehicle.doubt is not None},
+    )
+    if isinstance(core.leader, FrontFlight) and scenario == journal.scenario:
+        return core.steering, core.leader.planners, silent
+    planners = planners_of(scenario, journal.landscape)
+    steering = Steering(scenario, journal.landscape, planners)
+    steering.presence = core.steering.presence
+    return steering, planners, silent
+
+
+def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
+    """What people say that planners decide by, and whether a vehicle is led at all."""
+    match event:
+        case SettingsTold():
+            for planner in steering.planners.values():
+                if isinstance(planner, PerimeterPlanner):
+                    planner.tune(event)
+        case Aborted():
+            silent.held |= set(steering.presence)
+            for name in steering.presence:
+                steering.aborted(name)
+        case Ordered():
+            for name in [event.vehicle] if event.vehicle else list(steering.presence):
+                _ordered(name, event, steering, silent)
+        case Resumed():
+            silent.doubted |= set(steering.presence)
+            for presence in steering.presence.values():
+                presence.online = False
+        case _:
+            pass
+
+
+def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> None:
+    if event.order == "start" and name in silent.held:
+        return
+    if not steering.ordered(name, event):
+        return
+    if event.order == "hold":
+        silent.held.add(name)
+    else:
+        silent.held.discard(name)
+
+
+def with_rule(scenario: Scenario, rule: str) -> Scenario:
+    """The scenario with another rule."""
+    if rule not in RULES:
+        raise MissionServiceError(f"--planner {rule}: no such rule; there are {', '.join(RULES)}")
+    planner = scenario.planner.model_copy(update={"rule": rule})
+    return scenario.model_copy(update={"planner": planner})
+
+
+def first_difference(
+    found: list[Timed], recorded: list[Timed], may_lack_one: bool
+) -> tuple[str | None, list[dict[str, Any]]]:
+    """Where decisions and those recorded part, in words and in fields.
+
+    A journal that was cut off may lack the last one.
+    """
+    for (at_us, ours), (told_us, theirs) in zip(found, recorded, strict=False):
+        if at_us != told_us:
+            return f"decided at {at_us / 1e6:.2f} s, recorded at {told_us / 1e6:.2f} s", []
+        if ours != theirs:
+            words = f"at {at_us / 1e6:.2f} s {ours.vehicle}: {compare(theirs, ours)}"
+            return words, fields_that_differ(theirs, ours)
+    missing = len(found) - len(recorded)
+    if missing == 0 or (may_lack_one and missing == 1):
+        return None, []
+    return f"{len(found)} decisions, {len(recorded)} recorded", []
+
+
+def summary_of(decisions: Decisions) -> dict[str, Any]:
+    """In figures, and every reversal; for JSON."""
+    names = list(dict.fromkeys(each.vehicle for _, each in decisions.recorded + decisions.found))
+    return {
+        "rule": decisions.rule,
+        "journal_rule": decisions.journal_rule,
+        "difference": decisions.difference,
+        "vehicles": [
+            {
+                "name": name,
+                "decisions": _count(decisions.found, name),
+                "reversals": _count(decisions.found, name, reversals=True),
+                "recorded_decisions": _count(decisions.recorded, name),
+                "recorded_reversals": _count(decisions.recorded, name, reversals=True),
+            }
+            for name in names
+        ],
+        "reversals": [
+            {"at_s": at_us / 1e6, "vehicle": each.vehicle, "direction": each.direction}
+            for at_us, each in decisions.found
+            if each.reversed
+        ],
+    }
+
+
+def _count(decisions: list[Timed], name: str, reversals: bool = False) -> int:
+    return sum(each.vehicle == name and (each.reversed or not reversals) for _, each in decisions)
+
+
+def in_text(summary: dict[str, Any]) -> str:
+    """The summary for people."""
+    lines = [
+        f"{each['name']}: {each['decisions']} decisions, {each['reversals']} reversals with "
+        f"{summary['rule']} (recorded with {summary['journal_rule']}: "
+        f"{each['recorded_decisions']}, {each['recorded_reversals']})"
+        for each in summary["vehicles"]
+    ]
+    lines += [
+        f"  {each['at_s']:.0f} s  {each['vehicle']} turns {each['direction']}"
+        for each in summary["reversals"]
+    ]
+    if summary["rule"] == summary["journal_rule"] and summary["difference"] is None:
+        lines.append("the same decisions as recorded")
+    return "\n".join(lines)

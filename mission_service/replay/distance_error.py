@@ -1,0 +1,45 @@
+"""Distance error: how far the fire a planner believes in is from the true one (Islam & Hu, VI.E).
+
+Both are distances from the ignition on 360 whole-degree bearings, in cells.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled
+from mission_service.guidance.fire_map import EAST, NORTH
+
+Floats = NDArray[np.float64]
+
+SAMPLES_PER_CELL = 2
+
+
+class TrueShape:
+    """The outermost burned ground on each bearing, from arrival times (y, x) in s."""
+
+    def __init__(self, arrival_s: Floats, centre: tuple[int, int]) -> None:
+        reach = int(np.hypot(*arrival_s.shape)) * SAMPLES_PER_CELL
+        distance = np.arange(reach) / SAMPLES_PER_CELL
+        rows = np.rint(centre[0] - NORTH[:, None] * distance).astype(np.int64)
+        cols = np.rint(centre[1] + EAST[:, None] * distance).astype(np.int64)
+        inside = (rows >= 0) & (cols >= 0) & (rows < arrival_s.shape[0])
+        inside &= cols < arrival_s.shape[1]
+        along = np.full(rows.shape, np.inf)
+        along[inside] = arrival_s[rows[inside], cols[inside]]
+        # When ground at least as far out first burned: rises with the distance.
+        self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
+
+    def at(self, at_s: float) -> Floats:
+        """Distance of the front in cells on 360 bearings, to half a cell."""
+        reached: NDArray[np.int64] = _reached(self._reached_s, at_s)
+        distance: Floats = np.maximum(reached - 1, 0) / SAMPLES_PER_CELL
+        return distance
+
+
+@compiled
+def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
+    """How many samples along each bearing were reached by a time; rising rows."""
+    found = np.empty(reached_s.shape[0], dtype=np.int64)
+    for bearing in range(found.size):
+        found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")
+    return found

@@ -1,0 +1,143 @@
+"""The fire of a journal burned again: each camera must see what it is recorded to have seen.
+
+On the machine that recorded it that is so to the last cell. On another one floats may differ in
+their last places: a cell on the edge of the fire, or of what a camera sees, may then be the other.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from mission_service.events import Aborted, Observed, Resumed, Telemetry
+from mission_service.fire.watched import WatchedFire
+from mission_service.journal.recorded import Recorded
+from mission_service.replay.stage import Stage
+
+ARRIVAL_WITHIN_S = 1.0
+EDGE_WITHIN_CELLS = 1e-6
+UNSEEN = "."
+
+Cell = tuple[int, int]  # row, col
+
+
+def fire_stage(recorded: Recorded) -> Stage:
+    """Recompute every observation from the position that follows it in the journal."""
+    fire = recorded.fire()
+    counts = {"observations": 0, "cells": 0, "within tolerance": 0, "beyond tolerance": 0}
+    without = 0
+    seen: tuple[str, Observed] | None = None  # where it stands, and what it is
+    difference, details = None, list[dict[str, Any]]()
+
+    def differs(words: str, *cells: dict[str, Any]) -> None:
+        nonlocal difference
+        if difference is None:
+            difference = words
+            details.extend(cells)
+
+    for reader, entry in recorded.readable():
+        content = entry.content
+        if not entry.sure:  # it may have burned otherwise
+            seen = None
+        match content:
+            case Observed() if not entry.sure:
+                without += not content.corrects
+            case Observed(corrects=False):
+                if seen is not None:
+                    differs(f"{seen[0]}: no position of {seen[1].vehicle} follows at its time")
+                seen = (recorded.place(reader, entry), content)
+            case Telemetry() if seen is not None and seen[1].vehicle == content.vehicle:
+                (where, told), seen = seen, None
+                if not entry.intact:
+                    without += 1
+                elif told.at_us != content.at_us:
+                    differs(f"{where}: no position of {told.vehicle} follows at its time")
+                else:
+                    again = fire.seen_from(content)
+                    counts["observations"] += 1
+                    counts["cells"] += sum(map(len, told.cells)) - _unseen(told)
+                    for cell in () if again == told else _cells(told, again, content, fire):
+                        beyond = cell.pop("beyond")
+                        counts["beyond tolerance" if beyond else "within tolerance"] += 1
+                        if beyond:
+                            differs(f"{where}: {_in_words(told, cell)}", cell)
+            case Resumed() | Aborted() if seen is not None:  # its position was not written down
+                without, seen = without + 1, None
+            case _:
+                pass
+        if entry.is_event:
+            fire.past(content)  # type: ignore[arg-type]
+        else:
+            fire.ordered(content)  # type: ignore[arg-type]
+    without += seen is not None
+    exact = not counts["within tolerance"] and not counts["beyond tolerance"]
+    note = ["every cell the same" if exact else "burned on another machine?"]
+    note += [f"{without} observations without a position"] if without else []
+    return Stage("fire", counts, difference, details, "; ".join(note))
+
+
+def _unseen(told: Observed) -> int:
+    return sum(row.count(UNSEEN) for row in told.cells)
+
+
+def _cells(
+    told: Observed, again: Observed | None, here: Telemetry, fire: WatchedFire
+) -> Iterator[dict[str, Any]]:
+    """The cells in which two observations differ, and whether they differ too much."""
+    was, now = _letters(told), _letters(again)
+    edge: set[Cell] | None = None
+    for cell in sorted(was | now):
+        ours, theirs = now.get(cell, UNSEEN), was.get(cell, UNSEEN)
+        if ours == theirs:
+            continue
+        arrival_s = _arrival_s(fire, cell)
+        if UNSEEN in (ours, theirs):
+            edge = _edge(here, fire) if edge is None else edge
+            near = cell in edge
+        else:
+            near = arrival_s is not None and abs(arrival_s - told.at_us / 1e6) <= ARRIVAL_WITHIN_S
+        yield {
+            "vehicle": told.vehicle,
+            "at_s": told.at_us / 1e6,
+            "row": cell[0],
+            "col": cell[1],
+            "journal": theirs,
+            "replay": ours,
+            "arrival_s": arrival_s,
+            "beyond": not (near and {ours, theirs} < set("bu" + UNSEEN)),
+        }
+
+
+def _letters(observed: Observed | None) -> dict[Cell, str]:
+    if observed is None:
+        return {}
+    return {
+        (observed.row + down, observed.col + right): letter
+        for down, row in enumerate(observed.cells)
+        for right, letter in enumerate(row)
+    }
+
+
+def _edge(here: Telemetry, fire: WatchedFire) -> set[Cell]:
+    """The cells that a slightly wider footprint has and a slightly narrower one has not."""
+    wide, narrow = (
+        {cell for cell, letter in _letters(fire.seen_from(here, wider)).items() if letter != UNSEEN}
+        for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
+    )
+    return wide - narrow
+
+
+def _arrival_s(fire: WatchedFire, cell: Cell) -> float | None:
+    """When the fire comes to a cell; None: not that it is known, or outside the landscape."""
+    rows, cols = fire.world.landscape.shape
+    if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+        return None
+    arrival_s = float(fire.world.fire.arrival_time_s[cell])
+    return arrival_s if arrival_s < float("inf") else None
+
+
+def _in_words(told: Observed, cell: dict[str, Any]) -> str:
+    arrival_s = cell["arrival_s"]
+    burns = "it does not burn" if arrival_s is None else f"fire comes there at {arrival_s:.3f} s"
+    return (
+        f"{told.vehicle} at {told.at_us / 1e6:.3f} s, cell row {cell['row']} col {cell['col']}: "
+        f"journal has {cell['journal']!r}, recomputed {cell['replay']!r}; {burns}"
+    )

@@ -1,0 +1,67 @@
+"""A logged flight from its beginning to its end: beside a core, if there is a fire, and told of."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from mission_service.journal.journal import header_of
+from mission_service.replay.flights.beside import Replaying
+from mission_service.replay.flights.journal_log import JOURNAL, JournalLog
+from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
+from mission_service.replay.flights.played import Flight, survey
+from mission_service.replay.flights.run_story import RunStory, run_story
+from mission_service.replay.flights.shadow import Shadow, told_in
+
+
+def story_of(name: str, flight: Flight) -> RunStory:
+    """Tell of a flight as it was; a journal has its own fire."""
+    own, found = flight.logs[0], survey(flight)
+    whole = len(flight.logs) == 1 and not flight.is_part
+    return run_story(name, flight, found, own if whole and isinstance(own, JournalLog) else None)
+
+
+def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> RunStory:
+    """Tell of a flight beside a scenario; its shadow's journal is left in ``out``, if given.
+
+    ``created`` goes into the journal's header. Raises FlightError where a run has its journal in
+    ``out``.
+    """
+    if out is not None:
+        return _beside(name, what, out / JOURNAL, created)
+    with tempfile.TemporaryDirectory() as folder:
+        return _beside(name, what, Path(folder) / JOURNAL, created)
+
+
+def _beside(name: str, what: Replaying, path: Path, created: str) -> RunStory:
+    refuse_loss(path, [log.path for log in what.flight.logs])
+    header = header_of(what.scenario, what.landscape.digest(), created)
+    journal = JournalOnce(path, header, what.logs)
+    complete = False
+    try:
+        shadow = Shadow(what, journal)
+        for told in told_in(what):
+            shadow.take(told)
+            shadow.service.record.news.clear()  # nobody reads it
+        complete = True
+    finally:
+        journal.finish(complete)
+    return run_story(name, what.flight, what.survey, JournalLog(path), what.mission)
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """The same names, with numbers where some are alike."""
+    return [
+        name if names.count(name) == 1 else f"{name}-{names[: place + 1].count(name)}"
+        for place, name in enumerate(names)
+    ]
+
+
+def called(paths: Sequence[Path]) -> str:
+    """What a run is called by its files: a journal by its folder, files of one name by that."""
+    return " + ".join(dict.fromkeys(_called(path) for path in paths))
+
+
+def _called(path: Path) -> str:
+    if path.is_dir():
+        return path.resolve().name
+    return path.resolve().parent.name if path.name == JOURNAL else path.stem

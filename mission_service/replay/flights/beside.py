@@ -1,0 +1,173 @@
+"""What a flight is replayed beside: a scenario with its vehicles, its fire's clock, its ground."""
+
+from typing import NamedTuple
+
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario, flying, load_run, run_of
+from mission_service.config.sections import VehicleSection
+from mission_service.config.service import ServiceSection
+from mission_service.errors import FlightError
+from mission_service.fire.setup import landscape_of
+from mission_service.replay.flights.flown import Flown, file_of
+from mission_service.replay.flights.instants import unix_us
+from mission_service.replay.flights.journal_log import JournalLog
+from mission_service.replay.flights.played import Flight, Survey
+
+
+class Asked(NamedTuple):
+    """What somebody wants a flight to be replayed beside."""
+
+    scenario: str | None = None
+    rule: str | None = None  # instead of the scenario's
+    at_s: float | None = None  # mission time at which the flight begins
+    overrides: tuple[str, ...] = ()
+
+
+def scenario_asked(flight: Flight, asked: Asked) -> tuple[Scenario, ServiceSection] | None:
+    """A scenario by its name, or a journal's own; None for a log without.
+
+    Raises ScenarioError, and FlightError where settings of no scenario are given.
+    """
+    overrides, own = asked.overrides, flight.logs[0]
+    if asked.rule is not None:
+        overrides = (*overrides, f"planner.rule={asked.rule}")
+    if asked.scenario is not None:
+        return load_run(asked.scenario, overrides)
+    if isinstance(own, JournalLog):
+        return run_of(own.scenario.model_dump(mode="json"), own.path, overrides)
+    if overrides:
+        raise FlightError(f"{own.path}: has no scenario of its own; give one with --scenario")
+    return None
+
+
+class Replaying(NamedTuple):
+    """A flight, and the scenario with its vehicles; begin and end are those of the flight."""
+
+    flight: Flight
+    survey: Survey
+    mission: "Mission"
+    scenario: Scenario
+    landscape: Landscape
+
+    @property
+    def logs(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(file_of(log) for log in self.flight.logs)
+
+    @property
+    def begin_us(self) -> int:
+        """On the flight's clock."""
+        return self.survey.begin_us
+
+    @property
+    def end_us(self) -> int:
+        """On the flight's clock."""
+        return self.survey.end_us
+
+
+def replaying(
+    flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
+) -> Replaying:
+    """A flight beside a scenario. Raises FlightError where they do not belong together."""
+    mission = mission_time(flight, found, scenario, at_s)
+    flown = flying(scenario_for(scenario, found, mission))
+    landscape = landscape_of(flown)
+    check_place(found, landscape, flown.name)
+    return Replaying(flight, found, mission, flown, landscape)
+
+
+class Mission(NamedTuple):
+    """Which mission time a moment of the log is."""
+
+    begin_us: int  # of the log's clock
+    start_us: int  # the mission time of it
+
+    def of(self, log_us: int) -> int:
+        """Mission time of a time of the log's."""
+        return self.start_us + log_us - self.begin_us
+
+    def log_us(self, mission_us: int) -> int:
+        """The time of the log's of a mission time."""
+        return self.begin_us + mission_us - self.start_us
+
+
+def mission_time(
+    flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
+) -> Mission:
+    """When on the fire's clock a flight begins: ``at_s``, if that is given; else by the calendar,
+    if log and scenario both know it; else when the scenario's vehicles would take off.
+
+    Journals are on mission time. Raises FlightError for a flight before the fire's clock starts.
+    """
+    begin_us, zero = found.zero_us, scenario.time_zero
+    if at_s is not None:
+        return Mission(begin_us, round(at_s * 1e6))
+    if isinstance(flight.logs[0], JournalLog):
+        return Mission(begin_us, begin_us)
+    if zero is None or found.offset_us is None:
+        return Mission(begin_us, round(max(scenario.start_s, scenario.deploy_at_s) * 1e6))
+    start_us = begin_us + found.offset_us - unix_us(zero)
+    if not 0 <= start_us < round(scenario.duration_s * 1e6):
+        raise FlightError(
+            f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, and "
+            f"the fire burns for {scenario.duration_s / 3600:.1f} h; say with --at when it begins, "
+            "in seconds of mission time"
+        )
+    return Mission(begin_us, start_us)
+
+
+def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenario:
+    """The scenario with the vehicles that flew: stacks and homes are theirs, all else its own.
+
+    A vehicle is the one of the same name, else of the same system id, else the next one that is
+    left; beyond those it is as the last. Nobody has to accept missions, and nobody is sent home.
+    """
+    left = list(scenario.vehicles)
+    taken: dict[str, VehicleSection] = {}
+    for name, flown in survey.flown.items():
+        same = [each for each in left if each.name == name]
+        same += [each for each in left if each.system_id == flown.system_id]
+        like = (same or left or list(scenario.vehicles))[:1]
+        if not like:
+            raise FlightError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
+        if like[0] in left:
+            left.remove(like[0])
+        taken[name] = like[0]
+    end_s = mission.of(survey.end_us) / 1e6 + 1.0
+    return scenario.model_copy(
+        update={
+            "vehicles": tuple(_as_flown(taken[name], survey.flown[name]) for name in taken),
+            "only": None,
+            "duration_s": max(scenario.duration_s, end_s),
+            "start_s": mission.start_us / 1e6,
+            "deploy_at_s": 0.0,
+            "mission": scenario.mission.model_copy(update={"approval": "none"}),
+        }
+    )
+
+
+def _as_flown(section: VehicleSection, flown: Flown) -> VehicleSection:
+    told: dict[str, object] = {"name": flown.name, "endurance_s": None}
+    if flown.stack is not None:
+        told |= {"stack": flown.stack.name, "kind": flown.stack.vehicle}
+    if flown.home is not None:
+        told |= {"home_lat_deg": flown.home[0], "home_lon_deg": flown.home[1]}
+    return section.model_copy(update=told)
+
+
+def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
+    """Raise FlightError if the flight was nowhere on the landscape."""
+    for flown in survey.flown.values():
+        for _, lat_deg, lon_deg, _ in flown.track:
+            if landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg)):
+                return
+    places = [flown.home for flown in survey.flown.values() if flown.home is not None]
+    here = "the logs have no position"
+    if places:
+        here = f"the flight began at lat {places[0][0]:.5f}, lon {places[0][1]:.5f}"
+    rows, cols = landscape.shape
+    lat, lon = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
+    raise FlightError(
+        f"no position is on the landscape of {name}, which is around lat {float(lat):.5f}, lon "
+        f"{float(lon):.5f}: {here}"
+    )

@@ -1,0 +1,77 @@
+"""What a mission was to drop, and what outputs let go of. Pure."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.items import Items, place_of
+from mission_service.ground_distance import distance_m
+
+SERVO_MATCHES_US = 50.0
+GRIPPER = 0  # in the place of a servo's number
+
+
+class Planned(NamedTuple):
+    """A drop of a mission: at the place of the item flown to before it."""
+
+    lat_deg: float
+    lon_deg: float
+    output: int  # a servo's number; 0: the gripper
+    pulse_us: float
+
+
+class Done(NamedTuple):
+    """An output that let go."""
+
+    at_us: int
+    lat_deg: float
+    lon_deg: float
+    output: int
+    pulse_us: float
+
+
+class Compared(NamedTuple):
+    """What was planned, and what was done of it, how far off; either may be missing."""
+
+    planned: Planned | None
+    done: Done | None
+    off_m: float | None
+
+
+def planned_in(items: Items) -> list[Planned]:
+    """The drops of a mission, in its order."""
+    found: list[Planned] = []
+    place: tuple[float, float] | None = None
+    for item in items:
+        place = place_of(item) or place
+        if place is None:
+            continue
+        if item.command == mavlink.MAV_CMD_DO_SET_SERVO:
+            found.append(Planned(*place, int(item.param1), item.param2))
+        elif item.command == mavlink.MAV_CMD_DO_GRIPPER and item.param2 == 0.0:
+            found.append(Planned(*place, GRIPPER, math.nan))
+    return found
+
+
+def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]:
+    """Each planned drop with the first one done by that output that no other has; then the rest."""
+    left = list(done)
+    found: list[Compared] = []
+    for each in planned:
+        match = next((one for one in left if _is(one, each)), None)
+        if match is None:
+            found.append(Compared(each, None, None))
+            continue
+        left.remove(match)
+        off_m = distance_m((each.lat_deg, each.lon_deg), (match.lat_deg, match.lon_deg))
+        found.append(Compared(each, match, off_m))
+    # Without a plan a pulse says nothing of what it was for: it is told all the same.
+    return found + [Compared(None, each, None) for each in left if not planned]
+
+
+def _is(done: Done, planned: Planned) -> bool:
+    if done.output != planned.output:
+        return False
+    return planned.output == GRIPPER or abs(done.pulse_us - planned.pulse_us) <= SERVO_MATCHES_US

@@ -1,0 +1,103 @@
+"""What logs tell of flights, as files for other programs."""
+
+import json
+from collections.abc import Callable, Collection, Iterator
+from importlib import import_module
+from itertools import chain, count
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+from autopilot_bridge.items import Plan
+from autopilot_bridge.logs.entries import Log, LogEvent
+from autopilot_bridge.planfile import write_plan
+from autopilot_bridge.stacks import stack_named
+from mission_service.errors import RequestError
+from mission_service.replay.flights.flown import Flown, file_of, flown_in
+from mission_service.replay.flights.instants import utc
+from mission_service.replay.flights.mcap_file import write_mcap
+from mission_service.replay.flights.table_files import WRITERS, TableFiles
+from mission_service.replay.flights.tables import Rows
+from mission_service.runtime.track import track_geojson
+
+LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
+
+
+def check_libraries(formats: Collection[str]) -> None:
+    """Raises RequestError in one line where a format's library is not installed."""
+    for each, library in LIBRARIES.items():
+        if each in formats:
+            try:
+                import_module(library)
+            except ImportError:
+                raise RequestError(
+                    f"log export: {each} needs {library}, which is not installed; "
+                    "pip install 'mission-service[export]'"
+                ) from None
+
+
+def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
+    """Tables, tracks, missions and what Foxglove shows, as asked for; the files' names."""
+    names: dict[tuple[int, int], str] = {}
+    flown: list[Flown] = []
+    with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
+        for number, log in enumerate(logs):
+            rows = Rows(file_of(log), log.unix_offset_us())
+            for each in flown_in(log, [_adding(tables, rows)]).values():
+                each.name = _untaken(each.name, log.path.suffix, names.values())
+                names[number, each.system_id] = each.name
+                flown.append(each)
+    files = tables.names
+    if "geojson" in formats:
+        features = [track_geojson(each.name, each.track) for each in flown]
+        collection = {"type": "FeatureCollection", "features": features}
+        (out / "tracks.geojson").write_text(json.dumps(collection), encoding="utf-8")
+        files.append("tracks.geojson")
+    if "kml" in formats:
+        with (out / "tracks.kml").open("w", encoding="utf-8") as file:
+            file.writelines(_kml(flown))
+        files.append("tracks.kml")
+    if "mcap" in formats:
+        write_mcap(out / "flight.mcap", logs, names)
+        files.append("flight.mcap")
+    return files + _plans(flown, out) if "plan" in formats else files
+
+
+def _adding(tables: TableFiles, rows: Rows) -> Callable[[int, LogEvent], None]:
+    def add(system_id: int, event: LogEvent) -> None:
+        for table, row in rows.of(system_id, event):
+            tables.add(table, row)
+
+    return add
+
+
+def _untaken(name: str, suffix: str, taken: Collection[str]) -> str:
+    """A .tlog and a .bin of one flight may have one name."""
+    others = (f"{name}{suffix}-{number}" for number in count(2))
+    return next(each for each in chain((name, name + suffix), others) if each not in taken)
+
+
+def _plans(flown: list[Flown], out: Path) -> list[str]:
+    files = []
+    for each in flown:
+        for number, (_, items) in enumerate(each.missions, 1):
+            name = f"{each.name}-mission-{number}.plan"
+            stack = each.stack or stack_named("px4", "plane")
+            write_plan(out / name, Plan(items, home=each.home or (0.0, 0.0, 0.0)), stack)
+            files.append(name)
+    return files
+
+
+def _kml(flown: list[Flown]) -> Iterator[str]:
+    """One gx:Track a vehicle (KML 2.2 with Google's extensions), heights above sea level."""
+    yield (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
+        'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
+    )
+    for each in flown:
+        yield f"<Placemark><name>{escape(each.name)}</name><gx:Track>"
+        yield "<altitudeMode>absolute</altitudeMode>\n"
+        for at_us, lat_deg, lon_deg, altitude_m in each.track:
+            yield f"<when>{utc(at_us + each.offset_us)}</when>"
+            yield f"<gx:coord>{lon_deg:.7f} {lat_deg:.7f} {altitude_m:.2f}</gx:coord>\n"
+        yield "</gx:Track></Placemark>\n"
+    yield "</Document></kml>\n"

@@ -1,0 +1,206 @@
+"""What logs tell of flights, in figures."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from autopilot_bridge.client_events import (
+    Connected,
+    ItemReached,
+    LinkLost,
+    MissionProgress,
+    ModeChanged,
+    Position,
+)
+from autopilot_bridge.items import Items
+from autopilot_bridge.logs.entries import (
+    GripperMoved,
+    Log,
+    LogEvent,
+    MissionLoaded,
+    MissionReplaced,
+    Outputs,
+)
+from autopilot_bridge.stacks import Stack
+from mission_service.ground_distance import distance_m
+from mission_service.replay.flights.dropped import planned_in
+from mission_service.replay.flights.instants import utc
+from mission_service.runtime.track import Track
+
+MOVES_M_S = 1.0  # slower ones stand, and their positions wander
+SETTLES_US = 3_000_000
+FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
+
+
+class Flown:
+    """One vehicle in one log."""
+
+    def __init__(self, name: str, system_id: int, offset_us: int | None) -> None:
+        self.name = name
+        self.system_id = system_id
+        self.stack: Stack | None = None
+        self.track = Track()
+        self.missions: list[tuple[int, Items]] = []
+        self.replaced_us: list[int] = []  # by missions whose items the log does not have
+        self.home: tuple[float, float, float] | None = None
+        self.offset_us = offset_us or 0
+        self._dated = offset_us is not None
+        self._begin_us: int | None = None
+        self._end_us = 0
+        self._here: Position | None = None
+        self._here_us: int | None = None
+        self.longest_gap_s = 0.0
+        self.flown_m = self._most_m_s = 0.0
+        self.highest_m: float | None = None  # above where it was first
+        self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
+        self.turned_back_us: list[int] = []  # to an earlier item of the same mission
+        self._current: int | None = None
+        self.positions = self.items_reached = 0
+        self._pulses: tuple[int, ...] = ()
+        self.servo_steps: list[tuple[int, int, int]] = []  # at_us, servo, pulse_us
+        self._dropping: set[int] = set()
+        self.releases_us: list[int] = []  # by a gripper
+        self.silences: list[tuple[int, int]] = []  # at_us, silent_us
+
+    def take(self, event: LogEvent, at_us: int) -> None:
+        """Take in what comes next, at a time of the clock that counts."""
+        self._begin_us = at_us if self._begin_us is None else min(self._begin_us, at_us)
+        self._end_us = max(self._end_us, at_us)
+        match event:
+            case Connected():
+                self.stack = event.stack
+            case Position():
+                self._moved(event, at_us)
+            case ModeChanged():
+                self.modes.append((at_us, event.name, event.armed))
+            case MissionLoaded():
+                self.missions.append((at_us, event.items))
+                self._dropping |= {drop.output for drop in planned_in(event.items)}
+                self._renewed(at_us)
+            case MissionReplaced():
+                self.replaced_us.append(at_us)
+                self._renewed(at_us)
+            case MissionProgress():
+                if self._current is not None and event.current_seq < self._current:
+                    self.turned_back_us.append(at_us)
+                self._current = event.current_seq
+            case ItemReached():
+                self.items_reached += 1
+            case GripperMoved() if event.releases:
+                self.releases_us.append(at_us)
+            case Outputs():
+                self._put_out(event, at_us)
+            case LinkLost():
+                self.silences.append((at_us, event.silent_us))
+            case _:
+                pass
+
+    def _renewed(self, at_us: int) -> None:
+        """There is another mission; what was of it already, before it was told of, is none."""
+        self._current = None
+        if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
+            self.turned_back_us.pop()
+
+    def _put_out(self, now: Outputs, at_us: int) -> None:
+        """Steps of servos that do not steer, or that a mission names: what lets things fall."""
+        steps = zip(self._pulses, now.pulse_us, strict=False)
+        for number, (before, after) in enumerate(steps, 1):
+            if number < FIRST_AUXILIARY and number not in self._dropping:
+                continue
+            if abs(after - before) >= STEP_US:
+                self.servo_steps.append((at_us, number, after))
+        self._pulses = now.pulse_us
+
+    def _moved(self, here: Position, at_us: int) -> None:
+        self.positions += 1
+        self.track.add((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
+        down_m_s = 0.0 if math.isnan(here.velocity_down_m_s) else here.velocity_down_m_s
+        speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
+        self._most_m_s = max(self._most_m_s, speed_m_s)
+        if self.home is None or self._most_m_s < MOVES_M_S:
+            # Where it stood last: an autopilot's first positions may lack the height.
+            self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
+            self.highest_m = None
+        above_m = here.altitude_amsl_m - self.home[2]
+        self.highest_m = above_m if self.highest_m is None else max(self.highest_m, above_m)
+        before, self._here = self._here, here
+        if self._here_us is not None:
+            self.longest_gap_s = max(self.longest_gap_s, (at_us - self._here_us) / 1e6)
+        self._here_us = at_us
+        if before is not None and speed_m_s >= MOVES_M_S:
+            self.flown_m += distance_m(
+                (before.lat_deg, before.lon_deg), (here.lat_deg, here.lon_deg)
+            )
+
+    def _since_s(self, at_us: int) -> float:
+        return round((at_us - (self._begin_us or 0)) / 1e6, 3)
+
+    def figures(self) -> dict[str, Any]:
+        """For people; times in seconds since the log's first entry of this vehicle."""
+        begin_us = self._begin_us or 0
+        begun = utc(begin_us + self.offset_us) if self._dated else None
+        stack = self.stack
+        return {
+            "vehicle": self.system_id,
+            "name": self.name,
+            "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
+            "begin_utc": begun,
+            "duration_s": round((self._end_us - begin_us) / 1e6, 1),
+            "positions": self.positions,
+            "flown_m": round(self.flown_m),
+            "highest_above_start_m": None if self.highest_m is None else round(self.highest_m, 1),
+            "most_speed_m_s": round(self._most_m_s, 1),
+            "missions": [
+                {"at_s": self._since_s(at_us), "items": len(items)}
+                for at_us, items in self.missions
+            ],
+            "missions_replaced": len(self.replaced_us),
+            "items_reached": self.items_reached,
+            "turned_back_at_s": [self._since_s(at_us) for at_us in self.turned_back_us],
+            "servo_steps": [
+                {"at_s": self._since_s(at_us), "servo": servo, "pulse_us": pulse_us}
+                for at_us, servo, pulse_us in self.servo_steps
+            ],
+            "gripper_releases": len(self.releases_us),
+            "links_lost": len(self.silences),
+            "longest_silence_s": round(max((us for _, us in self.silences), default=0) / 1e6, 1),
+            "longest_gap_s": round(self.longest_gap_s, 2),
+            "modes": [
+                {"at_s": self._since_s(at_us), "mode": name, "armed": armed}
+                for at_us, name, armed in self.modes
+            ],
+        }
+
+
+def file_of(log: Log) -> str:
+    """A log's file in short; a journal's with its folder, for all have the same name."""
+    return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
+
+
+def name_of(log: Log, system_id: int) -> str:
+    """What a vehicle of a log is called."""
+    return log.names.get(system_id) or f"{log.path.stem}-{system_id}"
+
+
+def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
+    """All vehicles of a log, by system id. Raises BridgeError if it cannot be read."""
+    found: dict[int, Flown] = {}
+    offset_us = log.unix_offset_us()
+    for system_id, event in log.entries():
+        if system_id not in found:
+            found[system_id] = Flown(name_of(log, system_id), system_id, offset_us)
+        found[system_id].take(event, event.at_us)
+        for each in listen:
+            each(system_id, event)
+    return found
+
+
+def info_of(log: Log) -> dict[str, Any]:
+    """A log in figures, with what is damaged in it."""
+    flown = flown_in(log)
+    return {
+        "log": str(log.path),
+        "messages": log.messages,
+        "damage": [str(each) for each in log.damage],
+        "vehicles": [each.figures() for _, each in sorted(flown.items())],
+    }

@@ -1,0 +1,163 @@
+"""What logs tell as messages that Foxglove shows, JSON by the schemas that it knows by name.
+
+The fields are those of foxglove-sdk's ``schemas/jsonschema``. What its panels plot is a row of a
+table (``tables.py``) without its head, and without what is not known: Foxglove takes no null.
+"""
+
+import json
+import math
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.client_events import Attitude, Position
+from autopilot_bridge.items import Items, command_name, place_of
+from autopilot_bridge.logs.entries import LogEvent, MissionLoaded
+from mission_service.replay.flights.tables import HEAD, OWN, Columns, Row
+
+
+class Message(NamedTuple):
+    """``topic`` is below the vehicle's name."""
+
+    topic: str
+    schema: str
+    content: dict[str, Any]
+
+
+def _object(required: bool = True, **properties: Any) -> dict[str, Any]:
+    described = {"type": "object", "properties": properties}
+    return {**described, "required": list(properties)} if required else described
+
+
+NUMBER, INTEGER, STRING = ({"type": kind} for kind in ("number", "integer", "string"))
+TIME = {**_object(sec=INTEGER, nsec=INTEGER), "title": "time"}
+VECTOR = _object(x=NUMBER, y=NUMBER, z=NUMBER)
+QUATERNION = _object(x=NUMBER, y=NUMBER, z=NUMBER, w=NUMBER)
+JSON_KINDS = {str: STRING, int: INTEGER, float: NUMBER, bool: {"type": "boolean"}, datetime: STRING}
+UNKNOWN_COVARIANCE = 0  # foxglove.PositionCovarianceType
+DEBUG, INFO, WARNING, ERROR, FATAL = range(1, 6)  # foxglove.LogLevel
+LEVELS = (FATAL, FATAL, FATAL, ERROR, WARNING, INFO, INFO, DEBUG)  # by MAV_SEVERITY
+WARNED_OF = ("link_lost", "rebooted")
+WITH_WORDS = ("events", "missions")  # they are on /log and /mission
+
+
+def _plotted(table: str, columns: Columns) -> dict[str, Any]:
+    kinds = {name: JSON_KINDS[kind] for name, kind in columns.items()}
+    return {"title": f"mission_service.{table}", **_object(False, **kinds)}
+
+
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "foxglove.LocationFix": _object(
+        timestamp=TIME,
+        frame_id=STRING,
+        latitude=NUMBER,
+        longitude=NUMBER,
+        altitude=NUMBER,
+        position_covariance={"type": "array", "items": NUMBER, "minItems": 9, "maxItems": 9},
+        position_covariance_type=INTEGER,
+        heading=NUMBER,
+    ),
+    "foxglove.PoseInFrame": _object(
+        timestamp=TIME, frame_id=STRING, pose=_object(position=VECTOR, orientation=QUATERNION)
+    ),
+    "foxglove.GeoJSON": _object(geojson=STRING),
+    "foxglove.Log": _object(
+        timestamp=TIME, level=INTEGER, message=STRING, name=STRING, file=STRING, line=INTEGER
+    ),
+    **{
+        f"mission_service.{table}": _plotted(table, columns)
+        for table, columns in OWN.items()
+        if table not in WITH_WORDS
+    },
+}
+
+
+def messages_of(
+    name: str, at_ns: int, event: LogEvent, rows: list[tuple[str, Row]]
+) -> Iterator[Message]:
+    """What an event of the vehicle of that name shows; ``rows`` are those that it adds."""
+    time = {"sec": at_ns // 1_000_000_000, "nsec": at_ns % 1_000_000_000}
+    match event:
+        case Position() if math.isfinite(event.lat_deg + event.lon_deg + event.altitude_amsl_m):
+            yield Message("location", "foxglove.LocationFix", _location(name, time, event))
+        case Attitude() if math.isfinite(event.roll_deg + event.pitch_deg + event.yaw_deg):
+            pose = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": quaternion(event)}
+            content = {"timestamp": time, "frame_id": name, "pose": pose}
+            yield Message("pose", "foxglove.PoseInFrame", content)
+        case MissionLoaded():
+            geojson = json.dumps(mission_geojson(event.items))
+            yield Message("mission", "foxglove.GeoJSON", {"geojson": geojson})
+        case _:
+            pass
+    for table, row in rows:
+        own = dict(zip(OWN[table], row[len(HEAD) :], strict=True))
+        if table not in WITH_WORDS:
+            known = {column: value for column, value in own.items() if value is not None}
+            yield Message(table, f"mission_service.{table}", known)
+        if table in ("events", "modes"):
+            level, text = _words(table, own)
+            entry = {"timestamp": time, "level": level, "message": text}
+            entry |= {"name": name, "file": row[0], "line": 0}
+            yield Message("log", "foxglove.Log", entry)
+
+
+def _location(name: str, time: dict[str, int], here: Position) -> dict[str, Any]:
+    return {
+        "timestamp": time,
+        "frame_id": name,
+        "latitude": here.lat_deg,
+        "longitude": here.lon_deg,
+        "altitude": here.altitude_amsl_m,
+        "position_covariance": [0.0] * 9,
+        "position_covariance_type": UNKNOWN_COVARIANCE,
+        "heading": math.radians(here.heading_deg) if math.isfinite(here.heading_deg) else 0.0,
+    }
+
+
+def _words(table: str, own: dict[str, Any]) -> tuple[int, str]:
+    """Level and text of a row of events or modes."""
+    if table == "modes":
+        armed = "armed" if own["armed"] else "disarmed"
+        return INFO, f"mode {own['mode'] or own['custom_mode']}, {armed}"
+    if own["kind"] == "text":
+        return LEVELS[min(own["severity"], len(LEVELS) - 1)], own["text"]
+    level = WARNING if own["kind"] in WARNED_OF else INFO
+    return level, f"{own['kind']}: {own['text']}"
+
+
+def quaternion(attitude: Attitude) -> dict[str, float]:
+    """From forward, left, up of the vehicle to east, north, up, as Foxglove's axes are."""
+    roll, pitch, yaw = (
+        math.radians(angle_deg) / 2
+        for angle_deg in (attitude.roll_deg, -attitude.pitch_deg, 90.0 - attitude.yaw_deg)
+    )
+    (cos_r, sin_r), (cos_p, sin_p), (cos_y, sin_y) = (
+        (math.cos(half), math.sin(half)) for half in (roll, pitch, yaw)
+    )
+    return {
+        "x": sin_r * cos_p * cos_y - cos_r * sin_p * sin_y,
+        "y": cos_r * sin_p * cos_y + sin_r * cos_p * sin_y,
+        "z": cos_r * cos_p * sin_y - sin_r * sin_p * cos_y,
+        "w": cos_r * cos_p * cos_y + sin_r * sin_p * sin_y,
+    }
+
+
+def mission_geojson(items: Items) -> dict[str, Any]:
+    """The items that have a place as points with names, and a line through those flown to."""
+    features, line = [], []
+    for seq, item in enumerate(items):
+        if place := place_of(item):
+            point = [place[1], place[0]]
+            features.append(_feature(f"{seq} {command_name(item.command)}", "Point", point))
+            if item.command < mavlink.MAV_CMD_NAV_LAST and item.command != mavlink.MAV_CMD_NAV_ROI:
+                line.append(point)
+    if len(line) > 1:
+        features.insert(0, _feature("mission", "LineString", line))
+    return {"type": "FeatureCollection", "features": features}
+
+
+def _feature(name: str, kind: str, coordinates: Any) -> dict[str, Any]:
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": {"name": name}, "geometry": geometry}

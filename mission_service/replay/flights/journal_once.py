@@ -1,0 +1,59 @@
+"""The journal of a flight that is gone through more than once: each line is written once.
+
+Nothing can be ordered in a replay, so the same log leads to the same lines again. After going back
+they are counted and not written, until the journal's end is reached: it always tells the flight as
+far as it was ever played, and can be verified.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from mission_service.errors import FlightError
+from mission_service.journal.journal import Journal, JournalReader, Rest, begins_journal
+
+REPLAY = "replay"  # in the header of such a journal: the logs
+
+
+class JournalOnce(Journal):
+    """Set ``rest`` back to where it was before, and go through it again."""
+
+    def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
+        super().__init__(path, {**header, REPLAY: list(logs)}, durable=False)
+        self._farthest = self.rest
+
+    def take_back(self, before: Rest) -> None:
+        """Have what was written after a place never have been."""
+        if self.rest == self._farthest:
+            super().take_back(before)
+            self._farthest = before
+        self.rest = before
+
+    def finish(self, complete: bool) -> None:
+        """Close it; ``complete``: the flight was told to its end."""
+        self.rest = self._farthest
+        if complete:
+            self.end()
+        self.close()
+
+    def _put(self, lines: list[bytes], crc: int, to_disk: bool = False) -> None:
+        if not hasattr(self, "_farthest"):  # the header
+            super()._put(lines, crc, to_disk)
+            return
+        if self.rest.at_byte < self._farthest.at_byte:
+            size = sum(len(line) for line in lines)
+            self.rest = Rest(self.rest.at_byte + size, crc, self.rest.segment)
+            return
+        if self.rest != self._farthest:
+            raise FlightError(f"{self.path}: the log led to other lines than the first time")
+        super()._put(lines, crc, to_disk)
+        self._farthest = self.rest
+
+
+def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
+    """Raise FlightError rather than write over what no replay has left, or over what is read."""
+    if not path.exists():
+        return
+    ours = begins_journal(path) and REPLAY in JournalReader(path).header
+    if not ours or any(path.samefile(each) for each in logs):
+        raise FlightError(f"{path}: is there already, and would be lost; choose another --out")

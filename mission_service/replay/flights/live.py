@@ -1,0 +1,203 @@
+"""A logged flight played for all interfaces of a live run: the map, MQTT, metrics."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mission_service.config.service import ServiceSection
+from mission_service.core.requests import REPLAY, Replay
+from mission_service.errors import RequestError
+from mission_service.fire.simulated import FireWorld
+from mission_service.interfaces.control.client import NAME
+from mission_service.interfaces.control.server import Answer, Desk, claimed, serve_control, wrong
+from mission_service.journal.journal import header_of
+from mission_service.live.daemon import doors_of, stop_on_signals, untold, warm_up_for
+from mission_service.replay.flights.beside import Replaying
+from mission_service.replay.flights.journal_log import JOURNAL
+from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
+from mission_service.replay.flights.player import Player
+from mission_service.runtime.clocks import clock_us
+from mission_service.runtime.engine import Progress, unshown
+from mission_service.runtime.gateway import MissionClock
+from mission_service.runtime.hub import Hub
+from mission_service.runtime.play_head import PlayHead, Speed
+from mission_service.runtime.record import Record
+
+TURN_US = 20_000  # of telling, before others have theirs
+TICK_S = 0.02  # while there is nothing to tell
+SHOWN_EVERY_S = 0.2
+ORDERED = "this is a replay: nothing can be ordered"
+
+
+@dataclass(frozen=True)
+class Show:
+    """How a flight is played, and where its files are."""
+
+    what: Replaying
+    out: Path
+    created: str  # wall-clock time in words
+    settings: ServiceSection = field(default_factory=ServiceSection)
+    speed: Speed = 1.0
+    until_end: bool = False  # else it stays, paused, to be looked at and sought in
+    logs: bool = False
+
+
+class ReplayDesk(Desk):
+    """Takes what moves the play head, and nothing else."""
+
+    def __init__(self, player: Player, now_us: Callable[[], int]) -> None:
+        """``now_us`` is the machine's clock."""
+        super().__init__(
+            lambda event: [],
+            self._where_it_is,
+            lambda: player.state().at_us,
+            (),
+            (),
+            lambda *at: True,
+        )
+        self._player = player
+        self._machine_us = now_us
+
+    def _where_it_is(self) -> dict[str, Any]:
+        state = self._player.state()
+        return {
+            "scenario": self._player.what.scenario.name,
+            "at_s": state.at_us / 1e6,
+            "replay": msgspec.to_builtins(state),
+        }
+
+    def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
+        """The answer to one request; never raises for anything that it may say."""
+        do = request.get("do") if isinstance(request, dict) else None
+        if do != REPLAY:
+            return super().ask(request) if do == "status" else wrong(ORDERED)
+        try:
+            said = moved(self._player, request, self._machine_us())
+        except RequestError as error:
+            return wrong(str(error))
+        state = self._player.state()
+        return {"ok": True, "at_s": state.at_us / 1e6, "event": "Replay", "said": said}
+
+
+def moved(player: Player, request: dict[str, Any], now_us: int) -> list[str]:
+    """Do what a request says; what was done, in words. Raises RequestError, and does nothing."""
+    try:
+        asked = msgspec.convert(request, Replay)
+    except (msgspec.ValidationError, OverflowError) as error:
+        raise RequestError(f"replay: {error}") from None
+    head, said = player.head, []
+    if asked.speed is not None:
+        head.go_at(asked.speed)
+        said.append(f"speed {asked.speed if asked.speed == 'max' else f'{asked.speed:g}'}")
+    if asked.seek_s is not None:
+        head.seek(head.begin_us + round(asked.seek_s * 1e6))
+        said.append(f"goes to {asked.seek_s:g} s")
+    if asked.paused is not None:
+        if asked.paused:
+            head.pause()
+        else:
+            head.resume(now_us)
+        said.append("paused" if asked.paused else "goes on")
+    if not said:
+        raise RequestError("replay: give paused, speed or seek_s")
+    player.picture.tell_replay()
+    return said
+
+
+async def serve_flight(
+    show: Show,
+    progress: Progress = unshown,
+    address: Callable[[str], None] = untold,
+) -> tuple[Record, FireWorld]:
+    """Play until SIGINT or SIGTERM, or with ``until_end`` until all is told.
+
+    ``progress`` is called five times a second; ``address`` is told where the map is.
+    """
+    what, scenario = show.what, show.what.scenario
+    # Who listens for the real vehicles must never be told of these as if they flew now.
+    site, settings = f"{scenario.name}-replay", show.settings.model_copy(update={"cot": None})
+    async with contextlib.AsyncExitStack() as stack:
+        listening = stack.enter_context(claimed(show.out / NAME))
+        doors = doors_of(settings, show.out, site, stack, address, show.logs)
+        warm_up_for(scenario, what.landscape)
+        path = show.out / JOURNAL
+        refuse_loss(path, [log.path for log in what.flight.logs])
+        header = header_of(scenario, what.landscape.digest(), show.created)
+        journal = JournalOnce(path, header, what.logs)
+        head = PlayHead(what.begin_us, what.end_us, show.speed)
+        player = Player(what, journal, head)
+        stack.callback(player.close)
+        hub = _hub_of(show, settings, player)
+        stop = asyncio.Event()
+        stop_on_signals(stop)
+        async with asyncio.TaskGroup() as group:
+            others = [group.create_task(serve_control(listening, hub.desk))]
+            others += [group.create_task(door(hub)) for door in doors]
+            try:
+                await _play(show, player, hub, stop, progress)
+            finally:
+                hub.stopping = True
+                for task in others:
+                    task.cancel()
+    service = player.shadow.service
+    progress(service.record, service.world)
+    return service.record, service.world
+
+
+async def _play(
+    show: Show, player: Player, hub: Hub, stop: asyncio.Event, progress: Progress
+) -> None:
+    """Turn by turn, until it is over."""
+    shown_us, before = 0, player.state()
+    while not stop.is_set():
+        begun_us = clock_us()
+        more = player.turn(begun_us, partial(_is_over, begun_us + TURN_US))
+        _shown_to(hub, player)
+        state = player.state()
+        changed = (state.seeking, state.ended, state.jumps) != (
+            before.seeking,
+            before.ended,
+            before.jumps,
+        )
+        if changed or begun_us - shown_us >= SHOWN_EVERY_S * 1e6:
+            service = player.shadow.service
+            progress(service.record, service.world)
+            if state != before and state.jumps == before.jumps:  # else it is told already
+                player.picture.tell_replay()
+            shown_us, before = begun_us, state
+        hub.ring()
+        if show.until_end and state.ended and not state.seeking:
+            return
+        if more:
+            await asyncio.sleep(0)
+        else:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), TICK_S)
+
+
+def _is_over(until_us: int) -> bool:
+    return clock_us() >= until_us
+
+
+def _hub_of(show: Show, settings: ServiceSection, player: Player) -> Hub:
+    scenario = show.what.scenario
+    service = player.shadow.service
+    clock = MissionClock(player.state().at_us, wall=False)
+    desk = ReplayDesk(player, clock_us)
+    path = show.out / JOURNAL
+    hub = Hub(scenario, settings, service, player.picture, desk, clock, {}, show.out, path)
+    hub.replay = player.state
+    player.picture.tell_replay()
+    return hub
+
+
+def _shown_to(hub: Hub, player: Player) -> None:
+    """Interfaces see the shadow that is shown, and its time, which may go back."""
+    hub.service, hub.picture = player.shadow.service, player.picture
+    hub.clock.now_us = player.what.mission.of(player.head.at_us)

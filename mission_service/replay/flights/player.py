@@ -1,0 +1,185 @@
+"""A flight played, paused and sought in: the shadow that is shown, and states to begin again from.
+
+A seek works on a shadow of its own, begun from the nearest state before, while the one that is
+shown stays; then it takes its place at once. What is played is cut into turns, so nothing waits
+long for it. Pure: the clock is asked by whoever calls.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from mission_service.journal.journal import Rest
+from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.replay.flights.beside import Replaying
+from mission_service.replay.flights.journal_once import JournalOnce
+from mission_service.replay.flights.played import Played
+from mission_service.replay.flights.shadow import Shadow, Told, told_in
+from mission_service.replay.flights.spool import Spool
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.play_head import PlayHead, ReplayState
+
+MOST_KEPT = 20
+KEPT_EVERY_US = 30_000_000
+MOST_KEPT_BYTES = 200_000_000
+
+
+class _Kept(NamedTuple):
+    """A state: what is told next, when the last was, where the journal was."""
+
+    number: int
+    at_us: int
+    rest: Rest
+    frozen: Frozen
+
+    @property
+    def size(self) -> int:
+        return sum(len(part) for part in self.frozen.parts)
+
+
+class _Telling:
+    """A shadow, and how far it was told."""
+
+    def __init__(self, shadow: Shadow, number: int, at_us: int, rest: Rest) -> None:
+        self.shadow = shadow
+        self.number = number
+        self.at_us = at_us
+        self.rest = rest
+
+
+class Player:
+    """Plays a flight as its head says."""
+
+    def __init__(self, what: Replaying, journal: JournalOnce, head: PlayHead) -> None:
+        self.what = what
+        self.head = head
+        self.jumps = 0
+        self.complete = False  # whether the flight was ever told to its end
+        self._journal = journal
+        self._known = Known(what.scenario, what.landscape)
+        self._spool: Spool[Told] = Spool(told_in(what))
+        self._spool.get(0)  # before anybody looks: a journal is read once for what people said
+        picture = Picture(what.scenario, what.landscape, what.mission.start_us)
+        shadow = Shadow(what, journal, picture)
+        self._shown = _Telling(shadow, 0, head.begin_us, journal.rest)
+        self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MOST_KEPT)
+        self._kept = [self._state_of(self._shown)]
+        if 4 * self._kept[0].size > MOST_KEPT_BYTES:  # of a large landscape: from the beginning
+            self._every_us = 1 << 62
+        self._work = self._shown  # what a seek works on
+        self._seeks_us: int | None = None
+
+    @property
+    def shadow(self) -> Shadow:
+        """What is shown."""
+        return self._shown.shadow
+
+    @property
+    def picture(self) -> Picture:
+        """What is shown."""
+        picture = self.shadow.service.picture
+        assert picture is not None
+        return picture
+
+    def state(self) -> ReplayState:
+        """Where it is."""
+        head, mission = self.head, self.what.mission
+        sought = head.seek_to_us
+        at_us = head.at_us if sought is None else sought
+        return ReplayState(
+            mission.of(head.at_us),
+            self.what.logs,
+            head.begin_us,
+            head.end_us,
+            at_us,
+            mission.of(head.begin_us),
+            head.speed,
+            head.paused,
+            sought is not None,
+            head.ended,
+            self.jumps,
+        )
+
+    def close(self) -> None:
+        """The end."""
+        self._journal.finish(self.complete)
+        self._spool.close()
+
+    def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
+        """Tell what is due, until the turn is over; whether there is more to do at once."""
+        head = self.head
+        due_us = head.due_us(now_us)
+        if head.seek_to_us is None:
+            self._seeks_us = None
+            if due_us == head.at_us and head.paused:
+                return False
+            done = self._tell(self._shown, due_us, is_over)
+            head.reached(due_us if done else max(self._shown.at_us, head.at_us), now_us)
+            self.complete |= done and head.ended
+            return not done
+        if self._seeks_us != due_us:
+            self._seeks_us, self._work = due_us, self._nearest(due_us)
+        done = self._tell(self._work, due_us, is_over)
+        if done:
+            self._arrived()
+            head.reached(due_us, now_us)
+            self.complete |= head.ended
+        return not done
+
+    def _arrived(self) -> None:
+        if self._work is not self._shown:
+            before, self._shown = self.picture, self._work
+            self.picture.take_the_place_of(before)
+            self.shadow.service.record.news.clear()  # told before, or of what was passed over
+        else:
+            self.picture.tell_replay()
+        self.jumps += 1
+        self._seeks_us = None
+
+    def _nearest(self, to_us: int) -> _Telling:
+        """What to go on from: a shadow that is there, or else a state."""
+        kept = max(
+            (each for each in self._kept if each.at_us <= to_us),
+            key=lambda each: each.number,
+            default=self._kept[0],
+        )
+        there = [each for each in (self._work, self._shown) if each.at_us <= to_us]
+        best = max(there, key=lambda each: each.number, default=None)
+        if best is not None and best.number >= kept.number:
+            return best
+        what = self.what
+        shadow = Shadow(what, self._journal, kept=thawed(kept.frozen))
+        return _Telling(shadow, kept.number, kept.at_us, kept.rest)
+
+    def _tell(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:
+        """Whether all is told up to a time."""
+        self._journal.rest = telling.rest
+        try:
+            while True:
+                told = self._spool.get(telling.number)
+                if told is None or self._log_us(told) > until_us:
+                    return True
+                telling.shadow.take(told)
+                telling.number += 1
+                telling.at_us = max(telling.at_us, self._log_us(told))
+                telling.rest = self._journal.rest
+                self._keep(telling)
+                if is_over():
+                    return False
+        finally:
+            telling.rest = self._journal.rest
+
+    def _log_us(self, told: Told) -> int:
+        return told.at_us if isinstance(told, Played) else self.what.mission.log_us(told.at_us)
+
+    def _keep(self, telling: _Telling) -> None:
+        """Keep a state where the last one is long ago; not too many, and not too large."""
+        if telling.at_us < self._kept[-1].at_us + self._every_us:
+            return
+        self._kept.append(self._state_of(telling))
+        if sum(each.size for each in self._kept) > MOST_KEPT_BYTES:
+            self._kept = self._kept[::2]  # the first one stays
+            self._every_us *= 2
+
+    def _state_of(self, telling: _Telling) -> _Kept:
+        frozen = Frozen(telling.shadow.kept(), self._known)
+        return _Kept(telling.number, telling.at_us, telling.rest, frozen)

@@ -1,0 +1,196 @@
+"""All that is known of one run: the flight as it was flown, and its fire, if there was one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import Items, place_of
+from mission_service.core.steering import AIRBORNE_M
+from mission_service.ground_distance import M_PER_DEG
+from mission_service.replay.flights.beside import Mission
+from mission_service.replay.flights.dropped import GRIPPER, Compared, Done, compared, planned_in
+from mission_service.replay.flights.fire_story import FireStory, fire_story
+from mission_service.replay.flights.flown import Flown
+from mission_service.replay.flights.journal_log import JournalLog
+from mission_service.replay.flights.played import Flight, Survey
+from mission_service.replay.flights.sense import FIRE_DEG, TRACK_DEG, Span, differing, turns
+
+Floats = NDArray[np.float64]
+
+
+FOLLOWS_US = 20_000_000  # a track that turns so soon after its mission did so for that
+NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # nearer to the middle a bearing says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedBack:
+    """A vehicle turned back; ``how`` this is known, in words. ``at_us`` is of the log's clock."""
+
+    at_us: int
+    lat_deg: float
+    lon_deg: float
+    how: str
+
+
+@dataclass
+class VehicleStory:
+    """One vehicle's flight; times are of the log's clock."""
+
+    flown: Flown
+    track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
+    terrain_amsl_m: Floats | None = None  # under the track; NaN off the landscape
+    ways: list[tuple[int, bool]] = field(default_factory=list)  # clockwise from then on
+    turned_back: list[TurnedBack] = field(default_factory=list)
+    decided: list[tuple[int, bool | None]] = field(default_factory=list)  # by its planner
+    differs: list[Span] = field(default_factory=list)
+    drops: list[Compared] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The vehicle's."""
+        return self.flown.name
+
+    def place_at(self, at_us: int) -> tuple[float, float]:
+        """Where it was (lat_deg, lon_deg), between the points of its track."""
+        times = self.track[:, 0]
+        lat = np.interp(at_us, times, self.track[:, 1])
+        return float(lat), float(np.interp(at_us, times, self.track[:, 2]))
+
+
+@dataclass
+class RunStory:
+    """A run. A time of the log's clock is ``mission.of(at_us)`` on that of the fire.
+
+    ``zero_us`` is when the flight begins, ``begin_us`` the part of it that is told of.
+    """
+
+    name: str
+    logs: list[str]
+    damage: list[str]
+    zero_us: int
+    begin_us: int
+    end_us: int
+    offset_us: int | None
+    vehicles: dict[str, VehicleStory]
+    mission: Mission
+    fire: FireStory | None = None
+
+    def since_s(self, at_us: int) -> float:
+        """Seconds since the flight began, of a time of the log's clock."""
+        return (at_us - self.zero_us) / 1e6
+
+    def log_us(self, mission_us: int) -> int:
+        """The log's clock at a mission time."""
+        return self.mission.log_us(mission_us)
+
+
+def run_story(
+    name: str,
+    flight: Flight,
+    found: Survey,
+    journal: JournalLog | None = None,
+    mission: Mission | None = None,
+) -> RunStory:
+    """What a flight tells, and the journal of its fire: its own, or its shadow's."""
+    fire = None if journal is None else fire_story(journal)
+    mission = mission or Mission(found.zero_us, found.zero_us)
+    run = RunStory(
+        name,
+        [str(log.path) for log in flight.logs],
+        list(found.damage),
+        found.zero_us,
+        found.begin_us,
+        found.end_us,
+        found.offset_us,
+        {},
+        mission,
+        fire,
+    )
+    for each, flown in found.flown.items():
+        run.vehicles[each] = _vehicle(flown, run)
+    return run
+
+
+def _vehicle(flown: Flown, run: RunStory) -> VehicleStory:
+    track = np.array([list(point) for point in flown.track]).reshape(-1, 4)
+    story = VehicleStory(flown, track)
+    if not len(track):
+        return story
+    if run.fire is None or run.fire.follows_front:
+        _went_round(story, run)
+    story.turned_back = _joined(
+        [
+            TurnedBack(at_us, *story.place_at(at_us), "its mission went back to an earlier item")
+            for at_us in flown.turned_back_us
+        ],
+        story.turned_back,
+        run,
+    )
+    planned = [drop for _, items in flown.missions for drop in planned_in(items)]
+    let_go = [*flown.servo_steps, *((at_us, GRIPPER, 0) for at_us in flown.releases_us)]
+    done = [Done(at, *story.place_at(at), servo, pulse) for at, servo, pulse in sorted(let_go)]
+    story.drops = compared(planned, done)
+    fire = run.fire
+    if fire is not None:
+        land = fire.landscape
+        x_m, y_m = land.xy_of_lat_lon(track[:, 1], track[:, 2])
+        rows, cols = land.row_col_of(x_m, y_m)
+        inside = (rows > -0.5) & (cols > -0.5)
+        inside &= (rows < land.shape[0] - 0.5) & (cols < land.shape[1] - 0.5)
+        story.terrain_amsl_m = np.full(len(track), np.nan)
+        story.terrain_amsl_m[inside] = land.elevation_at(x_m[inside], y_m[inside])
+        ways = fire.ways.get(flown.name, [])
+        story.decided = [(run.log_us(at_us), way) for at_us, way in ways]
+        story.differs = differing(story.ways, story.decided, run.end_us)
+    return story
+
+
+def _joined(
+    by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunStory
+) -> list[TurnedBack]:
+    """Turns back by time; what a mission began and the track shows soon after is one."""
+    found = list(by_track)
+    for told in by_mission:
+        seen = [each for each in found if 0 <= each.at_us - told.at_us <= FOLLOWS_US]
+        if seen:
+            found.remove(seen[0])
+            then = f"; flies {seen[0].how} from {run.since_s(seen[0].at_us):.1f} s on"
+            told = TurnedBack(told.at_us, told.lat_deg, told.lon_deg, told.how + then)
+        found.append(told)
+    return sorted(found, key=lambda each: each.at_us)
+
+
+def _went_round(story: VehicleStory, run: RunStory) -> None:
+    """Which way round the fire it flew in the air; without a fire round the middle of its track."""
+    track = story.track
+    home = story.flown.home
+    ground_m = track[0, 3] if home is None else home[2]
+    up = np.flatnonzero(track[:, 3] >= ground_m + AIRBORNE_M)
+    if not up.size:
+        return
+    air = track[up[0] : up[-1] + 1]
+    centre = None if run.fire is None else run.fire.centre
+    if centre is None:
+        low, high = air[:, 1:3].min(axis=0), air[:, 1:3].max(axis=0)
+        centre = (float(low[0] + high[0]) / 2.0, float(low[1] + high[1]) / 2.0)
+    north_m = (air[:, 1] - centre[0]) * M_PER_DEG
+    east_m = (air[:, 2] - centre[1]) * M_PER_DEG * np.cos(np.deg2rad(centre[0]))
+    if run.fire is not None and run.fire.centre is not None:
+        around, limits = "the fire", (FIRE_DEG, NEAR_CELLS * run.fire.landscape.cell_size_m)
+    else:
+        farthest_m = float(np.hypot(east_m, north_m).max())
+        around, limits = "the middle of its track", (TRACK_DEG, NEAR_SHARE * farthest_m)
+    found = turns(east_m, north_m, *limits)
+    for number, turn in enumerate(found):
+        at_us, lat, lon = (float(value) for value in air[turn.point, :3])
+        way = "clockwise" if turn.clockwise else "anticlockwise"
+        story.ways.append((int(at_us), turn.clockwise))
+        if number:
+            story.turned_back.append(TurnedBack(int(at_us), lat, lon, f"{way} round {around}"))
+
+
+def places_of(items: Items) -> Sequence[tuple[float, float]]:
+    """Where a mission leads (lat_deg, lon_deg)."""
+    return [place for place in map(place_of, items) if place is not None]

@@ -1,0 +1,126 @@
+"""The core beside a logged flight: what vehicles would have seen, what would have been decided.
+
+The log's vehicles stand where those of a live run are on their links (``logged_vehicle.py``). All
+else is the live run: camera, core, journal, picture. So the shadow of a flight leaves a journal
+that can be verified, and interfaces show it as they show a run.
+"""
+
+import heapq
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from autopilot_bridge.client_events import Position
+from mission_service.core.core import Core
+from mission_service.events import CrewEvent, Lit
+from mission_service.fire.simulated import world_of
+from mission_service.fire.watched import OF_FIRE, WatchedFire
+from mission_service.journal.journal import Journal
+from mission_service.replay.flights.beside import Replaying
+from mission_service.replay.flights.journal_log import JournalLog
+from mission_service.replay.flights.logged_vehicle import LoggedVehicle
+from mission_service.replay.flights.played import Played
+from mission_service.runtime.engine import Service
+from mission_service.runtime.gateway import Gateway, MissionClock
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.record import Record
+from mission_service.runtime.watchman import Watchman
+
+Told = Played | CrewEvent
+EVERY_US = 50_000  # positions of a vehicle, at least
+NEVER_LATE_US = 1 << 62  # nobody waits for a log
+
+
+def told_in(what: Replaying) -> Iterator[Told]:
+    """What a flight tells, with what people have said of the fire by then.
+
+    Logs may have hundreds of positions a second: they are thinned, and none is moved.
+    """
+    log, mission = what.flight.logs[0], what.mission
+    people: list[CrewEvent] = []
+    if isinstance(log, JournalLog):
+        people = [each for each in log.crew() if isinstance(each, (*OF_FIRE, Lit))]
+    on_clock = ((mission.log_us(each.at_us), each) for each in people)
+    vehicles = ((each.at_us, each) for each in what.flight.played())
+    passed_us: dict[str, int] = {}
+    streams: list[Iterable[tuple[int, Told]]] = [on_clock, vehicles]
+    for at_us, told in heapq.merge(*streams, key=lambda each: each[0]):
+        if at_us > what.end_us:
+            return
+        if isinstance(told, Played) and isinstance(told.event, Position):
+            if at_us - passed_us.get(told.vehicle, -EVERY_US) < EVERY_US:
+                continue
+            passed_us[told.vehicle] = at_us
+        yield told
+
+
+class Shadow:
+    """The service of a scenario whose vehicles are those of a flight."""
+
+    def __init__(
+        self,
+        what: Replaying,
+        journal: Journal,
+        picture: Picture | None = None,
+        kept: dict[str, Any] | None = None,
+    ) -> None:
+        """With what another has ``kept`` it goes on from there; these objects are its own then."""
+        begun = kept or _begun(what, picture)
+        self.clock: MissionClock = begun["clock"]
+        self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
+        self.gateways: dict[str, Gateway] = begun["gateways"]
+        self._watchman: Watchman | None = begun["watchman"]
+        self.service = Service(
+            what.scenario,
+            begun["core"],
+            begun["fire"].world,
+            journal,
+            begun["record"],
+            self.gateways,
+            picture=begun["picture"],
+        )
+        if kept is not None:
+            self.service.restore(kept)
+
+    def kept(self) -> dict[str, Any]:
+        """All that there is to know beside the scenario, to be copied."""
+        return {
+            "clock": self.clock,
+            "vehicles": self.vehicles,
+            "gateways": self.gateways,
+            "watchman": self._watchman,
+            **self.service.kept(),
+        }
+
+    def take(self, told: Told) -> None:
+        """Take in what the flight tells next."""
+        if not isinstance(told, Played):
+            self.service.tell(told, told.at_us)
+            return
+        self.vehicles[told.vehicle].take(told.event)
+        self.service.take(self.gateways[told.vehicle].events(told.at_us), told.at_us)
+        if self._watchman is not None:
+            self._watchman.look(told.at_us)
+
+
+def _begun(what: Replaying, picture: Picture | None) -> dict[str, Any]:
+    scenario, landscape, mission = what.scenario, what.landscape, what.mission
+    clock = MissionClock(mission.start_us, wall=True)
+    clock.go_on(mission.start_us, mission.begin_us)
+    if all(isinstance(log, JournalLog) for log in what.flight.logs):
+        clock.ahead_us = mission.start_us - mission.begin_us
+    vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
+    world = world_of(scenario, landscape)
+    world.advance(mission.start_us)
+    watchman = None
+    if picture is not None:
+        watchman = Watchman(picture, scenario.mission.separation_m, NEVER_LATE_US)
+    return {
+        "clock": clock,
+        "vehicles": vehicles,
+        "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
+        "watchman": watchman,
+        "core": Core(scenario, landscape),
+        "fire": WatchedFire(scenario, world),
+        "record": Record(tuple(vehicles), mission.start_us),
+        "picture": picture,
+    }

@@ -1,0 +1,242 @@
+"""A journal's scenario flown again in the simulator with other settings of its planner.
+
+What people said is said again at its mission time. Vehicles are mocks, so even with the journal's
+own settings a live flight is not flown the same again; one of ``sim`` is, to the last bit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mission_service.commands import AnyCommand
+from mission_service.config.scenario import Scenario, apply_override, flying, parse_scenario
+from mission_service.core.core import Core
+from mission_service.errors import JournalError, ScenarioError
+from mission_service.events import (
+    Answered,
+    AnyEvent,
+    Approved,
+    Crew,
+    CrewEvent,
+    MissionAccepted,
+    MissionRefused,
+    Present,
+    Rejected,
+    Resumed,
+    SettingsTold,
+)
+from mission_service.fire.watched import WatchedFire
+from mission_service.journal.recorded import Recorded
+from mission_service.runtime.engine import Progress, unshown
+from mission_service.runtime.outputs import summary_of, write_outputs
+from mission_service.runtime.record import Record
+from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.sim import simulate
+
+SHORT = {"planner": "rule"}
+NEVER_AGAIN = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)
+OF_SIMULATED_CREW = (Answered, Present)
+
+
+@dataclass
+class PastRun:
+    """What a journal tells of its run."""
+
+    scenario: Scenario
+    record: Record
+    fire: WatchedFire
+    people: list[CrewEvent] = field(default_factory=list)
+
+    def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        """One turn of it."""
+        self.fire.past(event, commands)
+        self.record.add(event, commands)
+        if isinstance(event, Crew):
+            self.people.append(event)
+
+
+def past_run(journal: Recorded) -> PastRun:
+    """Fold a whole journal; raises JournalError where it is damaged or its beginning is gone."""
+    if journal.segment != 1:
+        raise JournalError(
+            f"{journal.path}: its beginning was deleted, and with it what people said then"
+        )
+    scenario = journal.scenario
+    names = tuple(section.name for section in scenario.flown)
+    run = PastRun(scenario, Record(names, round(scenario.start_s * 1e6)), journal.fire())
+    event: AnyEvent | None = None
+    commands: list[AnyCommand] = []
+    for _, entry in journal.intact():
+        if not entry.is_event:
+            commands.append(entry.content)  # type: ignore[arg-type]
+            continue
+        if event is not None:
+            run.add(event, commands)
+        event, commands = entry.content, []  # type: ignore[assignment]
+    if event is not None:
+        run.add(event, commands)
+    run.fire.world.advance(run.record.at_us)
+    return run
+
+
+@dataclass(frozen=True)
+class WhatIf:
+    """Settings that were changed, the figures of both runs, and what to know of the second."""
+
+    settings: dict[str, Any]
+    until_s: float
+    recorded: dict[str, Any]
+    what_if: dict[str, Any]
+    notes: list[str]
+
+
+def what_if(
+    path: Path, words: Sequence[str], out: Path, created: str, progress: Progress = unshown
+) -> WhatIf:
+    """Fly a journal's scenario again with ``KEY=VALUE`` of its [planner]; the figures of both.
+
+    The folder ``out`` gets what ``sim`` leaves. Raises ScenarioError for settings that cannot be,
+    JournalError for a journal that cannot be flown again.
+    """
+    journal = Recorded(path)
+    scenario, changed = with_settings(journal, words)
+    copy = out / "journal.jsonl"
+    if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
+        raise ScenarioError(f"{out}: is the journal's own folder; choose another with --out")
+    if scenario.only is not None:
+        raise JournalError(f"{path}: of one process of several: they cannot be flown again here")
+    past = past_run(journal)
+    until_s = past.record.at_us / 1e6
+    if until_s <= scenario.start_s:
+        raise JournalError(f"{path}: nothing has happened in it")
+    notes: list[str] = []
+    if scenario.mission.approval == "each":
+        notes.append("missions go to the vehicles without anybody's word")
+        free = scenario.mission.model_copy(update={"approval": "none"})
+        scenario = scenario.model_copy(update={"mission": free})
+    script = told_again(past.people, changed)
+    if scenario.burn_flown is not None:
+        notes.append("a simulated crew says GO, watches and approves the plans")
+        script = [event for event in script if not isinstance(event, OF_SIMULATED_CREW)]
+        crew = SimulatedCrew(scenario.burn_flown, script=script).due
+    else:
+        crew = Script(script).due
+    left = sum(isinstance(event, NEVER_AGAIN) for event in past.people)
+    if left:
+        notes.append(f"{left} approvals and restarts of the recorded run are left out")
+    record, world = simulate(scenario, copy, created, progress, crew, until_s)
+    summary = write_outputs(out, scenario, record, world.fire)
+    recorded = summary_of(past.scenario, past.record, past.fire.world.fire)
+    return WhatIf(changed, until_s, figures_of(recorded), figures_of(summary), notes)
+
+
+class Script:
+    """People who say what they said, each at its time."""
+
+    def __init__(self, events: Sequence[CrewEvent]) -> None:
+        self._events = list(events)
+
+    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+        """What is said by now."""
+        count = next(
+            (place for place, each in enumerate(self._events) if each.at_us > now_us),
+            len(self._events),
+        )
+        said, self._events = self._events[:count], self._events[count:]
+        return said
+
+
+def with_settings(journal: Recorded, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
+    """The journal's scenario with ``KEY=VALUE`` of its [planner], several in one word or not.
+
+    Raises ScenarioError in one line for what there is not.
+    """
+    data = msgspec.to_builtins(journal.readers[0].header["scenario"])
+    keys = list[str]()
+    for word in " ".join(words).replace(",", " ").split():
+        key, equals, value = word.partition("=")
+        if not equals or not value or "." in key:
+            raise ScenarioError(
+                f"--what-if {word}: write it as KEY=VALUE of [planner], e.g. planner=predictive"
+            )
+        key = SHORT.get(key, key)
+        apply_override(data, f"planner.{key}={value}")
+        keys.append(key)
+    if not keys:
+        raise ScenarioError("--what-if: no settings are given, e.g. planner=predictive")
+    scenario = flying(parse_scenario(data, journal.path))
+    return scenario, {key: getattr(scenario.planner, key) for key in keys}
+
+
+def told_again(people: Sequence[CrewEvent], changed: dict[str, Any]) -> list[CrewEvent]:
+    """What people said, but approvals, and settings of keys that are given."""
+    found: list[CrewEvent] = []
+    for event in people:
+        if isinstance(event, NEVER_AGAIN):
+            continue
+        if isinstance(event, SettingsTold):
+            event = msgspec.structs.replace(
+                event, **{key: None for key in changed if key in event.given}
+            )
+            if not event.given:
+                continue
+        found.append(event)
+    return found
+
+
+def figures_of(summary: dict[str, Any]) -> dict[str, Any]:
+    """What of a run is compared, from its summary."""
+    vehicles = {each["name"]: _figures(each) for each in summary["vehicles"]}
+    names = ("decisions", "reversals", "uploads_accepted")
+    return {
+        **{name: sum(each[name] for each in vehicles.values()) for name in names},
+        "closest_pair_m": summary["closest_pair_m"],
+        "burned_area_ha": round(summary["burned_area_ha"], 1),
+        "vehicles": vehicles,
+    }
+
+
+def _figures(vehicle: dict[str, Any]) -> dict[str, int]:
+    return {
+        "decisions": vehicle["decisions"],
+        "reversals": vehicle["reversals"],
+        "uploads_accepted": vehicle["uploads"].get("accepted", 0),
+    }
+
+
+LABELS = {"closest_pair_m": "closest pair (m)", "burned_area_ha": "burned area (ha)"}
+
+
+def in_text(found: WhatIf) -> str:
+    """For people: a table of both runs."""
+    rows = [("", "recorded", "what-if")]
+    rows += _rows("", found.recorded, found.what_if)
+    for name, figures in found.recorded["vehicles"].items():
+        if len(found.recorded["vehicles"]) > 1:
+            rows += _rows(f"{name}: ", figures, found.what_if["vehicles"][name])
+    width = max(len(row[0]) for row in rows)
+    given = ", ".join(f"{key} = {value}" for key, value in found.settings.items())
+    return "\n".join(
+        [
+            f"flown again in the simulator until {found.until_s:g} s with {given}",
+            *found.notes,
+            *(f"{name:<{width}}  {ours:>10}  {theirs:>10}" for name, ours, theirs in rows),
+        ]
+    )
+
+
+def _rows(
+    about: str, recorded: dict[str, Any], other: dict[str, Any]
+) -> list[tuple[str, str, str]]:
+    return [
+        (about + LABELS.get(key, key.replace("_", " ")), _shown(recorded[key]), _shown(other[key]))
+        for key in recorded
+        if key != "vehicles"
+    ]
+
+
+def _shown(value: Any) -> str:
+    return "–" if value is None else f"{value}"

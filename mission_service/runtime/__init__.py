@@ -1,0 +1,1 @@
+"""Clocks, links and the state that interfaces show."""

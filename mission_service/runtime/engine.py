@@ -1,0 +1,452 @@
+"""One turn of the loop, the same for simulation and live flight.
+
+Journal the event, let the core and all other folds have it, journal the commands, carry them out;
+and let the camera look at the fire whenever a position arrives.
+
+**Nothing in the journal can make a restart fail.** Requests of operators are rare and may have any
+content: each is first applied to a copy of all folds (core, record, picture, interlock, missions),
+as a restart applies it, and journalled only if none of them raises; the copy takes milliseconds,
+tens of them for a formation's maps. The fire is too large to be copied: it applies a request before
+all other folds, completely or not at all. Events of vehicles are too frequent for a copy: their
+types limit their values (``events.py``), and the journal refuses any other before it is handled. If
+one still raises, that is a defect: it is removed from the journal, none of its commands is carried
+out, and the run ends with one line, since memory and journal differ; after a restart it resumes.
+"""
+
+import copy
+from collections import deque
+from collections.abc import Callable, Iterable
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.landscape import Landscape
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ClimbAndHold,
+    Drop,
+    Hold,
+    Level,
+    Say,
+    UploadMission,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import BurnSection
+from mission_service.core.core import Core
+from mission_service.core.steering import MISSION
+from mission_service.errors import NotRecordedError, RefusedEventError
+from mission_service.events import (
+    Aborted,
+    AnyEvent,
+    AutopilotText,
+    CommandFinished,
+    Contact,
+    Crew,
+    CrewEvent,
+    DropFinished,
+    Heard,
+    HostTime,
+    LinesSkipped,
+    ModeChanged,
+    Observed,
+    Resumed,
+    Telemetry,
+    UploadFinished,
+    VehicleEvent,
+)
+from mission_service.fire.simulated import FireWorld, Window
+from mission_service.fire.watched import OF_FIRE, WatchedFire
+from mission_service.guidance.burn.interlock import Interlock
+from mission_service.guidance.burn.mission import has_drop
+from mission_service.journal.journal import Journal, command_body, event_body
+from mission_service.journal.recording import Recording
+from mission_service.journal.snapshot import Known, copied
+from mission_service.missions.held import MissionsHeld
+from mission_service.peer_messages import AnyMessage
+from mission_service.runtime.gateway import Gateway
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.record import Record
+
+NO_BURN = "the scenario has no burn"
+HOST_TIME_EVERY_US = 1_000_000
+# What a state holds of a service; all else follows from the scenario.
+KEPT = (
+    "core",
+    "fire",
+    "record",
+    "picture",
+    "_missions",
+    "_owed",
+    "_interlock",
+    "_said_yes",
+)
+TRIED = tuple(name for name in KEPT if name != "fire")  # on a copy
+
+Progress = Callable[[Record, FireWorld], None]
+
+
+def unshown(record: Record, world: FireWorld) -> None:
+    """Progress that nobody looks at."""
+
+
+def unheard(message: AnyMessage) -> None:
+    """Said where nobody else is."""
+
+
+def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | None:
+    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
+    if burn is None:
+        return None
+    if burn.unit_file is None:
+        return Interlock(burn)
+    from firemodel.readers.shapes import read_shapes
+
+    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
+        return np.column_stack([lon, lat])
+
+    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
+    return Interlock(burn, shapely.transform(unit, lon_lat))
+
+
+class Service:
+    """Joins core, journal, simulated fire and the vehicles' gateways."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        core: Core,
+        world: FireWorld,
+        journal: Journal,
+        record: Record,
+        gateways: dict[str, Gateway],
+        say: Callable[[AnyMessage], None] = unheard,
+        picture: Picture | None = None,
+    ) -> None:
+        """``say`` tells other processes; ``picture`` is what interfaces show, if there are any."""
+        self._scenario = scenario
+        self.core = core
+        self.fire = WatchedFire(scenario, world)
+        self.record = record
+        self.picture = picture
+        self.recording = Recording(journal)
+        self._missions = MissionsHeld()
+        self._owed: dict[str, Window] = {}  # corrections of the fire that a vehicle is to be told
+        self._down_since_us = 0
+        self._host_time_due_us = -(2**63)
+        self._gateways = gateways
+        self._say = say
+        self._said_yes: dict[tuple[str, str], int] = {}
+        self._modes_meanwhile: dict[str, str] = {}  # that are not recorded
+        self._held_back: deque[DropFinished | UploadFinished] = deque()
+        self._interlock = interlock_of(scenario.burn, world.landscape)
+        self._refusals: set[str] = set()  # alarms of events that were refused
+        self.defect: RefusedEventError | None = None  # memory and journal differ
+
+    @property
+    def world(self) -> FireWorld:
+        """What burns."""
+        return self.fire.world
+
+    @cached_property
+    def known(self) -> Known:
+        """What copies share."""
+        return Known(self._scenario, self.world.landscape)
+
+    def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
+        """Handle what a gateway reports; ``now_us`` is the link's clock."""
+        self.clock_read(now_us)
+        for event in events:
+            if not isinstance(event, Telemetry):
+                if not self._handle(event, now_us):
+                    self._not_followed(event)
+            elif self._is_good(event):  # before the fire burns on until then
+                observed = self.fire.look(event)
+                if observed is not None:
+                    self._handle(observed, now_us)
+                if not self._handle(event, now_us) and self.picture:
+                    self.picture.take(event, [])
+
+    def _not_followed(self, event: VehicleEvent) -> None:
+        """Report what operators must see though it is not recorded and nothing follows from it.
+
+        A mode that a vehicle has changed to meanwhile was chosen by its autopilot or pilot.
+        """
+        if not self.recording.trouble or self.picture is None:
+            return
+        name = event.vehicle
+        if isinstance(event, ModeChanged):
+            self._modes_meanwhile[name] = event.mode
+            words = f"{name}: mode {event.mode} since nothing can be recorded"
+            self.picture.alarm(f"unrecorded/{name}", words, "severe", name)
+        elif isinstance(event, AutopilotText):
+            self.announce(name, f"autopilot: {event.text}")
+
+    def _is_left(self, command: AnyCommand) -> bool:
+        """Whether an abort leaves a vehicle in a mode that the core has not followed."""
+        mode = self._modes_meanwhile.get(command.vehicle, MISSION)
+        if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
+            return False
+        self.announce(command.vehicle, f"left in mode {mode}, to which it has changed meanwhile")
+        return True
+
+    def clock_read(self, now_us: int) -> None:
+        """In burns handle the host's monotonic clock, about once a second."""
+        if self._interlock is None or now_us < self._host_time_due_us:
+            return
+        self._host_time_due_us = now_us + HOST_TIME_EVERY_US
+        for name in self._gateways:
+            self._handle(HostTime(self.record.at_us, name, now_us), now_us)
+
+    def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
+        """Handle what a vehicle of another process has said; all here hear it."""
+        for name in self._gateways:
+            self._handle(Heard(at_us, name, message), now_us)
+
+    def tell(self, event: CrewEvent, now_us: int) -> None:
+        """Handle what a person did or said; it is in the journal, on the disk, when this returns.
+
+        Raises NotRecordedError if it cannot be, FireModelError for what cannot be true of the fire,
+        and RefusedEventError for what cannot be handled; nothing was done then. An abort is carried
+        out whatever happens.
+        """
+        self.clock_read(now_us)
+        self._try(event, now_us)
+        if not self._written(event):
+            raise NotRecordedError(f"not recorded: {self.recording.trouble}; nothing was done")
+        try:
+            window = self._told_of_fire(event)
+        except Exception as error:
+            self.recording.take_back()
+            if isinstance(error, FireModelError):
+                raise
+            raise _cannot(event, error) from error
+        self._follow(event, now_us)
+        self._owe(window)
+        self._pay(event.at_us, now_us)
+
+    def _try(self, event: CrewEvent, now_us: int) -> None:
+        """Apply a request to a copy of the state. Raises RefusedEventError if that raises."""
+        trial = copy.copy(self)
+        try:
+            trial.restore(copied({name: getattr(self, name) for name in TRIED}, self.known))
+            for command in trial._folded(event):
+                command_body(command)
+                trial._refused(command)
+                if trial._interlock is not None:
+                    trial._interlock.sent([command])
+        except Exception as error:
+            if isinstance(event, Aborted):  # past the core, which cannot handle it
+                for name, gateway in self._gateways.items():
+                    gateway.execute(Hold(name), now_us)
+            raise _cannot(event, error) from error
+
+    def _told_of_fire(self, event: CrewEvent) -> Window | None:
+        """What people say of the fire, before it is written down: what cannot be is refused."""
+        found = self.fire.told(event)
+        if self.picture is not None and isinstance(event, OF_FIRE):
+            self.picture.fire_changed()
+        return found
+
+    def contact(self, there: bool, at_us: int, now_us: int) -> None:
+        """Whether other processes can be talked to; for all vehicles here."""
+        for name in self._gateways:
+            self._handle(Contact(at_us, name, there), now_us)
+
+    def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        """What a journal tells of before: all that follows from it but the orders."""
+        self.world.advance(event.at_us)
+        window = self.fire.past(event, commands)
+        if isinstance(event, OF_FIRE) and self.picture is not None:
+            self.picture.fire_changed()
+        self._show(event, commands)
+        self._owe(window)
+        if isinstance(event, Observed) and event.corrects:
+            self._owed.pop(event.vehicle, None)
+        if self._interlock is not None:
+            self._interlock.take(event)
+            self._interlock.sent(commands)
+
+    def go_on(
+        self,
+        missing: Iterable[AnyCommand],
+        event: Resumed,
+        now_us: int,
+        skipped: LinesSkipped | None = None,
+    ) -> None:
+        """After the past events: journal the last commands that it lacks, then handle ``event``.
+
+        ``skipped`` are lines of the journal that were left out of the past.
+        """
+        self.recording.commands(list(missing))
+        self.record.news.clear()  # told before
+        if skipped is not None:
+            self._handle(skipped, now_us)
+        self._begin_again(event, now_us)
+
+    def _begin_again(self, event: Resumed, now_us: int) -> None:
+        """Nothing of before is trusted: each vehicle's mission is read back when it is heard."""
+        self._handle(event, now_us)
+        self._pay(event.at_us, now_us)
+        for name, gateway in self._gateways.items():
+            gateway.read_back(partial(self._missions.recognised, name), now_us)
+
+    def mend(self, at_us: int, now_us: int) -> bool:
+        """Try to write again; goes on as after a restart. Whether there is no trouble any more."""
+        if not self.recording.works_again():
+            return False
+        for name in self._modes_meanwhile:
+            if self.picture is not None:
+                self.picture.clear(f"unrecorded/{name}")
+        self._modes_meanwhile.clear()  # each vehicle's mode is reported anew
+        down_us = max(at_us - self._down_since_us, 0)
+        self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
+        return not self.recording.trouble
+
+    def kept(self) -> dict[str, Any]:
+        """What a state holds; with the scenario it is all that there is to know."""
+        return {name: getattr(self, name) for name in KEPT}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Have a state again."""
+        for name in kept:
+            setattr(self, name, kept[name])
+
+    def announce(self, about: str, text: str, level: Level = "warning") -> None:
+        """Tell the user of something beside the journal."""
+        self.record.news.append((self.record.at_us, Announce(about, text, level)))
+        if self.picture is not None:
+            self.picture.tell(about, text, level)
+
+    def _owe(self, window: Window | None) -> None:
+        if window is not None:
+            self._owed = dict.fromkeys(self._gateways, window)
+
+    def _pay(self, at_us: int, now_us: int) -> None:
+        """Tell each vehicle's planner what people have said of the fire."""
+        for name, window in list(self._owed.items()):
+            if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
+                del self._owed[name]
+
+    def answered(self, command: str, since_us: int) -> set[str]:
+        """Vehicles that have said yes to an order since a mission time."""
+        said = self._said_yes.items()
+        return {name for (name, word), at_us in said if word == command and at_us >= since_us}
+
+    def status(self) -> dict[str, Any]:
+        """What the interlock has of plans, vehicles and the crew."""
+        return {} if self._interlock is None else self._interlock.status()
+
+    def _handle(self, event: AnyEvent, now_us: int) -> bool:
+        """One turn; whether there was one. What is not written down did not happen."""
+        if not self._is_good(event) or not self._written(event):
+            return False
+        self._follow(event, now_us)
+        return True
+
+    def _is_good(self, event: AnyEvent) -> bool:
+        """Whether an event can be journalled; if not, raise an alarm until one of its kind can."""
+        try:
+            event_body(event)
+        except RefusedEventError as error:
+            self._refuse(event, str(error))
+            return False
+        if self._refusals and self.picture is not None:
+            key = _alarm_of(event)
+            self._refusals.discard(key)
+            self.picture.clear(key)
+        return True
+
+    def _refuse(self, event: AnyEvent, why: str) -> None:
+        key = _alarm_of(event)
+        if key in self._refusals:
+            return
+        name = "service" if isinstance(event, Crew) else event.vehicle
+        self._refusals.add(key)
+        self.announce(name, f"event not used: {why}")
+        if self.picture is not None:
+            self.picture.alarm(key, f"{name}: {why}", "warning", name)
+
+    def _written(self, event: AnyEvent) -> bool:
+        if self.defect is not None:
+            raise self.defect
+        if not self.recording.trouble:
+            self._down_since_us = event.at_us
+        return self.recording.event(event)
+
+    def _follow(self, event: AnyEvent, now_us: int) -> None:
+        try:
+            commands = self._folded(event)
+            self.fire.happened(event)
+            may_act = self.recording.commands(commands)
+        except OSError:  # the journal of a simulation
+            raise
+        except Exception as error:
+            self.recording.take_back()
+            self.defect = _cannot(event, error)
+            raise self.defect from error
+        for command in commands if may_act else ():
+            if isinstance(command, Say):
+                self._say(command.message)
+            elif self._is_left(command):
+                pass
+            elif (refused := self._refused(command)) is not None:
+                self._held_back.append(refused)
+            else:
+                self.fire.ordered(command)
+                self._gateways[command.vehicle].execute(command, now_us)
+            if self._interlock is not None:
+                self._interlock.sent([command])
+        while self._held_back:
+            self._handle(self._held_back.popleft(), now_us)
+
+    def _folded(self, event: AnyEvent) -> list[AnyCommand]:
+        """Apply an event to all folds but the fire; returns the commands of the core."""
+        commands = self.core.handle(event)
+        self._show(event, commands)
+        if self._interlock is not None:
+            self._interlock.take(event)
+        return commands
+
+    def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        if isinstance(event, CommandFinished) and event.accepted:
+            self._said_yes[event.vehicle, event.command] = event.at_us
+        self._missions.take(event, commands)
+        self.record.add(event, commands)
+        if self.picture is not None:
+            self.picture.take(event, commands)
+
+    def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
+        """The last lock: no drop leaves that the interlock does not allow, no mission with one."""
+        at_us, lock = self.record.at_us, self._interlock
+        if isinstance(command, Drop):
+            why = NO_BURN if lock is None else lock.refuses(command, at_us)
+            if why is None:
+                return None
+            named = (command.plan_hash, command.number)
+            return DropFinished(at_us, command.vehicle, *named, False, True, f"interlock: {why}")
+        if isinstance(command, UploadMission) and lock is not None and has_drop(command.items):
+            reason = "interlock: something in it may drop"
+            return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
+        return None
+
+
+def _alarm_of(event: AnyEvent) -> str:
+    name = "" if isinstance(event, Crew) else event.vehicle
+    return f"refused/{name}/{type(event).__name__}"
+
+
+def _cannot(event: AnyEvent, error: Exception) -> RefusedEventError:
+    if isinstance(error, RefusedEventError):
+        return error
+    at_s, what = event.at_us / 1e6, type(event).__name__
+    why = " ".join(f"{type(error).__name__}: {error}".split())
+    return RefusedEventError(
+        f"{what} at {at_s:.3f} s cannot be handled and was not carried out: {why}; "
+        "this is a defect, please report it"
+    )

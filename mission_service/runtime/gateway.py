@@ -1,0 +1,430 @@
+"""Between the core's vocabulary and one vehicle's MAVLink client. No input or output of its own."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+
+import msgspec
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge import client_events as bridge
+from autopilot_bridge.autopilot import Autopilot
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.orders import Dropper
+from autopilot_bridge.rates import RatesHz
+from autopilot_bridge.stacks import Stack
+from mission_service.commands import (
+    AnyCommand,
+    ChangeSpeed,
+    ClimbAndHold,
+    Drop,
+    Hold,
+    Orbit,
+    Return,
+    StartMission,
+    UploadMission,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.events import (
+    AutopilotText,
+    BatteryTold,
+    CommandFinished,
+    DropFinished,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    FixTold,
+    LandedStateChanged,
+    LinkLost,
+    LinkRestored,
+    MissionHeld,
+    MissionProgress,
+    ModeChanged,
+    SystemStateChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleEvent,
+    VehicleRebooted,
+    WindMeasured,
+)
+from mission_service.missions.held import as_uploaded
+from mission_service.runtime.speed_reports import SpeedReports
+
+Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
+
+# What the core lives on; nothing else is asked for, and nothing is switched off for others.
+RATES_HZ = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
+    mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
+    # Reports of failures must arrive within two seconds.
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot's
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,  # ArduPilot's
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,  # PX4's
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+}
+BURN_RATES_HZ = {
+    **RATES_HZ,
+    # At 5 m/s half a metre: what is dropped is dropped when a position comes.
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+}
+GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
+
+# Texts below this severity, and repetitions of a text within this time, are dropped.
+LEAST_SEVERITY = mavlink.MAV_SEVERITY_INFO
+TEXT_AGAIN_AFTER_US = 10_000_000
+MOST_TEXTS_KEPT = 32
+
+StatusChanged = (
+    SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
+)
+
+# A vehicle that stays so far behind mission time, for so long on our own clock, is set to it.
+BEHIND_US = 1_000_000
+BEHIND_FOR_US = 5_000_000
+
+
+def rates_hz(scenario: Scenario) -> RatesHz:
+    """Which messages the vehicles of a scenario are asked for, and how often."""
+    return BURN_RATES_HZ if scenario.planner.rule == "burn" else RATES_HZ
+
+
+def dropper_of(scenario: Scenario) -> Dropper | None:
+    """The dropper of a scenario's burn."""
+    if scenario.burn is None:
+        return None
+    return Dropper(*scenario.burn.dropper.output)
+
+
+class MissionClock:
+    """Mission time, told by the autopilots' own clocks or by the wall clock.
+
+    With the autopilots' clocks a simulation that runs faster than real time keeps fire and flight
+    together; the first autopilot heard begins at ``start_us`` and each later one, or one that was
+    restarted, joins at the time reached so far. So does one whose clock is slower, or that others
+    had to wait for: who is behind is not seen by its team. With the wall clock, mission time is
+    the time since the service began.
+    """
+
+    def __init__(self, start_us: int, wall: bool) -> None:
+        self.now_us = start_us
+        self.latest_us = start_us  # of all processes
+        self.wall = wall
+        # Of the clock of a journal, whose positions have each vehicle's own mission time.
+        self.ahead_us: int | None = None
+        self._start_us = start_us
+        self._began_us: int | None = None
+
+    def go_on(self, mission_us: int, wall_us: int) -> None:
+        """Have this mission time at that time of the machine, before any vehicle is heard."""
+        self.now_us = self.latest_us = self._start_us = mission_us
+        self._began_us = wall_us if self.wall else None
+
+    def wall_passed(self, wall_us: int) -> None:
+        """Tell the time of the machine; counts only for a wall clock."""
+        if not self.wall:
+            return
+        if self._began_us is None:
+            self._began_us = wall_us
+        self.now_us = max(self.now_us, self._start_us + wall_us - self._began_us)
+
+    def autopilot_passed(self, mission_us: int) -> None:
+        """An autopilot's clock has reached this mission time."""
+        self.now_us = max(self.now_us, mission_us)
+        self.latest_us = max(self.latest_us, mission_us)
+
+    def others_passed(self, mission_us: int, wall_us: int) -> None:
+        """Another process has reached this mission time: who joins late, joins there.
+
+        Who is only a little late stays so: all events of a process are on one time.
+        """
+        self.latest_us = max(self.latest_us, mission_us)
+        self.wall_passed(wall_us)
+        if self._began_us is not None:
+            self._began_us = min(self._began_us, wall_us - (mission_us - self._start_us))
+
+
+class Gateway:
+    """Translates one client's events and carries out the core's commands for its vehicle."""
+
+    def __init__(
+        self,
+        name: str,
+        client: Autopilot,
+        clock: MissionClock,
+        dropper: Dropper | None = None,
+        return_height_m: float | None = None,
+    ) -> None:
+        """Without a ``dropper`` every drop is refused.
+
+        ``return_height_m`` above home is set on the vehicle when it is heard.
+        """
+        self.name = name
+        self.client = client
+        self._clock = clock
+        self._dropper = dropper
+        self._return_height_m = return_height_m
+        self._drops: dict[int, Drop] = {}  # under way, by the client's number
+        self._told: deque[VehicleEvent] = deque()  # without the client
+        self._battery_pct: dict[int, float] = {}
+        self._last: dict[type, VehicleEvent] = {}  # of what is told when it changes
+        self._status: dict[type, StatusChanged] = {}  # the newest of each
+        self._speed_reports = SpeedReports()
+        self._texts: dict[str, int] = {}  # when each was written last, on the link's clock
+        self._offset_us: int | None = None
+        self._least_behind_us = 0
+        self._watched_from_us = 0
+        self._mission_of_transfer: dict[int, int] = {}
+        self._recognise: Recognise | None = None
+        self._reading: int | None = None  # the client's number of the download
+        self._mode: tuple[int, bool, str] | None = None
+        self.link_alarms: deque[tuple[str, str]] = deque()  # kind and words, none where it ended
+        self._connected = False  # and told so
+        self._lost = False
+
+    def read_back(self, recognise: Recognise, now_us: int) -> None:
+        """Read the mission on board as soon as the vehicle is heard, and tell all of it anew.
+
+        ``recognise`` gives the number of a mission that was read; 0 if it is none of ours.
+        """
+        self._recognise = recognise
+        self._last.clear()
+        self._speed_reports = SpeedReports()
+        stack = self.client.stack
+        if stack is not None and self._connected and not self._lost:
+            at_us = self._clock.now_us
+            if self._mode is not None:  # before anything is ordered again
+                self._told.append(ModeChanged(at_us, self.name, *self._mode))
+            self._told.append(_connected(at_us, self.name, stack))
+            for status in self._status.values():
+                self._told.append(msgspec.structs.replace(status, at_us=at_us))
+            self._reading = self.client.download(now_us)
+
+    def events(self, now_us: int) -> Iterator[VehicleEvent]:
+        """What happened since the last call, in the core's words, on mission time."""
+        self._clock.wall_passed(now_us)
+        while True:
+            while self._told:
+                yield self._told.popleft()
+            event = self.client.next_event()
+            if event is None:
+                return
+            translated = self._translate(event, now_us)
+            if translated is not None:
+                yield translated
+
+    def execute(self, command: AnyCommand, now_us: int) -> None:
+        """Carry out one command; what it leads to comes back as events."""
+        match command:
+            case UploadMission():
+                items = as_uploaded(command.items, self.client.stack)
+                transfer_id = self.client.upload(items, now_us, holds_first=True)
+                self._mission_of_transfer[transfer_id] = command.mission_id
+            case StartMission():
+                self.client.start_mission(now_us)
+            case Hold():
+                self.client.hold(now_us)
+            case Return():
+                self.client.return_home(now_us)
+            case Orbit():
+                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
+                self.client.orbit(*place, command.radius_m, now_us)
+            case ChangeSpeed():
+                self.client.change_speed(command.airspeed_m_s, now_us)
+            case ClimbAndHold():
+                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
+                self.client.climb_and_hold(*place, now_us)
+            case Drop():
+                self._drop(command, now_us)
+            case _:  # Decided and Announce are for people
+                pass
+
+    def _drop(self, command: Drop, now_us: int) -> None:
+        try:
+            if self._dropper is None:
+                raise BridgeError("no dropper is set up")
+            self._drops[self.client.drop(self._dropper, now_us)] = command
+        except BridgeError as error:
+            self._told.append(self._drop_finished(command, "refused", str(error)))
+
+    def _drop_finished(self, command: Drop, outcome: str, reason: str) -> DropFinished:
+        done, refused = outcome == "done", outcome == "refused"
+        told_us = self._clock.now_us
+        return DropFinished(
+            told_us, self.name, command.plan_hash, command.number, done, refused, reason
+        )
+
+    def _mission_us(self, boot_us: int, now_us: int) -> int:
+        if self._clock.ahead_us is not None:
+            mission_us = boot_us + self._clock.ahead_us
+            self._clock.autopilot_passed(mission_us)
+            return mission_us
+        if self._clock.wall:
+            return self._clock.now_us
+        if self._offset_us is None:
+            self._offset_us = self._clock.latest_us - boot_us
+            self._least_behind_us, self._watched_from_us = 0, now_us
+        mission_us = self._offset_us + boot_us
+        self._clock.autopilot_passed(mission_us)
+        self._watch_behind(self._clock.latest_us - mission_us, now_us)
+        return mission_us
+
+    def _watch_behind(self, behind_us: int, now_us: int) -> None:
+        # The least of a while: what is only delayed on its way is not behind.
+        self._least_behind_us = min(self._least_behind_us, behind_us)
+        if now_us - self._watched_from_us < BEHIND_FOR_US:
+            return
+        if self._least_behind_us > BEHIND_US and self._offset_us is not None:
+            self._offset_us += self._least_behind_us
+            behind_us -= self._least_behind_us
+        self._least_behind_us, self._watched_from_us = behind_us, now_us
+
+    def _translate(self, event: bridge.ClientEvent, link_us: int) -> VehicleEvent | None:
+        now_us, name = self._clock.now_us, self.name
+        match event:
+            case bridge.Position():
+                return Telemetry(
+                    self._mission_us(event.boot_us, link_us),
+                    name,
+                    event.lat_deg,
+                    event.lon_deg,
+                    event.altitude_amsl_m,
+                    event.altitude_relative_m,
+                    event.velocity_north_m_s,
+                    event.velocity_east_m_s,
+                    event.heading_deg,
+                )
+            case bridge.Connected():
+                stack = event.stack
+                if self._return_height_m is not None:
+                    self.client.set_return_height(self._return_height_m, link_us)
+                self._connected = True
+                if self._recognise is not None:
+                    self._reading = self.client.download(link_us)
+                return _connected(now_us, name, stack)
+            case bridge.LinkLost():
+                self._lost = True
+                return LinkLost(now_us, name, round(event.silent_us / 1e6, 3))
+            case bridge.LinkRestored():
+                self._lost = False
+                if self._recognise is not None and self._reading is None:
+                    self._reading = self.client.download(link_us)
+                return LinkRestored(now_us, name)
+            case bridge.SameSystemId() | bridge.RemoteChanged() | bridge.Implausible():
+                self.link_alarms.append((event.kind, str(event)))
+                return None
+            case bridge.AlarmEnded():
+                self.link_alarms.append((event.kind, ""))
+                return None
+            case bridge.ClockChanged():
+                self._offset_us = None
+                return None
+            case bridge.Rebooted():
+                self._offset_us = None
+                self._last.clear()  # all is to be told anew
+                self._speed_reports = SpeedReports()
+                self._texts.clear()
+                return VehicleRebooted(now_us, name)
+            case bridge.MissionProgress():
+                return MissionProgress(now_us, name, event.current_seq)
+            case bridge.ModeChanged():
+                self._mode = (event.custom_mode, event.armed, event.name)
+                return ModeChanged(now_us, name, *self._mode)
+            case bridge.Wind():
+                speed_m_s, from_deg = round(event.speed_m_s, 2), round(event.from_deg, 1)
+                return WindMeasured(now_us, name, speed_m_s, from_deg)
+            case bridge.Speed():
+                self._told += self._speed_reports.of(event, name, now_us)
+                return None
+            case bridge.TransferFinished(transfer_id=self._reading):
+                self._told += self._held(event.result.items)
+                return None
+            case bridge.TransferFinished():
+                mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
+                if mission_id is None:
+                    return None
+                result = event.result
+                return UploadFinished(now_us, name, mission_id, result.outcome, result.reason)
+            case bridge.DropFinished():
+                command = self._drops.pop(event.drop_id, None)
+                if command is None:
+                    return None
+                return self._drop_finished(command, event.outcome, event.reason)
+            case bridge.Battery() if event.percent is not None:
+                self._battery_pct[event.battery_id] = float(event.percent)
+                return self._news(BatteryTold(now_us, name, min(self._battery_pct.values())))
+            case bridge.GpsFix():
+                return self._news(FixTold(now_us, name, event.fix in GOOD_FIXES, event.fix))
+            case bridge.Text():
+                return self._text(event)
+            case bridge.SystemState():
+                return self._status_changed(SystemStateChanged(now_us, name, event.state))
+            case bridge.LandedState():
+                return self._status_changed(LandedStateChanged(now_us, name, event.state))
+            case bridge.FenceStatus():
+                told = FenceStatusChanged(now_us, name, event.breached, event.kind)
+                return self._status_changed(told)
+            case bridge.EstimatorStatus():
+                problems = EstimatorStatusChanged(now_us, name, event.healthy, event.problems)
+                return self._status_changed(problems)
+            case bridge.CommandFinished():
+                return _command_finished(now_us, name, event)
+            case _:
+                return None
+
+    def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
+        """What was read back, and the mode, which is else told when it changes."""
+        now_us, stack, recognise = self._clock.now_us, self.client.stack, self._recognise
+        self._reading = self._recognise = None
+        if stack is None or recognise is None:
+            return
+        yield ModeChanged(now_us, self.name, *(self._mode or (0, False, stack.mode_name(0))))
+        known = 0 if items is None else recognise(items, stack)
+        yield MissionHeld(now_us, self.name, known, None if items is None else len(items))
+
+    def _text(self, event: bridge.Text) -> AutopilotText | None:
+        """An autopilot's text, unless it is unimportant or a repetition."""
+        text = printable(event.text)
+        if event.severity > LEAST_SEVERITY or not text:
+            return None
+        before_us = self._texts.pop(text, None)
+        self._texts[text] = event.at_us
+        if len(self._texts) > MOST_TEXTS_KEPT:
+            self._texts.pop(next(iter(self._texts)))
+        if before_us is not None and event.at_us - before_us < TEXT_AGAIN_AFTER_US:
+            return None
+        return AutopilotText(self._clock.now_us, self.name, event.severity, text)
+
+    def _status_changed(self, status: StatusChanged) -> StatusChanged:
+        """Keep a state, which the client reports only on change, for a restart."""
+        self._status[type(status)] = status
+        return status
+
+    def _news(self, told: BatteryTold | FixTold) -> VehicleEvent | None:
+        """What is told, unless it was told before."""
+        before = self._last.get(type(told))
+        self._last[type(told)] = told
+        if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
+            return None
+        return told
+
+
+def printable(text: str) -> str:
+    """A text on one line, without characters that a terminal would obey."""
+    shown = "".join(each if each.isprintable() else " " for each in text)
+    return " ".join(shown.split())
+
+
+def _connected(now_us: int, name: str, stack: Stack) -> VehicleConnected:
+    return VehicleConnected(now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload)
+
+
+def _command_finished(now_us: int, name: str, event: bridge.CommandFinished) -> CommandFinished:
+    return CommandFinished(now_us, name, event.name, event.accepted, event.reason)

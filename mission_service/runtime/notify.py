@@ -1,0 +1,66 @@
+"""The service's pulse: how late the event loop is, and what systemd is told (sd_notify(3)).
+
+Without systemd (no NOTIFY_SOCKET) only the first is done.
+"""
+
+import asyncio
+import os
+import socket
+from collections import deque
+from collections.abc import Callable
+
+from mission_service.runtime.hub import Hub
+
+BEAT_S = 1.0
+LAG_OF_BEATS = 15  # as long as Prometheus waits between two visits
+
+
+def tell_systemd(state: str) -> bool:
+    """Send lines such as READY=1; whether systemd listens. Never raises for one that is gone."""
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if not address.startswith(("/", "@")):
+        return False
+    if address.startswith("@"):  # an abstract socket
+        address = "\0" + address[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.setblocking(False)
+        try:
+            sock.sendto(state.encode(), address)
+        except OSError:
+            return False
+    return True
+
+
+def watchdog_s() -> float | None:
+    """How often systemd wants to hear from this process; None if it does not."""
+    microseconds = os.environ.get("WATCHDOG_USEC", "")
+    pid = os.environ.get("WATCHDOG_PID", str(os.getpid()))
+    if not microseconds.isdigit() or int(microseconds) == 0 or pid != str(os.getpid()):
+        return None
+    return int(microseconds) / 1e6
+
+
+def status_of(hub: Hub) -> str:
+    """One line for ``systemctl status``."""
+    vehicles = hub.picture.vehicles.values()
+    online = sum(state.link == "online" for state in vehicles)
+    words = f"{hub.scenario.name}: {online} of {len(vehicles)} vehicles online"
+    return f"{words}, {len(hub.picture.alarms)} alarms"
+
+
+async def pulse(hub: Hub, tell: Callable[[str], bool] = tell_systemd) -> None:
+    """A door of the daemon: beats from the event loop until cancelled, so that a hang is seen."""
+    loop = asyncio.get_running_loop()
+    lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
+    hub.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)
+    within_s = watchdog_s()
+    every_s = BEAT_S if within_s is None else min(BEAT_S, within_s / 3)
+    tell("READY=1")
+    try:
+        while True:
+            tell(f"WATCHDOG=1\nSTATUS={status_of(hub)}")
+            due_s = loop.time() + every_s
+            await asyncio.sleep(every_s)
+            lags_s.append(max(loop.time() - due_s, 0.0))
+    finally:
+        tell("STOPPING=1")

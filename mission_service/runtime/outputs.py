@@ -1,0 +1,216 @@
+"""What a run leaves: GeoJSON of fronts and tracks, a PNG map, a summary, a log of drops."""
+
+import csv
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firemodel.fire import Fire
+from firemodel.landscape import Landscape
+from firemodel.map import frame_around, start_map
+from firemodel.writers import write_fronts
+from mission_service.config.scenario import Scenario
+from mission_service.runtime.record import Record, VehicleRecord
+
+FRONT_EVERY_S = 1800.0
+DROP_COLUMNS = (
+    *("at_s", "vehicle", "line", "drop", "outcome", "lat_deg", "lon_deg"),
+    *("planned_lat_deg", "planned_lon_deg", "plan_hash"),
+)
+VEHICLE_COLOURS = (
+    "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
+)  # fmt: skip
+LEGEND_INSIDE = 4  # vehicles at most; a longer legend would hide the fire
+
+
+def front_times_s(end_s: float) -> list[float]:
+    """Every half hour of mission time, and the end."""
+    return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
+
+
+def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]:
+    """The run in figures."""
+    closest = record.closest
+    return {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "mission_time_s": record.at_us / 1e6,
+        "burned_area_ha": fire.burned_ha,
+        "telemetry": record.telemetry,
+        "observations": record.observations,
+        "closest_pair_m": None if closest is None else round(closest.distance_m, 1),
+        "separation_m": scenario.mission.separation_m,
+        "requests": dict(sorted(record.requests.items())),
+        "service_restarts": record.restarts,
+        "alarms": dict(sorted(record.alarms.items())),
+        "planner": {"rule": scenario.planner.rule, "alpha": scenario.planner.alpha},
+        "vehicles": [
+            {
+                "name": name,
+                **vehicle.sortie.figures(),
+                "decisions": vehicle.decisions,
+                "reversals": vehicle.reversal_count,
+                "uploads": dict(sorted(vehicle.uploads.items())),
+                "upload_reasons": dict(sorted(vehicle.upload_reasons.items())),
+                "orders": dict(sorted(vehicle.orders.items())),
+                **_burn_of(vehicle),
+            }
+            for name, vehicle in record.vehicles.items()
+        ],
+    }
+
+
+def _burn_of(vehicle: VehicleRecord) -> dict[str, Any]:
+    """What a vehicle that drops spheres has done; nothing for others."""
+    if not vehicle.plans:
+        return {}
+    flown = {drop.plan_hash for drop in vehicle.drops}
+    return {
+        "plans": len(vehicle.plans),
+        "lines": len(flown),
+        "drops": dict(sorted(Counter(drop.outcome for drop in vehicle.drops).items())),
+    }
+
+
+def write_drops(path: Path, record: Record) -> None:
+    """The log of drops as CSV: what was ordered and what became of it, against the plan."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(DROP_COLUMNS)
+        for name, vehicle in record.vehicles.items():
+            for drop in vehicle.drops:
+                plan = vehicle.plans[drop.plan_hash]
+                planned = plan.drops[drop.number]
+                rows.writerow(
+                    [
+                        *(drop.at_us / 1e6, name, plan.line, drop.number + 1, drop.outcome),
+                        *(f"{drop.lat_deg:.7f}", f"{drop.lon_deg:.7f}"),
+                        *(f"{planned.lat_deg:.7f}", f"{planned.lon_deg:.7f}", drop.plan_hash),
+                    ]
+                )
+
+
+def tracks_geojson(record: Record) -> dict[str, Any]:
+    """Tracks as LineStrings and reversals as Points (RFC 7946: longitude, latitude, height)."""
+    features: list[dict[str, Any]] = []
+    for name, vehicle in record.vehicles.items():
+        if len(vehicle.track) > 1:
+            features.append(
+                {
+                    "type": "Feature",
+                    "properties": {
+                        "vehicle": name,
+                        "from_s": vehicle.track[0][0] / 1e6,
+                        "to_s": vehicle.track[-1][0] / 1e6,
+                    },
+                    "geometry": {
+                        "type": "LineString",
+                        "coordinates": [
+                            [round(lon, 7), round(lat, 7), round(altitude, 1)]
+                            for _, lat, lon, altitude in vehicle.track
+                        ],
+                    },
+                }
+            )
+        features += [
+            {
+                "type": "Feature",
+                "properties": {"vehicle": name, "kind": "reversal", "at_s": at_us / 1e6},
+                "geometry": {"type": "Point", "coordinates": [round(lon, 7), round(lat, 7)]},
+            }
+            for at_us, lat, lon in vehicle.reversals
+        ]
+        features += [
+            {
+                "type": "Feature",
+                "properties": {
+                    "vehicle": name,
+                    "kind": "drop",
+                    "at_s": drop.at_us / 1e6,
+                    "outcome": drop.outcome,
+                },
+                "geometry": {
+                    "type": "Point",
+                    "coordinates": [round(drop.lon_deg, 7), round(drop.lat_deg, 7)],
+                },
+            }
+            for drop in vehicle.drops
+        ]
+    return {"type": "FeatureCollection", "features": features}
+
+
+def write_outputs(out: Path, scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]:
+    """Write everything into ``out``; returns the summary."""
+    summary = summary_of(scenario, record, fire)
+    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    tracks = json.dumps(tracks_geojson(record))
+    (out / "tracks.geojson").write_text(tracks + "\n", encoding="utf-8")
+    write_fronts(
+        out / "perimeters.geojson",
+        fire,
+        front_times_s(fire.time_s),
+        scenario.name,
+        scenario.time_zero,
+    )
+    if scenario.planner.rule == "burn":
+        write_drops(out / "drops.csv", record)
+    draw_map(out / "map.png", scenario, record, fire)
+    return summary
+
+
+def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None:
+    """The map of the fire with tracks and reversals."""
+    from matplotlib.lines import Line2D
+
+    land = fire.landscape
+    flown = [point[1:3] for vehicle in record.vehicles.values() for point in vehicle.track]
+    flown_xy_m = np.stack(land.xy_of_lat_lon(*np.array(flown).T), axis=1) if flown else None
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
+    figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s, flown_xy_m))
+    handles = []
+    for colour, (name, vehicle) in zip(
+        VEHICLE_COLOURS * len(record.vehicles), record.vehicles.items(), strict=False
+    ):
+        _draw_vehicle(axes, vehicle, land, colour)
+        label = f"{name}: track, {vehicle.reversal_count} reversals"
+        if vehicle.plans:
+            label = f"{name}: {len(vehicle.drops)} drops"
+        elif vehicle.orders:
+            label = name
+        handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
+    rule, alpha = scenario.planner.rule, f", α = {scenario.planner.alpha:g}"
+    if rule in ("formation", "burn"):
+        alpha = ""
+    axes.set_title(f"{scenario.name}: {rule} rule{alpha}, {record.at_us / 3.6e9:.1f} h")
+    if len(handles) > LEGEND_INSIDE:
+        axes.legend(handles=handles, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.06))
+    else:
+        axes.legend(handles=handles, loc="upper left")
+    figure.savefig(path)
+
+
+def _draw_vehicle(axes: Any, vehicle: VehicleRecord, land: Landscape, colour: str) -> None:
+    south_m = land.north_m - land.shape[0] * land.cell_size_m
+    for points, style in (
+        ([point[1:3] for point in vehicle.track], {"linewidth": 0.7, "alpha": 0.8}),
+        ([point[1:3] for point in vehicle.reversals], {"linestyle": "", "marker": "o"}),
+        (
+            [(each.lat_deg, each.lon_deg) for each in vehicle.drops],
+            {"linestyle": "", "marker": "o"},
+        ),
+    ):
+        if points:
+            lat, lon = np.array(points).T
+            x_m, y_m = land.xy_of_lat_lon(lat, lon)
+            axes.plot(
+                (x_m - land.west_m) / 1e3,
+                (y_m - south_m) / 1e3,
+                color=colour,
+                markersize=3.5,
+                markeredgecolor="white",
+                markeredgewidth=0.5,
+                **style,
+            )

@@ -1,0 +1,114 @@
+"""What a person sees while a run goes on: a bar on a terminal, plain lines elsewhere."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from mission_service.fire.simulated import FireWorld
+from mission_service.runtime.record import Record
+
+STATUS_EVERY_US = 120_000_000
+
+
+def clock_text(at_us: int) -> str:
+    """Mission time as h:mm:ss."""
+    seconds = at_us // 1_000_000
+    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+
+
+def status_lines(record: Record, world: FireWorld) -> list[str]:
+    """One line a vehicle: fire size, direction, reversals, uploads."""
+    fire = f"fire {world.fire.burned_ha:6.0f} ha"
+    lines = []
+    for name, vehicle in record.vehicles.items():
+        accepted = vehicle.uploads["accepted"]
+        other = vehicle.uploads.total() - accepted
+        way = vehicle.direction or ("in formation" if vehicle.orders else "under way")
+        done = f"{vehicle.reversal_count:3d} reversals"
+        if vehicle.orders:
+            done = f"{vehicle.orders['Orbit']:3d} orbits"
+        lines.append(
+            f"{fire}  {name}: {way:<13} {done}  {accepted:4d} uploads accepted"
+            + (f", {other} not" if other else "")
+        )
+    return lines
+
+
+class LiveReport:
+    """Prints announcements as they come and a status line every two minutes of mission time."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
+        self._next_us = 0
+
+    def __call__(self, record: Record, world: FireWorld) -> None:
+        """Print what is new."""
+        for at_us, news in record.news:
+            style = "bold yellow" if news.level == "warning" else "cyan"
+            text = f"{clock_text(at_us)}  {news.vehicle}: {news.text}"
+            self._console.print(text, style=style, markup=False)
+        record.news.clear()
+        if record.at_us >= self._next_us:
+            self._next_us = record.at_us + STATUS_EVERY_US
+            for line in status_lines(record, world):
+                self._console.print(f"{clock_text(record.at_us)}  {line}", markup=False)
+        sys.stdout.flush()
+
+
+class SimProgress:
+    """Progress of a simulation: a bar on a terminal, a line every half hour elsewhere."""
+
+    def __init__(self, name: str, duration_s: float, quiet: bool) -> None:
+        self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
+        self._every_us = 1_800_000_000
+        self._next_us = 0
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[status]}"),
+            TimeElapsedColumn(),
+            console=self._console,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._bar.add_task(name, total=duration_s, status="")
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def __call__(self, record: Record, world: FireWorld) -> None:
+        """Move the bar, or print a line."""
+        lines = status_lines(record, world)
+        warnings = [news for _, news in record.news if news.level == "warning"]
+        record.news.clear()
+        for news in warnings:
+            self._console.print(f"{clock_text(record.at_us)}  {news.vehicle}: {news.text}")
+        if self._console.is_terminal:
+            self._bar.update(self._task, completed=record.at_us / 1e6, status=lines[0])
+        elif record.at_us >= self._next_us:
+            self._next_us = record.at_us + self._every_us
+            for line in lines:
+                self._console.print(f"{clock_text(record.at_us)}  {line}", markup=False)
+
+
+@contextmanager
+def fire_progress(name: str, from_s: float, to_s: float) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal for a fire by itself; call it with the time the fire has come to."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=to_s - from_s)
+        yield lambda time_s: bar.update(task, completed=time_s - from_s)

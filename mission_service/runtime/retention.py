@@ -1,0 +1,125 @@
+"""States now and then, the journal in segments, old ones deleted; and what to do on a full disk.
+
+A state is made on the loop, between two turns; packing and writing it are a thread's affair.
+"""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+from mission_service.config.service import KeepSection
+from mission_service.journal.journal import Rest
+from mission_service.journal.segments import (
+    begin_state,
+    earlier_state,
+    newest_state,
+    synced,
+    trim,
+)
+from mission_service.journal.snapshot import Frozen, Known, write
+from mission_service.runtime.clocks import clock_us
+from mission_service.runtime.engine import Service
+from mission_service.runtime.gateway import MissionClock
+
+LOOK_EVERY_S = 0.5
+# As many bytes of the journal as a restart reads in about a second.
+STATE_EVERY_BYTES = 4_000_000
+
+
+class Keeping:
+    """Keeps what a restart needs, and no more than the settings allow."""
+
+    def __init__(self, service: Service, known: Known, settings: KeepSection) -> None:
+        self._service = service
+        self._known = known
+        self._settings = settings
+        self._written = service.recording.journal.rest
+        self._written_us = clock_us()
+        self.took_s = 0.0  # for the last state, from its first object to the disk
+
+    async def run(self, clock: MissionClock) -> None:
+        """Look after the journal until cancelled."""
+        while True:
+            self._alarm()
+            if self._service.recording.trouble:
+                clock.wall_passed(clock_us())
+                self._service.mend(clock.now_us, clock_us())
+            else:
+                await self.look()
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    async def look(self) -> None:
+        """Begin a segment, or write a state, if that is due."""
+        journal, settings = self._service.recording.journal, self._settings
+        rest, now_us = journal.rest, clock_us()
+        if rest.at_byte >= settings.rotate_mb * 1e6:
+            await self.begin_segment()
+            return
+        longer = (
+            rest.at_byte - self._written.at_byte if rest.segment == self._written.segment else 0
+        )
+        late = now_us - self._written_us >= settings.state_every_s * 1e6
+        if rest != self._written and (late or longer >= STATE_EVERY_BYTES):
+            await self.write_state()
+
+    async def write_state(self) -> None:
+        """Write the newest state; the one before is kept beside it."""
+        path, rest = self._service.recording.journal.path, self._service.recording.journal.rest
+        await self._write(lambda frozen: _newest(path, frozen, rest), rest)
+
+    async def begin_segment(self) -> None:
+        """Close the journal's file and begin the next, with a state of its own."""
+        journal = self._service.recording.journal
+        frozen = Frozen(self._service.kept(), self._known)
+        try:
+            journal.begin_segment()
+        except OSError as error:
+            self._trouble(error)
+            return
+        path, rest = journal.path, journal.rest
+        keep_bytes = round(self._settings.keep_mb * 1e6)
+        await self._write(lambda frozen: _begun(path, frozen, rest, keep_bytes), rest, frozen)
+
+    async def _write(
+        self, write_it: Callable[[Frozen], None], rest: Rest, frozen: Frozen | None = None
+    ) -> None:
+        began_us = clock_us()
+        frozen = frozen or Frozen(self._service.kept(), self._known)
+        self._written, self._written_us = rest, began_us
+        try:
+            await asyncio.to_thread(write_it, frozen)
+        except OSError as error:
+            self._trouble(error)
+        else:
+            self.took_s = (clock_us() - began_us) / 1e6
+            if self._service.picture is not None:
+                self._service.picture.clear("state")
+
+    def _trouble(self, error: OSError) -> None:
+        """A state that is not written costs a restart time, and nothing else."""
+        if self._service.picture is not None:
+            text = f"no state is written ({error.strerror}): a restart will take longer"
+            self._service.picture.alarm("state", text)
+
+    def _alarm(self) -> None:
+        picture, trouble = self._service.picture, self._service.recording.trouble
+        if picture is None:
+            return
+        if trouble:
+            text = f"nothing is recorded, so nothing is done but aborts: {trouble}"
+            picture.alarm("journal", text, "severe")
+        else:
+            picture.clear("journal")
+
+
+def _newest(path: Path, frozen: Frozen, rest: Rest) -> None:
+    synced(path)  # a state must not be ahead of its journal
+    if newest_state(path).exists():
+        newest_state(path).replace(earlier_state(path))
+    write(newest_state(path), frozen, rest)
+
+
+def _begun(path: Path, frozen: Frozen, rest: Rest, keep_bytes: int) -> None:
+    synced(path)
+    write(begin_state(path, rest.segment), frozen, rest)
+    trim(path, keep_bytes)

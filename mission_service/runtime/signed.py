@@ -1,0 +1,102 @@
+"""Signed links of the service: keys by their sources, timestamps that outlive it, refusals told."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from autopilot_bridge.signing import Counts, Key, Signing, Timestamps, key_warning, read_key
+from mission_service.errors import MissionServiceError
+from mission_service.runtime.redaction import hide
+
+COMMAND_LINK_ID = 255  # of single commands: not those of a service that runs at the same time
+TELL_FROM_FRAMES = 10  # fewer are accidents, or another station passing by
+LEAD_TOLD_S = 60.0
+WORDS = {
+    "unsigned": (
+        "without a signature",
+        "has the vehicle the key? (mission-service signing set-up)",
+    ),
+    "wrong": ("with a wrong signature", "is the key the vehicle's?"),
+    "repeated": ("signed no later than those before", "do they come twice?"),
+    "old": ("signed more than a minute ago", "is a clock wrong, here or there?"),
+    "ahead": ("signed minutes in the future", "is a clock wrong, here or there?"),
+}
+
+
+def timestamps_file() -> Path:
+    """Where the timestamp to go on from is kept; makes the folder."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    folder = Path(state) / "mission-service"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MissionServiceError(f"signing: {folder}: {error.strerror}") from None
+    return folder / "signing-timestamp"
+
+
+@contextmanager
+def signings(
+    sources: Iterable[str | None], wall_us: Callable[[], int], warn: Callable[[str], None]
+) -> Iterator[dict[str | None, Signing]]:
+    """The signing for each source of a key, with timestamps shared by all, also over restarts.
+
+    Raises BridgeError for a key that cannot be read.
+    """
+    keys = {source: read_key(source) for source in dict.fromkeys(sources) if source is not None}
+    for key in keys.values():
+        hide(key.secret)
+    if not keys:
+        yield {}
+        return
+    for warning in filter(None, map(key_warning, keys)):
+        warn(warning)
+    timestamps = Timestamps(wall_us, timestamps_file())
+    of_key: dict[Key, Signing] = {key: Signing(key, timestamps) for key in keys.values()}
+    try:
+        yield {source: of_key[key] for source, key in keys.items()}
+    finally:
+        timestamps.close()
+
+
+def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
+    """One line on what was refused most, if that was so many frames or more."""
+    verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
+    frames = getattr(counts, verdict)
+    if frames < from_frames:
+        return None
+    which, question = WORDS[verdict]
+    plural = "s" if frames > 1 else ""
+    return f"refused {frames} frame{plural} {which} on {link}; {question}"
+
+
+def unheeded(link: str) -> str:
+    """One line on a link whose vehicle signs while we do not."""
+    return f"frames on {link} are signed, and no signing key is given; it may answer nothing"
+
+
+class Refusals:
+    """What to tell of one vehicle's link: each thing once."""
+
+    def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
+        self._link = link
+        self._system_id = system_id
+        self._signing = signing
+        self._told: set[str] = set()
+
+    def news(self, counts: Counts, hears_signed: bool) -> list[str]:
+        """What is new, a line each."""
+        lines: dict[str, str | None] = {}
+        if self._signing is None:
+            lines["unheeded"] = unheeded(self._link) if hears_signed else None
+        else:
+            lines["refused"] = refusal(counts, self._link, TELL_FROM_FRAMES)
+            lead_s = self._signing.lead_s(self._system_id)
+            if lead_s > LEAD_TOLD_S:
+                lines["lead"] = (
+                    f"its frames on {self._link} are signed {lead_s:.0f} s ahead of this machine's "
+                    "clock; it may refuse what is sent: set the clock"
+                )
+        new = {what: line for what, line in lines.items() if line and what not in self._told}
+        self._told |= new.keys()
+        return list(new.values())

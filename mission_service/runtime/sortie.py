@@ -1,0 +1,122 @@
+"""Statistics of a vehicle in a run: missions, time in the air, commands, modes, link losses."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ClimbAndHold,
+    Hold,
+    Return,
+    StartMission,
+    UploadMission,
+)
+from mission_service.core.steering import AIRBORNE_M
+from mission_service.events import (
+    CommandFinished,
+    LinkLost,
+    MissionProgress,
+    ModeChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleEvent,
+    VehicleRebooted,
+)
+from mission_service.ground_distance import distance_m
+
+GAP_US = 5_000_000  # a longer gap between positions counts as no flight
+
+
+@dataclass
+class Sortie:
+    """One vehicle's figures, folded from events and commands in their order."""
+
+    sent: int = 0
+    accepted: int = 0
+    flown: int = 0  # missions of which an item was reached
+    takeoffs: int = 0
+    landings: int = 0
+    in_air_us: int = 0
+    flown_m: float = 0.0
+    commands: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    modes: Counter[str] = field(default_factory=Counter)
+    link_losses: int = 0
+    autopilot_restarts: int = 0
+    announcements: Counter[str] = field(default_factory=Counter)
+    _mode: str = ""
+    _in_air: bool = False
+    _unflown: bool = False  # a mission was accepted of which no item was reached yet
+    _here: Telemetry | None = None
+
+    def happened(self, event: VehicleEvent) -> None:
+        """Take in an event."""
+        match event:
+            case Telemetry():
+                self._moved(event)
+            case UploadFinished(outcome="accepted"):
+                self.accepted += 1
+                self._unflown = True
+            case MissionProgress(current_seq=seq) if seq > 0 and self._unflown and self._in_air:
+                self.flown += 1
+                self._unflown = False
+            case ModeChanged():
+                self._mode_changed(event)
+            case CommandFinished(accepted=False):
+                self.refused[event.command] += 1
+            case LinkLost():
+                self.link_losses += 1
+            case VehicleRebooted():
+                self.autopilot_restarts += 1
+            case _:
+                pass
+
+    def commanded(self, command: AnyCommand) -> None:
+        """Take in a command."""
+        match command:
+            case UploadMission():
+                self.sent += 1
+            case StartMission() | Hold() | Return() | ClimbAndHold():
+                self.commands[type(command).__name__] += 1
+            case Announce():
+                self.announcements[command.level] += 1
+            case _:
+                pass
+
+    def figures(self) -> dict[str, Any]:
+        """For a summary as JSON."""
+        return {
+            "missions": {"sent": self.sent, "accepted": self.accepted, "flown": self.flown},
+            "takeoffs": self.takeoffs,
+            "landings": self.landings,
+            "in_air_s": round(self.in_air_us / 1e6, 1),
+            "flown_km": round(self.flown_m / 1e3, 3),
+            "commands": dict(sorted(self.commands.items())),
+            "refused": dict(sorted(self.refused.items())),
+            "modes": dict(sorted(self.modes.items())),
+            "link_losses": self.link_losses,
+            "autopilot_restarts": self.autopilot_restarts,
+            "announcements": dict(sorted(self.announcements.items())),
+        }
+
+    def _moved(self, here: Telemetry) -> None:
+        before, self._here = self._here, here
+        if not self._in_air and here.altitude_relative_m >= AIRBORNE_M:
+            self._in_air = True
+            self.takeoffs += 1
+        elif self._in_air and before is not None and here.at_us - before.at_us <= GAP_US:
+            self.in_air_us += max(here.at_us - before.at_us, 0)
+            places = [(each.lat_deg, each.lon_deg) for each in (before, here)]
+            climbed_m = here.altitude_amsl_m - before.altitude_amsl_m
+            self.flown_m += math.hypot(distance_m(*places), climbed_m)
+
+    def _mode_changed(self, event: ModeChanged) -> None:
+        if event.mode != self._mode:
+            self._mode = event.mode
+            self.modes[event.mode or str(event.custom_mode)] += 1
+        if self._in_air and not event.armed:
+            self._in_air = False
+            self.landings += 1

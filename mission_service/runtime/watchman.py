@@ -1,0 +1,80 @@
+"""What the service itself looks out for, and raises and clears alarms about. Pure."""
+
+import math
+
+import numpy as np
+
+from mission_service.commands import Severity
+from mission_service.core.steering import AIRBORNE_M
+from mission_service.ground_distance import M_PER_DEG
+from mission_service.runtime.picture import Picture, TelemetryState
+
+LATE_US, LATE_SEVERE_US = 500_000, 3_000_000
+NEAR_EVERY_US = 1_000_000
+FRESH_US = 3_000_000  # where a vehicle was longer ago says nothing
+
+
+def near_pairs(
+    telemetry: dict[str, TelemetryState], at_us: int, separation_m: float
+) -> dict[tuple[str, str], float]:
+    """Pairs in the air that are nearer to each other than they should be: metres, in 3-D."""
+    flying = [
+        told
+        for _, told in sorted(telemetry.items())
+        if told.altitude_relative_m >= AIRBORNE_M and at_us - told.at_us <= FRESH_US
+    ]
+    if len(flying) < 2:
+        return {}
+    lat, lon, up_m = np.array(
+        [(told.lat_deg, told.lon_deg, told.altitude_amsl_m) for told in flying]
+    ).T
+    north_m, east_m = M_PER_DEG * lat, M_PER_DEG * math.cos(math.radians(float(lat[0]))) * lon
+    places = np.column_stack([north_m, east_m, up_m])
+    apart_m = np.sqrt(((places[:, None] - places[None]) ** 2).sum(axis=2))
+    pairs = np.argwhere(np.triu(apart_m < separation_m, k=1))
+    return {
+        (flying[one].vehicle, flying[other].vehicle): float(apart_m[one, other])
+        for one, other in pairs.tolist()
+    }
+
+
+class Watchman:
+    """Looks around a few times a second."""
+
+    def __init__(self, picture: Picture, separation_m: float, every_us: int) -> None:
+        """``every_us`` is how often ``look`` is to be called, by the machine's clock."""
+        self._picture = picture
+        self._separation_m = separation_m
+        self._every_us = every_us
+        self._looked_us: int | None = None
+        self._near_due_us = 0
+        self._near: set[str] = set()
+
+    def look(self, now_us: int) -> None:
+        """Look around; ``now_us`` is the machine's clock."""
+        picture = self._picture
+        if self._looked_us is not None:
+            late_us = now_us - self._looked_us - self._every_us
+            if late_us >= LATE_US:
+                severity: Severity = "severe" if late_us >= LATE_SEVERE_US else "warning"
+                text = f"the service was held up for {late_us / 1e6:.1f} s"
+                picture.alarm("late", text, severity)
+            else:
+                picture.clear("late")
+        self._looked_us = now_us
+        if now_us >= self._near_due_us:
+            self._near_due_us = now_us + NEAR_EVERY_US
+            self._look_for_pairs()
+
+    def _look_for_pairs(self) -> None:
+        found = set()
+        pairs = near_pairs(self._picture.telemetry, self._picture.at_us, self._separation_m)
+        for (one, other), apart_m in pairs.items():
+            key = f"near/{one}/{other}"
+            found.add(key)
+            if key not in self._near:
+                text = f"{one} and {other} are {apart_m:.0f} m apart"
+                self._picture.alarm(key, text, "severe", one)
+        for key in self._near - found:
+            self._picture.clear(key)
+        self._near = found

@@ -1,0 +1,1 @@
+"""Virtual time, mock autopilots as processes, the demo."""

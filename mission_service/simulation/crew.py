@@ -1,0 +1,52 @@
+"""A crew for simulations: says GO, watches, and approves every plan. Never part of a live run."""
+
+from collections.abc import Sequence
+
+from mission_service.config.sections import BurnSection
+from mission_service.core.core import Core
+from mission_service.events import Answered, Approved, CrewEvent, Present
+from mission_service.guidance.burn.controller import BurnFlight
+
+NAME = "simulated crew"
+
+
+class SimulatedCrew:
+    """``thinks_s`` go by before it approves; ``script`` are further events, in order of time."""
+
+    def __init__(
+        self, burn: BurnSection, thinks_s: float = 5.0, script: Sequence[CrewEvent] = ()
+    ) -> None:
+        self._station = burn.stations[0].name
+        self._items = burn.go_items
+        self._thinks_us = round(thinks_s * 1e6)
+        self._says_us = round(burn.crew_silent_s * 1e6 / 3)
+        self._script = list(script)
+        self._present_us = 0
+        self._thinks_of, self._since_us = "", 0
+        self._answers_us = 0
+
+    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+        """What it does by now."""
+        leader = core.leader
+        assert isinstance(leader, BurnFlight)
+        events: list[CrewEvent] = []
+        while self._script and self._script[0].at_us <= now_us:
+            events.append(self._script.pop(0))
+        if now_us >= self._present_us:
+            self._present_us = now_us + self._says_us
+            events.append(Present(now_us, NAME, self._station))
+        if not leader.checklist.complete and now_us >= self._answers_us:
+            self._answers_us = now_us + self._thinks_us
+            events += [Answered(now_us, NAME, self._station, item, True) for item in self._items]
+        return [*events, *self._approves(now_us, leader)]
+
+    def _approves(self, now_us: int, leader: BurnFlight) -> list[CrewEvent]:
+        wanted = leader.approvals.plan_hash
+        if leader.approvals.approval is not None or not wanted:
+            return []
+        if wanted != self._thinks_of:
+            self._thinks_of, self._since_us = wanted, now_us
+        if now_us - self._since_us < self._thinks_us:
+            return []
+        self._since_us = now_us  # not every moment, if it does not count
+        return [Approved(now_us, NAME, self._station, wanted)]

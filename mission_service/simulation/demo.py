@@ -1,0 +1,120 @@
+"""The demo: mock autopilots in processes of their own, the daemon here, UDP between them."""
+
+import asyncio
+import contextlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from autopilot_bridge.items import MissionItem, Plan
+from autopilot_bridge.link import other_end
+from autopilot_bridge.planfile import write_any
+from autopilot_bridge.stacks import stack_named
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
+from mission_service.config.sections import VehicleSection
+from mission_service.errors import MissionServiceError, ScenarioError
+from mission_service.fire.setup import home_of, landscape_of
+from mission_service.guidance.formation.controller import waits_at
+from mission_service.guidance.formation.seats import Formation
+from mission_service.guidance.registry import FORMATION
+from mission_service.live.daemon import Run, serve
+from mission_service.missions.approach import approach_mission
+from mission_service.missions.landing import Landing
+from mission_service.missions.orbits import Circle, first_mission
+from mission_service.runtime.engine import Progress
+from mission_service.runtime.outputs import write_outputs
+
+
+def run_demo(
+    run: Run, name: str, speedup: float, progress: Progress, address: Callable[[str], None]
+) -> dict[str, Any]:
+    """Fly a scenario, by its name, with mock autopilots over UDP; returns the summary."""
+    scenario = run.scenario
+    with contextlib.ExitStack() as stack:
+        mocks = [
+            stack.enter_context(_mock_process(name, section, speedup))
+            for section in scenario.vehicles
+        ]
+
+        def mocks_alive() -> None:
+            for section, mock in zip(scenario.vehicles, mocks, strict=True):
+                if mock.poll() is not None:
+                    raise MissionServiceError(
+                        f"the mock autopilot of {section.name} ended with code {mock.returncode}"
+                    )
+
+        record, world = asyncio.run(serve(run, progress, mocks_alive, address))
+    return write_outputs(run.out, scenario, record, world.fire)
+
+
+@contextlib.contextmanager
+def _mock_process(
+    scenario: str, section: VehicleSection, speedup: float
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """One mock autopilot that calls the port the daemon listens on; it does not outlive us."""
+    command = [
+        *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path(scenario))),
+        *(
+            "--until-eof",
+            "--vehicle",
+            section.name,
+            "--speedup",
+            str(speedup),
+            "--link",
+            other_end(section.link),
+        ),
+    ]
+    if section.signing_key is not None:
+        command += ["--signing-key", section.signing_key]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait(timeout=5)
+        if process.stdin is not None:
+            process.stdin.close()
+
+
+def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
+    """A vehicle of a scenario by name; the first one without a name."""
+    if name is None:
+        return scenario.vehicles[0]
+    for section in scenario.vehicles:
+        if section.name == name:
+            return section
+    known = ", ".join(section.name for section in scenario.vehicles)
+    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
+
+
+def _first_mission(
+    scenario: Scenario, section: VehicleSection, landscape: Landscape
+) -> tuple[MissionItem, ...]:
+    if scenario.planner.rule != FORMATION:
+        return approach_mission(scenario, section, landscape)
+    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
+    circle = Circle(*place_m, -section.loiter_radius_m)
+    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
+    return first_mission(landscape, circle, section, landing)
+
+
+def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
+    """Write a vehicle's first mission as a .plan file; returns the number of items."""
+    scenario = flying(load_scenario(name, overrides))
+    landscape = landscape_of(scenario)
+    section = vehicle_of(scenario, vehicle)
+    items = _first_mission(scenario, section, landscape)
+    write_any(
+        output,
+        Plan(items, home=home_of(section, landscape)),
+        stack_named(section.stack, section.kind),
+    )
+    return len(items)

@@ -1,0 +1,96 @@
+"""A fire by itself: burn a scenario to its end and write what it did."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firemodel.fire import Fire
+from firemodel.landscape import Landscape
+from firemodel.map import draw_map
+from firemodel.writers import write_fronts, write_rasters
+from mission_service.config.scenario import Scenario
+from mission_service.errors import ScenarioError
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.runtime.progress import fire_progress
+
+STEPS = 200  # of progress
+MOST_FRONTS = 10_000
+
+
+def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
+    """Write rasters, fronts, map and summary into a folder; returns the summary.
+
+    Raises ScenarioError if nothing is to burn by the scenario's end, if there would be more fronts
+    than ``MOST_FRONTS``, or if the folder cannot be written to.
+    """
+    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
+    taken_over = scenario.fire.perimeter or scenario.fire.arrival
+    if first_s >= scenario.duration_s and not taken_over:
+        raise ScenarioError(
+            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
+            f"duration_s = {scenario.duration_s:g}"
+        )
+    landscape = landscape_of(scenario)
+    fire = fire_of(scenario, landscape)
+    start_s = fire.time_s
+    if start_s >= scenario.duration_s:
+        raise ScenarioError(
+            f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
+        )
+    times_s = _times_s(start_s, scenario.duration_s, front_every_s)
+    with fire_progress(scenario.name, start_s, scenario.duration_s) as progress:
+        for time_s in np.linspace(start_s, scenario.duration_s, STEPS + 1)[1:]:
+            fire.advance(float(time_s))
+            progress(float(time_s))
+    try:
+        return _write(scenario, landscape, fire, folder, times_s)
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise ScenarioError(f"{error.filename or folder}: cannot be written: {reason}") from None
+
+
+def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
+    """When fronts are written: every so often after the start, and at the end."""
+    count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
+    if count > MOST_FRONTS:
+        raise ScenarioError(
+            f"--front-every {every_s:g}: that is {count} fronts until {end_s:g} s, {MOST_FRONTS} "
+            f"at most; make it {math.ceil((end_s - start_s) / MOST_FRONTS)} or more"
+        )
+    return [start_s + number * every_s for number in range(1, count)] + [end_s]
+
+
+def _write(
+    scenario: Scenario, landscape: Landscape, fire: Fire, folder: Path, times_s: list[float]
+) -> dict[str, Any]:
+    write_rasters(folder, fire)
+    write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
+    draw_map(
+        folder / "map.png",
+        landscape,
+        arrival_s,
+        f"{scenario.name}: {scenario.fire.scheme}, {_in_words(scenario.duration_s)}",
+    )
+    summary = {
+        "scenario": scenario.name,
+        "scheme": scenario.fire.scheme,
+        "cells": landscape.fuel_model.size,
+        "burned_cells": int(np.count_nonzero(fire.burned())),
+        "burned_area_ha": round(fire.front(fire.time_s).area / 1e4, 2),
+        "reached_edge": bool(_edge(fire.burned()).any()),
+        "time_s": fire.time_s,
+    }
+    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return summary
+
+
+def _in_words(time_s: float) -> str:
+    return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"
+
+
+def _edge(cells: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    return np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])

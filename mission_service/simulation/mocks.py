@@ -1,0 +1,268 @@
+"""The command ``mock``: mock autopilots from a scenario or by hand, as a process of their own."""
+
+import asyncio
+import contextlib
+import json
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from autopilot_bridge.link import LinkAddress, other_end, parse_link
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.faults import parse_faults
+from autopilot_bridge.mock.fleet import Fleet
+from autopilot_bridge.mock.kinematics import CALM, Wind
+from autopilot_bridge.mock.process import serve
+from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.signing import Key, Signing, Timestamps, read_key
+from autopilot_bridge.stacks import stack_named
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import flying, load_scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.errors import MissionServiceError
+from mission_service.fire.setup import landscape_of
+from mission_service.runtime.clocks import clock_us, wall_us
+from mission_service.simulation.demo import vehicle_of
+from mission_service.simulation.sim import mock_of
+
+FARTHER_DEG = 0.001  # of longitude, from one mock's home to the next one's
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What the mocks fly in, as read from the command line."""
+
+    wind: Wind = CALM
+    battery_minutes: float | None = None
+    terrain_amsl_m: float | None = None
+    faults: tuple[str, ...] = field(default=())
+    seed: int = 0
+    parameters: dict[str, float] = field(default_factory=dict)
+
+    def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
+        """A mock in them. Raises MissionServiceError for a home under the ground."""
+        lat_deg, lon_deg, altitude_m = home
+        ground_m = self.terrain_amsl_m
+        if ground_m is not None and altitude_m < ground_m:
+            raise MissionServiceError(
+                f"--terrain {ground_m:g}: the home at {altitude_m:g} m would be under the ground"
+            )
+        mock = MockAutopilot(
+            stack_named(stack, kind),
+            system_id=system_id,
+            home_lat_deg=lat_deg,
+            home_lon_deg=lon_deg,
+            home_altitude_amsl_m=altitude_m,
+            wind=self.wind,
+            terrain=None if ground_m is None else lambda lat_deg, lon_deg: ground_m,
+            battery_minutes=self.battery_minutes,
+        )
+        for name, value in self.parameters.items():
+            try:
+                mock.parameters.change(name, value)
+            except KeyError:
+                known = ", ".join(mock.parameters.names)
+                raise MissionServiceError(
+                    f"--param {name}: the mock of {stack} {kind} has {known}"
+                ) from None
+        return mock
+
+    def fleet(self, mocks: list[MockAutopilot]) -> Fleet:
+        """The mocks with their faults. Raises BridgeError for faults that there are not."""
+        if not self.faults:
+            return Fleet(mocks)
+        return Fleet(
+            [
+                Troubled(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
+                for mock in mocks
+            ]
+        )
+
+
+def read_home(text: str) -> tuple[float, ...]:
+    """LAT,LON,ALTITUDE_AMSL_M."""
+    return _numbers(
+        f"--home {text}", text, "LAT,LON,ALTITUDE_AMSL_M", (90.0, 180.0, 9000.0), (-90, -180, -500)
+    )
+
+
+def read_wind(text: str) -> Wind:
+    """FROM,SPEED: degrees it comes from, m/s."""
+    from_deg, speed_m_s = _numbers(f"--wind {text}", text, "FROM_DEG,SPEED_M_S", (360.0, 60.0))
+    return Wind(from_deg, speed_m_s)
+
+
+def read_parameters(texts: tuple[str, ...]) -> dict[str, float]:
+    """NAME=VALUE each."""
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise MissionServiceError(f"--param {text}: write it as NAME=VALUE") from None
+    return found
+
+
+def _numbers(
+    what: str, text: str, form: str, most: tuple[float, ...], least: tuple[float, ...] = ()
+) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != len(most):
+        raise MissionServiceError(f"{what}: write it as {form}")
+    for number, low, high in zip(numbers, least or (0.0,) * len(most), most, strict=True):
+        if not low <= number <= high:
+            raise MissionServiceError(
+                f"{what}: {number:g} is not between {low:g} and {high:g}; write it as {form}"
+            )
+    return numbers
+
+
+def by_hand(
+    stack: str, kind: str, system_id: int, home: str, count: int, around: Surroundings
+) -> Fleet:
+    """Mocks with system ids in a row, a thousandth of a degree of longitude apart."""
+    if system_id + count > 251:
+        last = system_id + count - 1
+        raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the last there is")
+    lat_deg, lon_deg, altitude_m = read_home(home)
+    return around.fleet(
+        [
+            around.mock(
+                stack,
+                kind,
+                system_id + number,
+                (lat_deg, lon_deg + FARTHER_DEG * number, altitude_m),
+            )
+            for number in range(count)
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class OnLink:
+    """Mocks on a link, and where their key is."""
+
+    fleet: Fleet
+    link: str
+    signing_key: str | None = None
+
+
+def from_scenario(
+    name: str, vehicle: str | None, link: str | None, around: Surroundings
+) -> list[OnLink]:
+    """The mock of a scenario's vehicle, standing at its home.
+
+    Without ``link`` it calls the vehicle's own; without ``vehicle`` either, all of them do.
+    """
+    scenario = flying(load_scenario(name))
+    landscape = landscape_of(scenario)
+    if vehicle is None and link is None:
+        sections = list(scenario.vehicles)
+    else:
+        sections = [vehicle_of(scenario, vehicle)]
+    return [
+        OnLink(
+            _of_section(section, landscape, around),
+            link or other_end(section.link),
+            section.signing_key,
+        )
+        for section in sections
+    ]
+
+
+def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> Fleet:
+    plain = mock_of(section, landscape)
+    frame = plain.flight.frame
+    home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
+    mock = around.mock(section.stack, section.kind, section.system_id, home)
+    mock.flight.change_cruise(section.airspeed_m_s)
+    return around.fleet([mock])
+
+
+def listening(listen: str) -> str:
+    """The link for ``--listen``: HOST:PORT (UDP) or a link that listens."""
+    kind = listen.partition(":")[0]
+    link = listen if kind in ("udpin", "tcpin", "udpout", "tcp", "serial") else f"udpin:{listen}"
+    address = parse_link(link)
+    if not isinstance(address, LinkAddress) or address.kind not in ("udpin", "tcpin"):
+        raise MissionServiceError(
+            f"--listen {listen}: it does not listen; give HOST:PORT, udpin or tcpin, or use --link"
+        )
+    return link
+
+
+def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
+    """One mapping a vehicle."""
+    return [
+        {
+            "system_id": mock.system_id,
+            "stack": mock.stack.name,
+            "vehicle": mock.stack.vehicle,
+            "link": link,
+            "speedup": speedup,
+            "home_lat_deg": round(mock.flight.frame.lat_deg, 7),
+            "home_lon_deg": round(mock.flight.frame.lon_deg, 7),
+            "home_altitude_amsl_m": round(mock.flight.frame.altitude_m, 2),
+            "wind_from_deg": mock.flight.wind_from_deg,
+            "wind_speed_m_s": mock.flight.wind_speed_m_s,
+        }
+        for mock in fleet.mocks
+    ]
+
+
+def run(
+    all_mocks: list[OnLink],
+    speedup: float,
+    as_json: bool,
+    echo: Callable[[str], None],
+    until_eof: bool = False,
+) -> None:
+    """Fly until SIGINT or SIGTERM; says one line a vehicle once its link is open.
+
+    With ``until_eof`` also until the end of standard input, a pipe: whoever has the other end may
+    be killed. Signs with the keys named, or once SETUP_SIGNING has told one.
+    """
+    timestamps = Timestamps(wall_us)
+
+    def learns(key: Key) -> Signing:
+        return Signing(key, timestamps)
+
+    async def fly(mocks: OnLink) -> None:
+        def opened() -> None:
+            for told in describe(mocks.fleet, mocks.link, speedup):
+                echo(json.dumps(told) if as_json else _line(told))
+
+        key = mocks.signing_key
+        signing = None if key is None else Signing(read_key(key), timestamps)
+        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, learns)
+
+    async def until_ended() -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+        if until_eof:
+            asyncio.get_running_loop().add_reader(sys.stdin, task.cancel)
+        with contextlib.suppress(asyncio.CancelledError):
+            async with asyncio.TaskGroup() as group:
+                for mocks in all_mocks:
+                    group.create_task(fly(mocks))
+
+    asyncio.run(until_ended())
+
+
+def _line(told: dict[str, Any]) -> str:
+    wind = ""
+    if told["wind_speed_m_s"] > 0.0:
+        wind = f", wind {told['wind_speed_m_s']:g} m/s from {told['wind_from_deg']:g} deg"
+    return (
+        f"mock {told['stack']} {told['vehicle']} {told['system_id']} at "
+        f"{told['home_lat_deg']:.5f},{told['home_lon_deg']:.5f},{told['home_altitude_amsl_m']:g} "
+        f"on {told['link']}, x{told['speedup']:g}{wind}"
+    )

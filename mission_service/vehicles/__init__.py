@@ -1,0 +1,1 @@
+"""What is known of each vehicle: availability, mission on board, mission under way, separation."""

@@ -1,0 +1,120 @@
+"""Missions that wait for an operator's approval (``mission.approval = "each"``). Pure."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mission_service.commands import AnyCommand, ProposeMission, UploadMission, WithdrawMission
+from mission_service.runtime.picture import mission_hash
+from mission_service.vehicles.state import Pending, Refusal, Vehicle
+
+SAMPLED_EVERY_M = 20.0
+GOOD_FOR_S = 60.0  # afterwards it is planned anew: the front has moved on
+AHEAD_SHARE = 0.5  # of the horizon: a mission that extends so far beyond a refused one differs
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A mission that waits for an operator's approval since ``at_s``."""
+
+    at_s: float
+    command: UploadMission
+    pending: Pending
+
+
+class MissionApprovals:
+    """Proposes each mission instead of sending it, until it is accepted by its hash.
+
+    A mission that keeps aircraft apart is sent at once, and takes the place of a proposal.
+    """
+
+    def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
+        """Set how far beside or beyond a refused mission another one must lead to differ."""
+        self._proposals: dict[str, Proposal] = {}
+        self._beside_m = path_tolerance_m
+        self._beyond_m = AHEAD_SHARE * horizon_m
+
+    def held_back(
+        self, commands: Iterable[AnyCommand], vehicles: Mapping[str, Vehicle], at_s: float
+    ) -> list[AnyCommand]:
+        """The commands, with each upload replaced by a proposal; dropped if it was refused."""
+        found: list[AnyCommand] = []
+        for command in commands:
+            if not isinstance(command, UploadMission):
+                found.append(command)
+            elif command.keeps_apart:
+                vehicle = vehicles[command.vehicle]
+                found += [*self.withdraw(vehicle, "the vehicle gives way to another"), command]
+            else:
+                found += self._propose(command, vehicles[command.vehicle], at_s)
+        return found
+
+    def _propose(
+        self, command: UploadMission, vehicle: Vehicle, at_s: float
+    ) -> list[ProposeMission]:
+        pending, vehicle.pending = vehicle.pending, None
+        assert pending is not None  # by ``MissionsSent``
+        why = command.why
+        if vehicle.refusal is not None:
+            if not self._differs(vehicle.refusal, pending):
+                vehicle.due = pending.due
+                return []
+            why = f"{why}; unlike the mission that {vehicle.refusal.by} refused"
+        vehicle.proposed = pending
+        self._proposals[vehicle.name] = Proposal(at_s, command, pending)
+        mission = (command.mission_id, why, command.items, mission_hash(command.items))
+        return [ProposeMission(vehicle.name, *mission)]
+
+    def _differs(self, refusal: Refusal, pending: Pending) -> bool:
+        """Whether a mission differs from a refused one in its path or in why it was due."""
+        if pending.due not in ("", refusal.due):
+            return True
+        line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
+        points = shapely.points(shapely.get_coordinates(line))
+        apart_m = shapely.distance(points, refusal.line)
+        along_m = shapely.line_locate_point(refusal.line, points)
+        beyond = along_m >= refusal.line.length
+        most_m = np.where(beyond, self._beyond_m, self._beside_m)
+        return bool((apart_m > most_m).any())
+
+    def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
+        """The mission of this hash, to be sent; None: another one, or none, is proposed."""
+        proposal = self._taken(vehicle, named)
+        if proposal is None:
+            return None
+        vehicle.pending, vehicle.refusal = proposal.pending, None
+        return proposal.command
+
+    def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
+        """Refuse the mission of this hash, and similar ones; False if it was not proposed."""
+        proposal = self._taken(vehicle, named)
+        if proposal is None:
+            return False
+        vehicle.refusal = Refusal(by, proposal.pending.due, proposal.pending.line)
+        return True
+
+    def lapsed(self, vehicle: Vehicle, at_s: float) -> list[WithdrawMission]:
+        """Withdraw an expired proposal; its reason stays due."""
+        proposal = self._proposals.get(vehicle.name)
+        if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
+            return []
+        vehicle.due = vehicle.due or proposal.pending.due
+        return self.withdraw(vehicle, f"not answered for {GOOD_FOR_S:.0f} s: a new one is planned")
+
+    def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
+        """Nothing is proposed for a vehicle any more."""
+        vehicle.proposed = None
+        proposal = self._proposals.pop(vehicle.name, None)
+        if proposal is None:
+            return []
+        return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
+
+    def _taken(self, vehicle: Vehicle, named: str) -> Proposal | None:
+        proposal = self._proposals.get(vehicle.name)
+        if proposal is None or mission_hash(proposal.command.items) != named:
+            return None
+        del self._proposals[vehicle.name]
+        vehicle.proposed = None
+        return proposal

@@ -1,0 +1,223 @@
+"""Who of a scenario's vehicles must keep clear of whom, now: ``separation.py`` has the rules."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot_bridge.items import MissionItem
+from firemodel.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.core.steering import Presence
+from mission_service.guidance.registry import fire_position
+from mission_service.missions.from_path import LeastAltitude
+from mission_service.missions.separation import (
+    MARGIN_M,
+    Track,
+    ahead_on,
+    comes_too_low,
+    gives_way,
+    has_passed,
+    heights_below,
+    is_near,
+    place_aside,
+    places_of,
+    track_of,
+)
+
+Floats = NDArray[np.float64]
+
+TAKEOFF_CLEAR_M = 300.0
+TAKES_OFF_WITHIN_S = 60.0
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # to the place where it waits
+WAITS_AT_MOST_S = 120.0  # whatever the others do
+UNHEARD_S = 5.0  # where a vehicle was so long ago says little
+
+
+@dataclass(slots=True, eq=False)
+class Flown:
+    """What a vehicle flies, and whom it has given way to."""
+
+    section: VehicleSection
+    presence: Presence
+    home_m: tuple[float, float]
+    track: Track | None = None
+    sent: int = 0  # missions so far
+    compared: tuple[int, ...] = ()  # those of the vehicles below when they were last looked at
+    gave_way_to: str | None = None
+    waits_since_s: float = 0.0
+    waits_at: Floats | None = None  # (1, 2)
+    started_at_s: float = -1e9
+
+
+class Spacing:
+    """Keeps account of all vehicles' missions and places."""
+
+    def __init__(
+        self, scenario: Scenario, landscape: Landscape, presence: dict[str, Presence]
+    ) -> None:
+        self._landscape = landscape
+        self._separation_m = scenario.mission.separation_m
+        self._fire_m = fire_position(scenario, landscape)
+        self._all = {
+            section.name: Flown(
+                section,
+                presence[section.name],
+                landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
+            )
+            for section in scenario.vehicles
+        }
+        self._below = {name: self._vehicles_below(name) for name in self._all}
+        self._earlier = {name: set(list(self._all)[:n]) for n, name in enumerate(self._all)}
+
+    def _vehicles_below(self, name: str) -> list[Flown]:
+        top_m = self._all[name].section.altitude_agl_m - self._separation_m
+        return [other for other in self._all.values() if other.section.altitude_agl_m <= top_m]
+
+    # Missions one above the other -------------------------------------------------------------
+
+    def sends(self, name: str, items: tuple[MissionItem, ...]) -> None:
+        """A mission goes to the vehicle."""
+        flown = self._all[name]
+        here = flown.presence.here
+        start_m = (here.x_m, here.y_m) if here and flown.presence.airborne else None
+        flown.track = track_of(items, self._landscape, flown.section.loiter_radius_m, start_m)
+        flown.sent += 1
+        flown.compared = self._missions_below(name)
+
+    def forget(self, name: str) -> None:
+        """The vehicle stands on the ground without a mission."""
+        self._all[name].track = self._all[name].gave_way_to = None
+
+    def least_altitudes(self, name: str) -> LeastAltitude:
+        """The least altitude of a new mission at points (n, 2)."""
+        tracks = self._tracks_below(name)
+        return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
+
+    def comes_too_low(self, name: str) -> bool:
+        """Whether a vehicle in a lower layer has a new mission close below this one's."""
+        own = self._all[name]
+        missions = self._missions_below(name)
+        if missions == own.compared or own.track is None or own.presence.here is None:
+            return False
+        own.compared = missions
+        left = ahead_on(own.track, own.presence.here.x_m, own.presence.here.y_m)
+        return comes_too_low(left, self._tracks_below(name), self._separation_m)
+
+    def _tracks_below(self, name: str) -> list[Track]:
+        """What the vehicles in lower layers are to fly, and where they are."""
+        below = self._below[name]
+        tracks = [other.track for other in below if other.track is not None]
+        places = [other.presence.here for other in below if other.presence.airborne]
+        heres = [here for here in places if here is not None]
+        return [*tracks, places_of(heres)] if heres else tracks
+
+    def _missions_below(self, name: str) -> tuple[int, ...]:
+        return tuple(other.sent for other in self._below[name])
+
+    # Giving way -------------------------------------------------------------------------------
+
+    def gave_way_to(self, name: str) -> str | None:
+        """Whom the vehicle waits for."""
+        return self._all[name].gave_way_to
+
+    def give_way_to(self, name: str) -> str | None:
+        """Whom the vehicle has to let pass, now or still."""
+        own = self._all[name]
+        here = own.presence.here
+        assert here is not None
+        if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
+            return own.gave_way_to
+        own.gave_way_to = next(
+            (other for other in self._all if other != name and self._has_right_of_way(name, other)),
+            None,
+        )
+        if own.gave_way_to is not None:
+            aside_m = self._separation_m
+            aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
+            there = self._all[own.gave_way_to].presence.here
+            assert there is not None
+            own.waits_at = place_aside(here, there, self._fire_m, aside_m)
+            own.waits_since_s = here.at_s
+        return own.gave_way_to
+
+    def _is_passing(self, own: Flown, other: Flown) -> bool:
+        here, there = own.presence.here, other.presence.here
+        if here is None or there is None or not _is_told_of(other.presence, here.at_s):
+            return False
+        if here.at_s - own.waits_since_s > WAITS_AT_MOST_S:
+            return False
+        turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
+        return not has_passed(here, there, self._separation_m, turn_m)
+
+    def _has_right_of_way(self, name: str, other_name: str) -> bool:
+        own, other = self._all[name], self._all[other_name]
+        here, there = own.presence.here, other.presence.here
+        if here is None or there is None or not _is_told_of(other.presence, here.at_s):
+            return False
+        if other.gave_way_to == name or self._are_in_layers(own, other):
+            return False
+        turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
+        if other.gave_way_to is not None and other.waits_at is not None:
+            x_m, y_m = other.waits_at[0]
+            there = replace(there, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
+            turn_m += other.section.loiter_radius_m / 2.0
+        if not is_near(here, there, self._separation_m, turn_m):
+            return False
+        cannot = not other.presence.flies or other.gave_way_to is not None
+        return cannot or gives_way(here, there, other_name in self._earlier[name])
+
+    def _are_in_layers(self, own: Flown, other: Flown) -> bool:
+        """Whether the higher one's missions keep it above the other, and it is there."""
+        here, there = own.presence.here, other.presence.here
+        both = own.presence.flies and other.presence.flies
+        if here is None or there is None or not both:
+            return False
+        above_m = here.altitude_m - there.altitude_m
+        if own in self._below[other.section.name]:
+            return -above_m >= self._separation_m / 2.0
+        return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
+
+    def may_turn_back(self, name: str) -> bool:
+        """Whether nobody who gives way to the vehicle is still about to."""
+        here = self._all[name].presence.here
+        for other in self._all.values():
+            there = other.presence.here
+            if other.gave_way_to != name or here is None or there is None:
+                continue
+            leaving = here.at_s - other.waits_since_s < LEAVES_WITHIN_S
+            if leaving and math.dist((here.x_m, here.y_m), (there.x_m, there.y_m)) < LEAVES_M:
+                return False
+        return True
+
+    def waits_at(self, name: str) -> Floats:
+        """Where the vehicle waits, (1, 2)."""
+        place = self._all[name].waits_at
+        assert place is not None
+        return place
+
+    def may_take_off(self, name: str, at_s: float) -> bool:
+        """Whether nobody is near its home, or about to take off there; if so, it is to start."""
+        own = self._all[name]
+        for other in self._all.values():
+            if other is own:
+                continue
+            here = other.presence.here
+            if other.presence.airborne and here is not None and at_s - here.at_s < UNHEARD_S:
+                place = (here.x_m, here.y_m)
+            elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
+                place = other.home_m
+            else:
+                continue
+            if math.dist(place, own.home_m) < TAKEOFF_CLEAR_M:
+                return False
+        own.started_at_s = at_s
+        return True
+
+
+def _is_told_of(presence: Presence, at_s: float) -> bool:
+    """Whether it is in the air, by word not too old."""
+    here = presence.here
+    return presence.airborne and here is not None and at_s - here.at_s < UNHEARD_S
