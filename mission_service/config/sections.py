@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+FORMATION = "formation"  # rule: all vehicles around the fire
+BURN = "burn"  # rule: ignition lines dropped inside a burn unit
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -201,11 +203,7 @@ class PlannerSection(Section):
     @field_validator("rule")
     @classmethod
     def _rule_known(cls, rule: str) -> str:
-        from mission_service.guidance.registry import (  # which knows scenarios
-            BURN,
-            FORMATION,
-            RULES,
-        )
+        from mission_service.guidance.registry import RULES  # it reads scenarios
 
         if rule not in (*RULES, FORMATION, BURN):
             raise ValueError(f"no such rule; there are {', '.join((*RULES, FORMATION, BURN))}")

@@ -6,7 +6,7 @@ FW_AIRSPD_MAX. Routes, endurance and separation are planned with ``airspeed_m_s`
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm
-from mission_service.core.steering import MISSION
+from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.state import Vehicle
 
 AIRSPEED = "airspeed"

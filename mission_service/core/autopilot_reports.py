@@ -5,7 +5,6 @@ text has no end: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
-from mission_service.core.steering import FAILSAFE_STATES, GOING_HOME
 from mission_service.events import (
     AutopilotText,
     EstimatorStatusChanged,
@@ -15,6 +14,7 @@ from mission_service.events import (
     ThrustStatusChanged,
     VehicleEvent,
 )
+from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME
 from mission_service.vehicles.state import Vehicle, say
 
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.

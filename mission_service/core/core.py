@@ -16,6 +16,7 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
+from mission_service.config.sections import BURN, FORMATION
 from mission_service.core.airspeed_watch import airspeed_compared
 from mission_service.core.autopilot_reports import (
     back_under_control,
@@ -24,7 +25,7 @@ from mission_service.core.autopilot_reports import (
     texts_over,
 )
 from mission_service.core.operator_orders import CrewOrders, hold_again
-from mission_service.core.steering import GOING_HOME, LEADS_TO, MISSION, Here, Steering
+from mission_service.core.steering import Steering
 from mission_service.events import (
     AirspeedMeasured,
     AnyEvent,
@@ -48,13 +49,15 @@ from mission_service.events import (
 )
 from mission_service.guidance.front.controller import FrontFlight
 from mission_service.guidance.front.unwatched import FrontWatch
-from mission_service.guidance.protocol import Decision
-from mission_service.guidance.registry import BURN, FORMATION, planners_of
+from mission_service.guidance.protocol import Decision, Leader
+from mission_service.guidance.registry import planners_of
 from mission_service.missions.landing import Landing
+from mission_service.position_fix import Here
 from mission_service.vehicles.approvals import MissionApprovals
+from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.reconciliation import doubt, in_words, recognised
-from mission_service.vehicles.state import Leader, Pending, Vehicle, say
+from mission_service.vehicles.state import Pending, Vehicle, say
 from mission_service.vehicles.traffic import Spacing
 
 RETRY_S = 5.0

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config.scenario import Scenario
+from mission_service.config.sections import FORMATION
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.steering import Steering
 from mission_service.events import (
@@ -17,7 +18,6 @@ from mission_service.events import (
     Order,
     Ordered,
 )
-from mission_service.guidance.registry import FORMATION
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.state import Vehicle, say
 

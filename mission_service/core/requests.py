@@ -15,8 +15,8 @@ from mission_service import events
 from mission_service.errors import RequestError
 from mission_service.events import SERVICE, CrewEvent
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.runtime.play_head import FASTEST, SLOWEST
 
+SLOWEST, FASTEST = 0.1, 100.0  # speeds of a replay
 LONGEST_S = 1e7  # times farther away are a mistake
 ELSEWHERE = "mqtt"  # "mqtt:west": whoever asks over MQTT is at no station, so never present
 LARGEST_M = 10_000.0  # and so are larger circles and longer lines

@@ -16,7 +16,13 @@ from firemodel.landscape import Landscape
 from firemodel.rothermel import Moisture
 from firemodel.weather import Weather, WeatherStream
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import Ignition, LandscapeSection, VehicleSection, WeatherFile
+from mission_service.config.sections import (
+    BURN,
+    Ignition,
+    LandscapeSection,
+    VehicleSection,
+    WeatherFile,
+)
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth, after which it is looked at whether anything still burns
@@ -257,3 +263,18 @@ def _fire(
         )
     scheme = AnyAngleFire if section.scheme == "anyangle" else Devs8Fire
     return scheme(landscape, weather, ignitions, burning, wind_limit=section.wind_limit)
+
+
+def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
+    """Where the crew says the fire is (x, y): the ignition, or a point reported inside the fire.
+
+    Of a burn it is where its firing boss stands.
+    """
+    planner = scenario.planner
+    if planner.rule == BURN and scenario.burn is not None:
+        boss = scenario.burn.stations[0]
+        return landscape.xy_of_lat_lon(boss.lat_deg, boss.lon_deg)
+    if planner.ignition_known:
+        first = scenario.ignition[0]
+        return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)
+    return landscape.xy_of_lat_lon(planner.reported_lat_deg, planner.reported_lon_deg)

@@ -6,12 +6,16 @@ own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.events import Observed
+from autopilot_bridge.items import MissionItem
+from mission_service.commands import AnyCommand
+from mission_service.events import CrewEvent, Observed, VehicleEvent
+from mission_service.position_fix import Here
+from mission_service.vehicles.state import Vehicle
 
 Floats = NDArray[np.float64]
 Phase = Literal["approach", "initial circle", "monitor"]
@@ -71,3 +75,34 @@ class Planner(Steered, Protocol):
 
     def shape(self, row: float, col: float) -> Floats:
         """The fire as the planner believes it to be: its front in cells on 360 bearings."""
+
+
+class Leader(Protocol):
+    """What a vehicle does in the air, while it can be counted on: along a front, or on orbits."""
+
+    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+        """Take note of any event; it has been taken in by ``Steering`` already."""
+
+    def told(self, event: CrewEvent) -> list[AnyCommand]:
+        """What a person did or said."""
+
+    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+        """What there is to tell at a position."""
+
+    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+        """What the vehicle is to do now; it flies, and has time left."""
+
+    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+        """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
+
+    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
+        """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
+
+    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+        """The mission that flies a path and loiters at its end."""
+
+    def status(self) -> dict[str, Any]:
+        """Where it stands, for people; ``complete``: nothing would be lost if it ended now."""
+
+    def in_mission(self, name: str) -> bool:
+        """Whether the vehicle, in the air, flies the mission it has on board."""

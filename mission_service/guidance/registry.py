@@ -7,7 +7,7 @@ from typing import Literal
 from firemodel.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.fire.setup import weather_of
+from mission_service.fire.setup import fire_position, weather_of
 from mission_service.guidance.front.following import PathSettings
 from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings
 from mission_service.guidance.front.predictive import (
@@ -117,10 +117,6 @@ TEAM: dict[str, RuleMaker] = {
     **{f"team.{name}": bent(name) for name in (*PLANNERS, *LATER_PLANNERS)},
 }
 RULES = (*ALONE, *TEAM)
-# Not along the front: all vehicles in a formation around the fire (formation_flight.py).
-FORMATION = "formation"
-# Ignition lines dropped inside a burn unit (burn_flight.py).
-BURN = "burn"
 
 
 def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
@@ -155,18 +151,3 @@ def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
 def _path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
     mission = scenario.mission
     return PathSettings(mission.horizon_m / cell_m, mission.lead_m / cell_m)
-
-
-def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Where the crew says the fire is (x, y): the ignition, or a point reported inside the fire.
-
-    Of a burn it is where its firing boss stands.
-    """
-    planner = scenario.planner
-    if planner.rule == BURN and scenario.burn is not None:
-        boss = scenario.burn.stations[0]
-        return landscape.xy_of_lat_lon(boss.lat_deg, boss.lon_deg)
-    if planner.ignition_known:
-        first = scenario.ignition[0]
-        return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)
-    return landscape.xy_of_lat_lon(planner.reported_lat_deg, planner.reported_lon_deg)

@@ -16,9 +16,9 @@ from typing import Any
 
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
+from mission_service.config.sections import BURN
 from mission_service.errors import JournalError, StateError, UnhandledLineError
 from mission_service.events import AnyEvent, LinesSkipped, Resumed
-from mission_service.guidance.registry import BURN
 from mission_service.journal.differences import difference_of
 from mission_service.journal.journal import Entry, JournalReader, Rest, Unreadable, begins_journal
 from mission_service.journal.private_files import refuse_links

@@ -11,6 +11,7 @@ from typing import Any
 
 from firemodel.landscape import Landscape
 from mission_service.config.scenario import Scenario
+from mission_service.config.sections import BURN, FORMATION
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
@@ -19,9 +20,8 @@ from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import FireWorld, world_of
-from mission_service.guidance.registry import BURN, FORMATION
 from mission_service.interfaces.control.client import NAME
-from mission_service.interfaces.control.server import Desk, claimed, serve_control
+from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.interfaces.mqtt.peers import Channel, Exchange
 from mission_service.journal.journal import Journal, header_of
 from mission_service.journal.private_files import refuse_links, written_by_others
@@ -36,6 +36,7 @@ from mission_service.runtime.hub import Hub
 from mission_service.runtime.links import SEVERITIES, Link, Silence, alarms, connected, open_links
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.record import Record
+from mission_service.runtime.request_handler import Desk
 from mission_service.runtime.retention import Keeping
 from mission_service.runtime.watchman import Watchman
 

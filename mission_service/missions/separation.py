@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem, has_position
 from firemodel.landscape import Landscape
-from mission_service.core.steering import Here
 from mission_service.missions.heights import heights_near
+from mission_service.position_fix import Here
 
 Floats = NDArray[np.float64]
 

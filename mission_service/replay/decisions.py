@@ -11,7 +11,8 @@ from typing import Any
 
 from mission_service.commands import Decided, Return
 from mission_service.config.scenario import Scenario
-from mission_service.core.steering import Steering, decided
+from mission_service.config.sections import BURN, FORMATION
+from mission_service.core.steering import Steering
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
     Aborted,
@@ -24,10 +25,10 @@ from mission_service.events import (
     VehicleEvent,
     VehicleRebooted,
 )
-from mission_service.guidance.front.controller import FrontFlight
+from mission_service.guidance.front.controller import FrontFlight, decided
 from mission_service.guidance.front.perimeter import PerimeterPlanner
 from mission_service.guidance.protocol import Planner
-from mission_service.guidance.registry import BURN, FORMATION, RULES, planners_of
+from mission_service.guidance.registry import RULES, planners_of
 from mission_service.journal.differences import compare, fields_that_differ
 from mission_service.journal.journal import Entry, JournalReader
 from mission_service.journal.recorded import Recorded

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from mission_service.commands import AnyCommand
+from mission_service.config.sections import BURN, FORMATION
 from mission_service.errors import JournalError, MissionServiceError
 from mission_service.events import LinesSkipped
-from mission_service.guidance.registry import BURN, FORMATION
 from mission_service.journal.differences import cut, difference_of, fields_that_differ
 from mission_service.journal.recorded import Recorded
 from mission_service.replay.decisions import decisions_alone, first_difference

@@ -38,7 +38,6 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection
 from mission_service.core.core import Core
-from mission_service.core.steering import MISSION
 from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
     Aborted,
@@ -71,6 +70,7 @@ from mission_service.peer_messages import AnyMessage
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.record import Record
+from mission_service.vehicles.availability import MISSION
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000

@@ -13,7 +13,6 @@ from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.front.controller import FrontFlight
-from mission_service.interfaces.control.server import Desk
 from mission_service.missions.figures import Figures, figures_of
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import MissionClock
@@ -21,6 +20,7 @@ from mission_service.runtime.links import Link
 from mission_service.runtime.picture import DropState, Picture
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.record import Record
+from mission_service.runtime.request_handler import Desk
 
 if TYPE_CHECKING:
     from mission_service.fire.estimated import BelievedFire

@@ -5,7 +5,6 @@ HTTP, MQTT, metrics and feeds read this and keep no state of their own. Each par
 slowly misses what has passed and never what is. States are flat JSON with units in their keys.
 """
 
-import hashlib
 import math
 from collections import Counter, deque
 from collections.abc import Iterable
@@ -62,6 +61,7 @@ from mission_service.events import (
 )
 from mission_service.fire.simulated import camera_of
 from mission_service.ignition_plan import IgnitionPlan
+from mission_service.missions.mission_hash import mission_hash
 
 MOST_NEWS = 500
 MOST_CLEARED = 50
@@ -204,11 +204,6 @@ class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
     lat_deg: float
     lon_deg: float
     outcome: str = "ordered"
-
-
-def mission_hash(items: Iterable[MissionItem]) -> str:
-    """SHA-256 of a mission as it is written down: who accepts it names exactly this one."""
-    return hashlib.sha256(msgspec.json.encode(tuple(items))).hexdigest()
 
 
 def item_state(item: MissionItem) -> ItemState:

@@ -4,10 +4,10 @@ from typing import Literal
 
 import msgspec
 
+from mission_service.core.requests import FASTEST, SLOWEST
 from mission_service.errors import RequestError
 
 Speed = float | Literal["max"]
-SLOWEST, FASTEST = 0.1, 100.0
 
 
 class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):

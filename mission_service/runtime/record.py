@@ -14,7 +14,6 @@ from mission_service.commands import (
     Propose,
     UploadMission,
 )
-from mission_service.core.steering import AIRBORNE_M
 from mission_service.events import (
     AnyEvent,
     Crew,
@@ -29,6 +28,7 @@ from mission_service.ground_distance import M_PER_DEG
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
+from mission_service.vehicles.availability import AIRBORNE_M
 
 MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
 MAX_REASONS = 100  # different ones, of missions (they may name users); others count as OTHER

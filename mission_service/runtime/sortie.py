@@ -14,7 +14,6 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
-from mission_service.core.steering import AIRBORNE_M
 from mission_service.events import (
     CommandFinished,
     LinkLost,
@@ -26,6 +25,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.ground_distance import distance_m
+from mission_service.vehicles.availability import AIRBORNE_M
 
 GAP_US = 5_000_000  # a longer gap between positions counts as no flight
 

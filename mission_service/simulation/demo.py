@@ -14,12 +14,11 @@ from autopilot_bridge.planfile import write_any
 from autopilot_bridge.stacks import stack_named
 from firemodel.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
-from mission_service.config.sections import VehicleSection
+from mission_service.config.sections import FORMATION, VehicleSection
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire.setup import home_of, landscape_of
 from mission_service.guidance.formation.controller import waits_at
 from mission_service.guidance.formation.seats import Formation
-from mission_service.guidance.registry import FORMATION
 from mission_service.live.daemon import Run, serve
 from mission_service.missions.approach import approach_mission
 from mission_service.missions.landing import Landing

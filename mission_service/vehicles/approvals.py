@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from mission_service.commands import AnyCommand, ProposeMission, UploadMission, WithdrawMission
-from mission_service.runtime.picture import mission_hash
+from mission_service.missions.mission_hash import mission_hash
 from mission_service.vehicles.state import Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_TAKEOFF
 
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import UploadMission
-from mission_service.core.steering import Here
+from mission_service.position_fix import Here
 from mission_service.vehicles.state import Pending, Vehicle
 
 Floats = NDArray[np.float64]

@@ -1,19 +1,16 @@
-"""What the core knows of one vehicle, whatever it flies, and what flies it."""
+"""The state of one vehicle, whatever it flies."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Literal
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from autopilot_bridge.items import MissionItem
-from mission_service.commands import Announce, AnyCommand
+from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
-from mission_service.core.steering import Here, Presence
-from mission_service.events import CrewEvent, VehicleEvent
-from mission_service.guidance.protocol import Decision
 from mission_service.missions.landing import Landing
+from mission_service.vehicles.availability import Presence
 
 Floats = NDArray[np.float64]
 
@@ -100,37 +97,6 @@ class Vehicle:
         """Cancel commands that were to be repeated, or to follow another one."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
-
-
-class Leader(Protocol):
-    """What a vehicle does in the air, while it can be counted on: along a front, or on orbits."""
-
-    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Take note of any event; it has been taken in by ``Steering`` already."""
-
-    def told(self, event: CrewEvent) -> list[AnyCommand]:
-        """What a person did or said."""
-
-    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        """What there is to tell at a position."""
-
-    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
-        """What the vehicle is to do now; it flies, and has time left."""
-
-    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
-        """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
-
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
-        """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
-
-    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
-        """The mission that flies a path and loiters at its end."""
-
-    def status(self) -> dict[str, Any]:
-        """Where it stands, for people; ``complete``: nothing would be lost if it ended now."""
-
-    def in_mission(self, name: str) -> bool:
-        """Whether the vehicle, in the air, flies the mission it has on board."""
 
 
 def say(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:

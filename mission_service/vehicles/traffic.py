@@ -10,8 +10,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.core.steering import Presence
-from mission_service.guidance.registry import fire_position
+from mission_service.fire.setup import fire_position
 from mission_service.missions.from_path import LeastAltitude
 from mission_service.missions.separation import (
     MARGIN_M,
@@ -26,6 +25,7 @@ from mission_service.missions.separation import (
     places_of,
     track_of,
 )
+from mission_service.vehicles.availability import Presence
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from mission_service.interfaces.api.access.guard import Guard
 from mission_service.interfaces.api.app import role_of, routes_of
 from mission_service.interfaces.api.journal_lines import JournalLines
 from mission_service.journal.journal import Journal, JournalReader
-from mission_service.runtime.picture import mission_hash
+from mission_service.missions.mission_hash import mission_hash
 from tests.api.worlds import SMALL, Served, World, client, scenario_of, served, world_in
 
 V1 = "/api/v1"

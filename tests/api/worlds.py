@@ -11,18 +11,18 @@ from typing import Any
 import httpx
 
 from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.config.sections import BURN
 from mission_service.config.service import HttpSection, ServiceSection
 from mission_service.core.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
 from mission_service.events import CrewEvent
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.registry import BURN
 from mission_service.interfaces.api.access.auth import ROLES, Role, Tokens, Who, new_token, sum_of
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
-from mission_service.interfaces.control.server import Desk
 from mission_service.journal.journal import Journal, header_of
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.picture import Picture
+from mission_service.runtime.request_handler import Desk
 from mission_service.simulation.sim import Simulation
 
 SMALL = ("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false")

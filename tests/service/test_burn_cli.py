@@ -32,7 +32,8 @@ from mission_service.events import (
 )
 from mission_service.guidance.burn.interlock import Interlock
 from mission_service.interfaces.control.client import NAME
-from mission_service.interfaces.control.server import Desk, claimed, serve_control
+from mission_service.interfaces.control.server import claimed, serve_control
+from mission_service.runtime.request_handler import Desk
 from tests.service.burn_history import GOOD, HASH, Sent, burn
 
 AT_US = 100_000_000

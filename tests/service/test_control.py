@@ -43,7 +43,8 @@ from mission_service.events import (
 )
 from mission_service.interfaces.control import server as control
 from mission_service.interfaces.control.client import NAME, Control
-from mission_service.interfaces.control.server import Desk, claimed, serve_control
+from mission_service.interfaces.control.server import claimed, serve_control
+from mission_service.runtime.request_handler import Desk
 from tests.patience import PATIENCE_S, until
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")

@@ -21,7 +21,6 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
-from mission_service.core.steering import Here
 from mission_service.events import (
     AnyEvent,
     CommandFinished,
@@ -40,6 +39,7 @@ from mission_service.guidance.formation import seats as formation_seats
 from mission_service.guidance.formation.agent import Intention, Own
 from mission_service.guidance.formation.by_hand import Motion, expected_orbit
 from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
+from mission_service.position_fix import Here
 from mission_service.simulation.demo import write_plan
 
 LOITER_UNLIM, TAKEOFF, LAND_START = 17, 22, 189

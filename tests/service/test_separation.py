@@ -15,7 +15,6 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
-from mission_service.core.steering import Here
 from mission_service.events import Telemetry, UploadFinished, VehicleConnected
 from mission_service.fire.setup import landscape_of
 from mission_service.missions.from_path import mission_along
@@ -27,6 +26,7 @@ from mission_service.missions.separation import (
     place_aside,
     track_of,
 )
+from mission_service.position_fix import Here
 
 SEPARATION_M = 30.0
 TURN_M = 60.0

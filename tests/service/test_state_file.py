@@ -8,10 +8,11 @@ import pytest
 
 from firemodel.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
+from mission_service.config.sections import BURN, FORMATION
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.registry import ALONE, BURN, FORMATION, RULES
+from mission_service.guidance.registry import ALONE, RULES
 from mission_service.journal.journal import Journal, JournalReader, header_of
 from mission_service.journal.snapshot import Frozen, Known, thawed
 from mission_service.simulation.sim import Simulation

@@ -7,8 +7,8 @@ import pytest
 
 from mission_service.commands import AnyCommand, Hold, StartMission
 from mission_service.core.core import Core
-from mission_service.core.steering import GOING_HOME
 from mission_service.events import AnyEvent, Telemetry, UploadFinished
+from mission_service.vehicles.availability import GOING_HOME
 from mission_service.vehicles.state import Vehicle
 from tests.service.vehicle_machine import VehicleMachine, run
 from tests.service.vehicle_sites import BURNS, SETTINGS

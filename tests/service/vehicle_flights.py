@@ -3,6 +3,7 @@
 What does happen is decided elsewhere: by hypothesis (``vehicle_machine``).
 """
 
+from mission_service.config.sections import FORMATION
 from mission_service.events import (
     Aborted,
     AutopilotText,
@@ -22,7 +23,6 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.guidance.registry import FORMATION
 from mission_service.journal.snapshot import Frozen, thawed
 from tests.service.autopilot_model import NAMES, Bridge
 from tests.service.vehicle_oracle import Violation

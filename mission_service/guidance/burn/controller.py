@@ -25,7 +25,6 @@ from mission_service.commands import (
     Withdraw,
 )
 from mission_service.config.scenario import Scenario
-from mission_service.core.steering import Here
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import (
     Aborted,
@@ -60,6 +59,7 @@ from mission_service.guidance.burn.state import BurnState
 from mission_service.guidance.burn.watch import Wind, mean_wind, wind_differs
 from mission_service.guidance.protocol import Decision
 from mission_service.ignition_plan import IgnitionPlan
+from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.core.steering import Here
 from mission_service.guidance.burn.drops import Place, Sphere
 from mission_service.guidance.burn.flown import Flown
 from mission_service.guidance.burn.release import Landing, Moving, is_due, landing
 from mission_service.guidance.burn.state import BurnState
+from mission_service.position_fix import Here
 
 TELEMETRY_S = 0.1
 RELEASES_BEFORE_S = 6.0  # the time of a drop by the plan, it is looked whether it is due

@@ -11,7 +11,6 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.landscape import Landscape
 from firemodel.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
-from mission_service.core.steering import Here
 from mission_service.events import PersonTold, PlanWanted, UnitTold
 from mission_service.fire.estimated import BelievedFire, toward
 from mission_service.guidance.burn.aim import aimed
@@ -23,6 +22,7 @@ from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, a
 from mission_service.guidance.burn.unit import Person, unit_of
 from mission_service.guidance.burn.watch import Wind
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
+from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle
 
 # Plans keep more than the margins that are watched in flight: a flight is never quite its plan.

@@ -20,7 +20,6 @@ from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, ChangeSpeed, Orbit, StartMission
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.core.steering import Here
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
     CommandFinished,
@@ -53,6 +52,7 @@ from mission_service.missions.orbits import (
     waiting_place,
 )
 from mission_service.peer_messages import AnyMessage
+from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
 from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M

@@ -14,16 +14,15 @@ from firemodel.landscape import Landscape
 from mission_service.commands import Say
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.core.steering import Here
 from mission_service.events import Observed
-from mission_service.fire.setup import burning_of
+from mission_service.fire.setup import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, Own
 from mission_service.guidance.formation.by_hand import MEASURED_OVER_S, Motion, expected_orbit
 from mission_service.guidance.formation.grid import grid_of
 from mission_service.guidance.formation.settings import NEVER_M, Airframe, Camera, Settings
 from mission_service.guidance.protocol import Decision
-from mission_service.guidance.registry import fire_position
 from mission_service.peer_messages import AnyMessage, Leaving, State
+from mission_service.position_fix import Here
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape import Landscape
-from mission_service.commands import Announce, AnyCommand, UploadMission
+from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
 from mission_service.config.scenario import Scenario
-from mission_service.core.steering import Here, decided
 from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent
 from mission_service.guidance.front.advice import Adviser, Wishes
 from mission_service.guidance.front.perimeter import PerimeterPlanner
@@ -18,6 +17,7 @@ from mission_service.guidance.protocol import Decision, Planner
 from mission_service.guidance.team.team import Seat
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
+from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
 from mission_service.vehicles.traffic import Spacing
@@ -231,3 +231,16 @@ def _takes_off(vehicle: Vehicle) -> bool:
 
 def _in_words(told: SettingsTold) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in told.given.items())
+
+
+def decided(name: str, planner: Planner, decision: Decision) -> Decided:
+    """A decision as it is told and recorded."""
+    return Decided(
+        name,
+        "clockwise" if decision.clockwise else "anticlockwise",
+        decision.reversed,
+        planner.reversals,
+        decision.importance_back,
+        decision.importance_front,
+        decision.front_cells,
+    )

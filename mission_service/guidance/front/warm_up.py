@@ -7,7 +7,8 @@ import numpy as np
 from firemodel.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import Observed
-from mission_service.guidance.registry import fire_position, planners_of
+from mission_service.fire.setup import fire_position
+from mission_service.guidance.registry import planners_of
 from mission_service.missions.separation import Track, heights_below
 
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6

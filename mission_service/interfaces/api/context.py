@@ -7,8 +7,8 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
+from mission_service.config.sections import BURN
 from mission_service.core.requests import NOT_OF_BURNS, OF_BURNS, REPLAY
-from mission_service.guidance.registry import BURN
 from mission_service.interfaces.api.access.auth import Tokens, Who
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.frames import Frames

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
+from mission_service.config.sections import BURN
 from mission_service.core import requests
-from mission_service.guidance.registry import BURN
 from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import ApiError, answer, body_of, encode
 from mission_service.interfaces.api.context import Api

@@ -19,8 +19,9 @@ from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, body, json, route, struct
 from mission_service.interfaces.api.mission_difference import difference_of
 from mission_service.interfaces.api.states import Preview, Told
+from mission_service.missions.mission_hash import mission_hash
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import Mission, MissionState, item_state, mission_hash
+from mission_service.runtime.picture import Mission, MissionState, item_state
 
 WORDS: dict[str, tuple[type[requests.Request], str, dict[str, Any]]] = {
     "renew": (requests.Renew, "Plan a new mission and send it now.", {}),

@@ -10,18 +10,13 @@ import contextlib
 import socket
 import stat
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from autopilot_bridge.errors import BridgeError
-from firemodel.errors import FireModelError
-from mission_service.commands import CONFIRM
-from mission_service.core.requests import KNOWN, event_of
-from mission_service.errors import ControlError, MissionServiceError
-from mission_service.events import Corrected, CrewEvent, Erased, Redone, Undone
+from mission_service.errors import ControlError
+from mission_service.runtime.request_handler import Answer, Desk, wrong
 
 MOST_LINE_BYTES = 64 * 1024
 MOST_CLIENTS = 16
@@ -31,87 +26,6 @@ LATE_CLIENT_S = 2.0
 MOST_OWED = 100  # waiting lines at which reading pauses
 FRESH_S = 2.0  # lines sent so shortly before a client closes are carried out
 LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
-
-Answer = dict[str, Any]
-CHANGES_AREA = (Corrected, Erased, Undone, Redone)
-KNOWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
-
-
-class Desk:
-    """Where requests of people become events: the socket's, or those of another interface."""
-
-    def __init__(
-        self,
-        tell: Callable[[CrewEvent], list[str]],
-        status: Callable[[], dict[str, Any]],
-        now_us: Callable[[], int],
-        stations: Collection[str],
-        items: Collection[str],
-        on_map: Callable[[float, float], bool],
-        vehicles: Collection[str] | None = None,
-        words: Collection[str] = KNOWN,
-        burned_ha: Callable[[], float] | None = None,
-    ) -> None:
-        """``tell`` handles an event, and returns what was said in answer to it.
-
-        ``words`` are what may be asked for in this scenario (``requests.py``). ``burned_ha`` is the
-        area burned now, where corrections change it: they are answered with old and new area.
-        """
-        self._tell = tell
-        self._status = status
-        self._now_us = now_us
-        self._stations = stations
-        self._items = items
-        self._on_map = on_map
-        self._vehicles = vehicles
-        self._words = words
-        self._burned_ha = burned_ha
-
-    def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
-        """Handle one request and return the reply; never raises for its content.
-
-        ``may_approve``: whether its user has the role approve (``requests.event_of``).
-        ``confirm`` in the reply: the order was not carried out, since it would end a mode that
-        autopilot or pilot selected; the same request with ``confirmed`` is carried out.
-        """
-        if isinstance(request, dict) and request.get("do") == "status":
-            return {"ok": True, "status": self._status()}
-        try:
-            event = event_of(
-                request,
-                self._now_us(),
-                self._stations,
-                self._items,
-                self._on_map,
-                self._vehicles,
-                self._words,
-                may_approve,
-            )
-            burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
-            before_ha = None if burned_ha is None else burned_ha()
-            said = self._tell(event)
-        except KNOWN_ERRORS as error:
-            return wrong(str(error))
-        answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
-        if burned_ha is not None:
-            answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}
-        answer["said"] = said
-        if any(line.startswith(CONFIRM) for line in said):
-            answer["confirm"] = True
-        return answer
-
-    def answer(self, line: bytes) -> Answer:
-        """The answer to one line; never raises for anything that a line may say."""
-        try:
-            request = msgspec.json.decode(line)
-        except (msgspec.DecodeError, RecursionError) as error:
-            return wrong(f"not a line of JSON: {error}")
-        return self.ask(request)
-
-
-def wrong(text: str) -> Answer:
-    """An answer that says why nothing was done."""
-    return {"ok": False, "error": text}
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from firemodel.landscape import Landscape
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
+from mission_service.config.sections import BURN, FORMATION
 from mission_service.events import (
     AnyEvent,
     LinkLost,
@@ -21,8 +22,8 @@ from mission_service.events import (
     Telemetry,
     UploadFinished,
 )
+from mission_service.fire.setup import fire_position
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
-from mission_service.guidance.registry import BURN, FORMATION, fire_position
 from mission_service.journal.recorded import Recorded
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog

@@ -15,7 +15,7 @@ from mission_service.core.requests import REPLAY, Replay
 from mission_service.errors import RequestError
 from mission_service.fire.simulated import FireWorld
 from mission_service.interfaces.control.client import NAME
-from mission_service.interfaces.control.server import Answer, Desk, claimed, serve_control, wrong
+from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.journal.journal import header_of
 from mission_service.live.daemon import doors_of, stop_on_signals, untold, warm_up_for
 from mission_service.replay.flights.beside import Replaying
@@ -28,6 +28,7 @@ from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.play_head import PlayHead, Speed
 from mission_service.runtime.record import Record
+from mission_service.runtime.request_handler import Answer, Desk, wrong
 
 TURN_US = 20_000  # of telling, before others have theirs
 TICK_S = 0.02  # while there is nothing to tell

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import Items, place_of
-from mission_service.core.steering import AIRBORNE_M
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.beside import Mission
 from mission_service.replay.flights.dropped import GRIPPER, Compared, Done, compared, planned_in
@@ -16,6 +15,7 @@ from mission_service.replay.flights.flown import Flown
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.played import Flight, Survey
 from mission_service.replay.flights.sense import FIRE_DEG, TRACK_DEG, Span, differing, turns
+from mission_service.vehicles.availability import AIRBORNE_M
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,13 @@
+"""The hash by which an operator accepts exactly one mission."""
+
+import hashlib
+from collections.abc import Iterable
+
+import msgspec
+
+from autopilot_bridge.items import MissionItem
+
+
+def mission_hash(items: Iterable[MissionItem]) -> str:
+    """SHA-256 of a mission as it is written down: who accepts it names exactly this one."""
+    return hashlib.sha256(msgspec.json.encode(tuple(items))).hexdigest()

@@ -1,0 +1,121 @@
+"""Whether a vehicle can be counted on: link, mode, failsafe, position. Pure."""
+
+import math
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from mission_service.commands import (
+    AnyCommand,
+    ClimbAndHold,
+    Hold,
+    Orbit,
+    Return,
+    StartMission,
+    UploadMission,
+)
+from mission_service.events import Order
+from mission_service.position_fix import Here
+
+AIRBORNE_M = 15.0
+GOING_HOME = ("return", "land")  # by the bridge's names of modes
+MISSION = "mission"
+# Modes that our commands lead to, by the bridge's names: any other change of mode in flight was
+# made by the autopilot or by its pilot. During an upload ArduPilot is ordered to hold, and PX4
+# holds when it finds the new mission unfit.
+LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
+    StartMission: (MISSION, "guided", "takeoff", "ready"),
+    UploadMission: (MISSION, "hold"),
+    Hold: ("hold", "guided"),
+    Return: ("return",),
+    Orbit: ("guided", "orbit", "hold"),
+    ClimbAndHold: ("guided", "hold"),
+}
+ANSWERS: dict[str, type[AnyCommand]] = {
+    "start mission": StartMission,
+    "hold": Hold,
+    "return": Return,
+    "orbit": Orbit,
+    "climb and hold": ClimbAndHold,
+}
+UNANSWERED_S = 60.0  # an unanswered command may still change the mode for so long
+TAKES_EFFECT_S = 5.0  # and an answered one for so long after its answer
+FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
+
+
+@dataclass(slots=True)
+class Presence:
+    """Whether a vehicle can be counted on."""
+
+    online: bool = False
+    airborne: bool = False
+    recalled: bool = False  # on its way home, or told to go
+    recalled_on_ground: bool = False  # and not in the air since
+    took_off_at_s: float = np.inf
+    wind_m_s: float = 0.0
+    mode: str = ""  # as told last
+    armed: bool = False
+    mode_is_ordered: bool = True  # False: its autopilot or its pilot chose the mode
+    held_by_upload: bool = False  # nothing but an upload explains why it holds
+    system_state: str = ""  # HEARTBEAT.system_status
+    fence_breached: bool = False
+    fix_good: bool = True
+    estimator_healthy: bool = True
+    here: Here | None = None
+    expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
+
+    @property
+    def position_good(self) -> bool:
+        """Whether its positions are measured: a fix in three dimensions, a healthy estimator."""
+        return self.fix_good and self.estimator_healthy
+
+    @property
+    def in_failsafe(self) -> bool:
+        """Whether its autopilot reports a failsafe or a breached fence."""
+        return self.system_state in FAILSAFE_STATES or self.fence_breached
+
+    @property
+    def taken_over(self) -> bool:
+        """Its autopilot or its pilot chose the mode: only an operator's order may change it."""
+        return self.armed and not self.mode_is_ordered
+
+    @property
+    def flies(self) -> bool:
+        """Online, in the air at a measured position, in a mode that was ordered, not returning."""
+        counted_on = self.online and self.airborne and not self.recalled
+        return counted_on and self.position_good and not self.taken_over
+
+    def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
+        """The kinds of commands under way that lead to this mode."""
+        kinds = [kind for kind in self.expected_until_s if self.is_expected(kind, at_s)]
+        return {kind for kind in kinds if mode in LEADS_TO[kind]}
+
+    def is_expected(self, kind: type[AnyCommand], at_s: float) -> bool:
+        """Whether a command of this kind may still take effect."""
+        return at_s <= self.expected_until_s.get(kind, -math.inf)
+
+    def answered(self, kind: type[AnyCommand], at_s: float) -> None:
+        """Note an acknowledged command: its mode change follows soon or not at all."""
+        if kind in self.expected_until_s:
+            self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
+
+    def restart(self) -> None:
+        """Reset after a restart of the autopilot; in flight its mode then counts as not ordered.
+
+        The mode stays the last one until another is reported, and an order home stays in force
+        while the vehicle is armed. Watchdogs restart autopilots in flight too.
+        """
+        ordered = self.mode_is_ordered and not self.airborne
+        fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
+        fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
+        fresh.recalled = self.recalled and self.armed
+        fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground
+        for each in fields(self):
+            setattr(self, each.name, getattr(fresh, each.name))
+
+    def needs_confirmation(self, order: Order) -> bool:
+        """Whether an order would end a mode that the vehicle's autopilot or pilot selected."""
+        if not (self.armed and self.airborne):
+            return False
+        chosen = self.taken_over or (self.in_failsafe and self.mode in GOING_HOME)
+        return chosen and (order != "return" or self.mode == "land")
