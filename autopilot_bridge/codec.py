@@ -5,8 +5,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.framing import V2, frames_of, message_id_of, payload_of, source_of
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.framing import V2, frames_of, message_id_of, payload_of, source_of
 
 Message = Any  # pymavlink's messages carry no types
 

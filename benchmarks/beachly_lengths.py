@@ -7,9 +7,9 @@ import sys
 
 import numpy as np
 
-from firemodel.corrections import PaperCorrected
-from firemodel.gaussian import GaussianCorrected
-from firemodel.marks import Simulation
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.ellipses.marks import Simulation
 from mission_service.experiments.beachly.corrections import (
     Floats,
     Method,

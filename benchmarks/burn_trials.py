@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.lines import only_areas
 from mission_service.guidance.burn.planner import LinePlan, Situation

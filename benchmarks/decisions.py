@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import CELL_M, HOUR_S, Burn, flat, wind
 from mission_service.experiments.front_walk import FrontWalk
 from mission_service.experiments.ideal_flight import look

@@ -37,16 +37,16 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from benchmarks.shared import data_folder, overlap
-from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_perimeter
-from firemodel.landscape import Landscape
-from firemodel.local_spread import spread_fields
-from firemodel.moisture import HOUR_S, TIME_LAGS_H, after_time_lag, equilibrium_moisture_pct
-from firemodel.readers.rasters import read_arrival, read_landscape
-from firemodel.readers.shapes import read_shapes
-from firemodel.readers.weather import read_weather
-from firemodel.rothermel import Moisture
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.rasters import read_arrival, read_landscape
+from firemodel.landscape.readers.shapes import read_shapes
+from firemodel.landscape.readers.weather import read_weather
+from firemodel.physics.moisture import HOUR_S, TIME_LAGS_H, after_time_lag, equilibrium_moisture_pct
+from firemodel.physics.rothermel import Moisture
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_perimeter
+from firemodel.spread.local_spread import spread_fields
 
 CASES = (
     *("3mph0deg7hr", "3mph60deg7hr", "3mph120deg7hr", "3mph180deg7hr"),

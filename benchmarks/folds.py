@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from firemodel import devs8, labels
-from firemodel.anyangle import AnyAngleFire
+from firemodel.spread import devs8, labels
+from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.guidance.formation.shared_map import SharedMap
 from mission_service.guidance.front.lookahead import Moves
 from mission_service.runtime.track import Track

@@ -23,10 +23,10 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.bounds import BOUNDS
-from autopilot_bridge.fleet import FleetLink
-from autopilot_bridge.framing import frames_of
+from autopilot_bridge.links.framing import frames_of
+from autopilot_bridge.missions.bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.vehicle.fleet import FleetLink
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.setup import landscape_of
@@ -271,7 +271,7 @@ class ForgedRig(Rig):
             self.forged.alarms[kind] += bool(words)
 
     def _forge(self, count: int, now_us: int, boot_ms: int) -> None:
-        if self.client.stack is None:  # what comes first is believed: see autopilot_bridge/sources
+        if self.client.stack is None:  # bound to what comes first: vehicle/sources.py
             return
         for remote, frame in self._forger.frames(count, now_us, boot_ms):
             self.link.receive_frames(remote, [frame], now_us)

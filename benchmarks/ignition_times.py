@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel import ellipse
-from firemodel.corrections import PaperCorrected
-from firemodel.ellipse import EllipseFire, Spread, spreads_of
-from firemodel.gaussian import GaussianCorrected
-from firemodel.marks import BURNING
-from firemodel.weather import Weather, WeatherStream
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.ellipses import ellipse
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
+from firemodel.ellipses.marks import BURNING
+from firemodel.physics.weather import Weather, WeatherStream
 
 Floats = NDArray[np.float64]
 

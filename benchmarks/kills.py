@@ -31,7 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from autopilot_bridge.link import other_end
+from autopilot_bridge.links.link import other_end
 from benchmarks.burn_frames import check as unapproved
 from benchmarks.link_shared import free_ports
 from mission_service.config.scenario import Scenario, flying, load_run

@@ -10,11 +10,11 @@ import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.default_landscape import jacksboro
-from firemodel.devs8 import Devs8Fire
-from firemodel.fire import Fire
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.default import jacksboro
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.fire import Fire
 from mission_service.fire.forecast import Forecasts
 from mission_service.interfaces.maps import overlay
 from mission_service.interfaces.maps.fronts import contours_geojson, probability_geojson

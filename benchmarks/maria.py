@@ -23,13 +23,13 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from benchmarks.shared import DATA, check_folder, overlap
-from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_perimeter
-from firemodel.landscape import Landscape
-from firemodel.readers.rasters import read_landscape
-from firemodel.readers.shapes import into_crs
-from firemodel.rothermel import M_S_PER_MPH
-from firemodel.weather import Weather, WeatherStream, wind_20ft_from_10m
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.rasters import read_landscape
+from firemodel.landscape.readers.shapes import into_crs
+from firemodel.physics.rothermel import M_S_PER_MPH
+from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_perimeter
 
 LAYERS = {
     "fuel": "fuel",

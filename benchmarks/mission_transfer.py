@@ -12,15 +12,15 @@ import time
 from typing import Protocol
 
 from autopilot_bridge.codec import Codec, Message
-from autopilot_bridge.download import MissionDownload
-from autopilot_bridge.ftp import FtpDownload, FtpUpload, next_session
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.missions.download import MissionDownload
+from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, next_session
+from autopilot_bridge.missions.read_back import same_mission
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.read_back import same_mission
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
-from autopilot_bridge.upload import MissionUpload
+from autopilot_bridge.stacks.stacks import stack_named
 
 STATION = (255, 190)
 HOME = (36.3, -84.2, 300.0)

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.landscape import Landscape
-from firemodel.weather import WIND_10M_OVER_20FT, Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WIND_10M_OVER_20FT, Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
 
 CELL_M = 30.0
 # Live herbaceous as moist as live woody, since pyretechnics reads the one for the other.

@@ -12,10 +12,10 @@ from shapely import Polygon, affinity
 
 from benchmarks.farsite_flatland import Stretch, ellipse
 from benchmarks.shared import overlap
-from firemodel.anyangle import AnyAngleFire
-from firemodel.landscape import Landscape
-from firemodel.local_spread import spread_fields
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.local_spread import spread_fields
 
 CELLS, CELL_M, HEAD_CELLS = 281, 30.0, 120
 COUNTS = (1, 4, 16, 32, 64, 128, 256)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from benchmarks.pyretechnics_compare import answer_of, environment
 from benchmarks.shared import DATA, check_folder
-from firemodel.landscape import Landscape
-from firemodel.local_spread import spread_fields
-from firemodel.readers.rasters import read_landscape
-from firemodel.weather import Weather
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.rasters import read_landscape
+from firemodel.physics.weather import Weather
+from firemodel.spread.local_spread import spread_fields
 
 LAYERS = {
     "fuel": "LC22_F40_230",

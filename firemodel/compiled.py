@@ -23,7 +23,7 @@ PACKAGE = Path(__file__).parent
 def cache_folder(home: Path) -> Path:
     """For functions of ``home``: in the package or, if that is read-only, in the user's cache."""
     sha = hashlib.sha256()
-    for source in sorted({*PACKAGE.glob("*.py"), *home.glob("*.py")}):
+    for source in sorted({*PACKAGE.rglob("*.py"), *home.glob("*.py"), *_with_kernels(_top(home))}):
         sha.update(source.read_bytes())
     if NUMBA.CACHE_DIR:
         base = Path(NUMBA.CACHE_DIR)
@@ -32,6 +32,20 @@ def cache_folder(home: Path) -> Path:
     else:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "firemodel"
     return base / f"kernels-{sha.hexdigest()[:16]}"
+
+
+def _top(home: Path) -> Path:
+    """The top-level package that holds a folder."""
+    while (home.parent / "__init__.py").exists():
+        home = home.parent
+    return home
+
+
+@cache
+def _with_kernels(package: Path) -> tuple[Path, ...]:
+    """The modules of a package that compile functions: kernels call those of other folders."""
+    found = (path for path in package.rglob("*.py") if b"firemodel.compiled" in path.read_bytes())
+    return tuple(found)
 
 
 def _cached(function: Callable[..., Any], **options: Any) -> Any:

@@ -12,18 +12,6 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import (
-    Attitude,
-    Battery,
-    Connected,
-    GpsFix,
-    ItemReached,
-    MissionProgress,
-    ModeChanged,
-    Position,
-    Speed,
-    Text,
-)
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import (
     LATEST_US,
@@ -35,8 +23,20 @@ from autopilot_bridge.logs.entries import (
     Outputs,
 )
 from autopilot_bridge.logs.pieces import Values, events_of, records, steady
-from autopilot_bridge.stacks import Stack, stack_named
-from autopilot_bridge.telemetry import Changes, fix_name, wind_of_air
+from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.vehicle.client_events import (
+    Attitude,
+    Battery,
+    Connected,
+    GpsFix,
+    ItemReached,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Speed,
+    Text,
+)
+from autopilot_bridge.vehicle.telemetry import Changes, fix_name, wind_of_air
 
 HEAD = b"\xa3\x95"
 FMT = 128

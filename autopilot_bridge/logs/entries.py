@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from autopilot_bridge.client_events import (
+from autopilot_bridge.items import Items
+from autopilot_bridge.vehicle.client_events import (
     ClockChanged,
     Connected,
     ItemReached,
@@ -17,7 +18,6 @@ from autopilot_bridge.client_events import (
     TelemetryEvent,
     Text,
 )
-from autopilot_bridge.items import Items
 
 LATEST_US = 4_102_444_800_000_000  # 2100: a time beyond is noise
 

@@ -1,7 +1,7 @@
 """MAVLink telemetry logs: records of eight bytes, big-endian, the time, and one frame.
 
 Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
-``autopilot_bridge/tlog.py`` write them; MAVProxy keeps the number of the link in the lowest two
+``links/tlog.py`` write them; MAVProxy keeps the number of the link in the lowest two
 bits. Only frames whose checksum is right are believed. Of other dialects' messages the length is,
 if another record follows. Where a simulator was faster or slower than the recorder's clock, time
 goes on as the autopilots' time since boot (``boot_time.py``).
@@ -13,13 +13,10 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.bounds import list_out_of_bounds, out_of_bounds
-from autopilot_bridge.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.codec import Codec, Message, item_of
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.framing import STARTS, frame_length, is_known, message_id_of, source_of
-from autopilot_bridge.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.framing import STARTS, frame_length, is_known, message_id_of, source_of
 from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.entries import (
     LATEST_US,
@@ -32,10 +29,13 @@ from autopilot_bridge.logs.entries import (
     Outputs,
 )
 from autopilot_bridge.logs.pieces import LEAP_US, records
-from autopilot_bridge.mission_file import PATHS, decode_mission_file
-from autopilot_bridge.telemetry import MESSAGES
-from autopilot_bridge.texts import Texts
-from autopilot_bridge.watch import AUTOPILOT, Watch
+from autopilot_bridge.missions.bounds import list_out_of_bounds, out_of_bounds
+from autopilot_bridge.missions.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
+from autopilot_bridge.missions.mission_file import PATHS, decode_mission_file
+from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent, LinkAlarm
+from autopilot_bridge.vehicle.telemetry import MESSAGES
+from autopilot_bridge.vehicle.texts import Texts
+from autopilot_bridge.vehicle.watch import AUTOPILOT, Watch
 
 STAMP_BYTES = 8
 LONGEST_BYTES = STAMP_BYTES + 280

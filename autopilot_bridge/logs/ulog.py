@@ -10,7 +10,20 @@ import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from autopilot_bridge.client_events import (
+from autopilot_bridge.logs.entries import (
+    LATEST_US,
+    Acknowledged,
+    Damage,
+    Entry,
+    GripperMoved,
+    LogEvent,
+    MissionReplaced,
+    Outputs,
+)
+from autopilot_bridge.logs.pieces import Values, events_of, records, steady
+from autopilot_bridge.stacks.modes import PX4
+from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Battery,
     Connected,
@@ -24,20 +37,7 @@ from autopilot_bridge.client_events import (
     SystemState,
     Text,
 )
-from autopilot_bridge.logs.entries import (
-    LATEST_US,
-    Acknowledged,
-    Damage,
-    Entry,
-    GripperMoved,
-    LogEvent,
-    MissionReplaced,
-    Outputs,
-)
-from autopilot_bridge.logs.pieces import Values, events_of, records, steady
-from autopilot_bridge.modes import PX4
-from autopilot_bridge.stacks import Stack, stack_named
-from autopilot_bridge.telemetry import Changes, ToldOnChange, fix_name, wind_of_air
+from autopilot_bridge.vehicle.telemetry import Changes, ToldOnChange, fix_name, wind_of_air
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3

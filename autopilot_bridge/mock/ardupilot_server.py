@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.mock.ardupilot_items import fence_fault, judge
 from autopilot_bridge.mock.mission_server import (
     ACCEPTED,
@@ -26,8 +27,7 @@ from autopilot_bridge.mock.mission_server import (
     item_out,
     text,
 )
-from autopilot_bridge.read_back import as_read_back
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 DENIED = int(mavlink.MAV_MISSION_DENIED)
 INFO, WARNING, DEBUG = 6, 4, 7

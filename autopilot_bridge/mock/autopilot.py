@@ -23,7 +23,7 @@ from autopilot_bridge.mock.payload import Output
 from autopilot_bridge.mock.power import Battery
 from autopilot_bridge.mock.px4_server import Px4Server
 from autopilot_bridge.mock.telemetry import Telemetry
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 # As delivered: WPNAV_SPEED_UP and _DN; MPC_Z_V_AUTO_UP and _DN.

@@ -14,8 +14,8 @@ from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.local_frame import RELATIVE_FRAMES
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.mock.parameters import ParameterServer
-from autopilot_bridge.stack_rules import rules_of
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.rules import rules_of
+from autopilot_bridge.stacks.stacks import Stack
 
 ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
 REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)

@@ -24,7 +24,7 @@ from autopilot_bridge.mock.habits import habits_of
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.power import Battery
-from autopilot_bridge.stack_rules import TERRAIN_FRAMES
+from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 

@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_TYPE_MISSION
 
-from autopilot_bridge import ftp_packet as ftp
 from autopilot_bridge.codec import Message
-from autopilot_bridge.ftp_packet import Packet, packet_of
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.mission_file import (
+from autopilot_bridge.missions import ftp_packet as ftp
+from autopilot_bridge.missions.ftp_packet import Packet, packet_of
+from autopilot_bridge.missions.mission_file import (
     HEADER,
     ITEM,
     MAGIC,
     PATHS,
     encode_mission_file,
 )
+from autopilot_bridge.missions.read_back import with_unheld
 from autopilot_bridge.mock.mission_server import MissionServer
-from autopilot_bridge.read_back import with_unheld
 
 QUEUE = 5
 WORK_US = 4_000  # seen: 109 writes in 0.46 s

@@ -5,7 +5,7 @@ Seen on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, unless a comment says "rea
 
 from dataclasses import dataclass
 
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from autopilot_bridge.codec import Message
 from autopilot_bridge.mock.course_of_items import LANDINGS
 from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.kinematics import GRAVITY_M_S2
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 # What is switched on: gyro, accelerometer, compass, barometer, GPS, attitude, motors, AHRS.
 SENSORS = (

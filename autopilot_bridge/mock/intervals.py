@@ -7,7 +7,7 @@ texts, PX4 what its link's profile holds.
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.kinematics import STEP_US
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 ATTITUDE = mavlink.MAVLINK_MSG_ID_ATTITUDE

@@ -6,8 +6,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Message
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.parameters import REAL32, decoded_value, encoded_value
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.parameters import REAL32, decoded_value, encoded_value
 
 INT8, INT16, INT32 = (
     mavlink.MAV_PARAM_TYPE_INT8,

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 # Functions that the airframe itself has: DO_SET_SERVO leaves them alone.
 _TAKEN = {"plane": 4, "copter": 4}

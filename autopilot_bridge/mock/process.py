@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-from autopilot_bridge.connection import Connection, Peer
+from autopilot_bridge.links.connection import Connection, Peer
+from autopilot_bridge.links.signing import Key, Signing
 from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.mock.key_taker import KeyTaker
-from autopilot_bridge.signing import Key, Signing
 
 
 async def serve(

@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.mission_server import ACCEPTED, ERROR, FENCE, MISSION, VERTICES
-from autopilot_bridge.stack_rules import FENCE_COMMANDS, RALLY_POINT, rules_of
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.rules import FENCE_COMMANDS, RALLY_POINT, rules_of
+from autopilot_bridge.stacks.stacks import Stack
 
 FRAME_MISSION = int(mavlink.MAV_FRAME_MISSION)
 FLOAT_FRAMES = {5: 0, 6: 3}

@@ -27,7 +27,7 @@ from autopilot_bridge.mock.intervals import (
 from autopilot_bridge.mock.kinematics import STEP_US
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.mock.wire import with_extension
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
 HOME_EVERY_STEPS = 80

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
 
 STEP_S = 10.0
 CELL_M = 30.0

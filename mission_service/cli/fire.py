@@ -69,7 +69,7 @@ def fire_info(
     FILE is a raster or a file of shapes, or LAYER=FILE for each layer of a landscape: fuel,
     elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
     """
-    from firemodel.info import in_text
+    from firemodel.landscape.info import in_text
     from mission_service.cli.fire_info import describe_files
 
     found = describe_files(files, crs, nodata, units)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from firemodel.info import Description, describe, describe_rasters
+from firemodel.landscape.info import Description, describe, describe_rasters
 from mission_service.errors import MissionServiceError
 
 HOW = "give one file by itself, or the layers of a landscape, each as LAYER=FILE"

@@ -40,7 +40,7 @@ def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
 
     Fence and rally points that the autopilot has stay where the plan has none.
     """
-    from autopilot_bridge.planfile import read_any
+    from autopilot_bridge.missions.planfile import read_any
     from mission_service.cli.transfers import upload
 
     echo(upload(read_any(plan_file), _line(line)), as_json)

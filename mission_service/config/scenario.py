@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, BaseModel, Field, ValidationError, model_validator
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.link import parse_link
-from autopilot_bridge.orders import Dropper, drop
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.links.link import parse_link
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.orders import Dropper, drop
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,

@@ -291,7 +291,7 @@ class Dropper(Section):
 
     @property
     def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
-        """What ``autopilot_bridge.orders.Dropper`` is made of."""
+        """What ``autopilot_bridge.vehicle.orders.Dropper`` is made of."""
         return self.by, self.number, self.release, self.rest, self.hold_s
 
 

@@ -6,7 +6,7 @@ Simulation, live flight, replay and tests all run this and feed it from differen
 import math
 from typing import NamedTuple
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,

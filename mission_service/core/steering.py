@@ -6,7 +6,7 @@ The core flies by this, and ``decide`` runs it alone on a journal.
 import math
 from collections.abc import Mapping
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     AnyCommand,
     StartMission,

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.devs8 import Devs8Fire
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.devs8 import Devs8Fire
 from mission_service.experiments.front_walk import enclosed_s
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.probabilistic import ProbabilisticFire
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
 
 ROWS = COLS = 500

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.probabilistic import ProbabilisticFire
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
 from mission_service.experiments.static_placement import coverage, weights_of
 from mission_service.guidance.formation.fire_maps import AgentMaps

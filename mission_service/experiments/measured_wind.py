@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
 
 # Of estimates from airspeed and ground speed: standard deviations, and how long an error lasts.
 SPEED_ERROR_M_S, DIRECTION_ERROR_DEG, LASTING_S = 0.8, 8.0, 120.0

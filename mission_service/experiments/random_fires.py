@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from firemodel.landscape import Landscape
-from firemodel.weather import WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, Scheme, burn, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from firemodel.front import perimeter
-from firemodel.front_rates import FrontRates
+from firemodel.spread.front import perimeter
+from firemodel.spread.front_rates import FrontRates
 from mission_service.experiments.fires import Burn
 
 Floats = NDArray[np.float64]

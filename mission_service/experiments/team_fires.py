@@ -5,7 +5,7 @@ changing weather; no unevenness; wind that turns by 180° half-way), on 200 x 20
 none of them reaching an edge, four hours flown at 20 m/s, a lap taking one to ten minutes.
 """
 
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import (
     BRUSH,
     HOUR_S,

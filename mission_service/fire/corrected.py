@@ -14,11 +14,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.burning import burning_from_arrival
-from firemodel.fire import Burning, Fire
-from firemodel.landscape import Landscape
-from firemodel.rasterise import cells_of
-from firemodel.weather import WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import cells_of
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.fire import Burning, Fire
 from mission_service.events import (
     Corrected,
     CrewEvent,
@@ -93,7 +93,7 @@ class CorrectedFire:
             return base
         ahead = copy.deepcopy(base)
         ahead.advance(base.time_s + AHEAD_S)
-        from firemodel.corrected_cells import corrected_arrival  # SciPy takes a while
+        from firemodel.assimilation.corrected_cells import corrected_arrival  # SciPy takes a while
 
         arrival_s = corrected_arrival(ahead.arrival_time_s, self._landscape, marks)
         arrival_s = as_drawn(arrival_s, held, self._landscape)

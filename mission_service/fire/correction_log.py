@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.drawn import marks_of
-from firemodel.landscape import Landscape
-from firemodel.marks import BURNED, BURNING, UNBURNED
+from firemodel.assimilation.drawn import marks_of
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.landscape.landscape import Landscape
 from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
 from mission_service.ground_distance import distance_m
 

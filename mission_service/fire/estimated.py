@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.corrections import PaperCorrected
-from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.landscape import Landscape
-from firemodel.marks import Simulation
-from firemodel.seen import SeenFront
-from firemodel.weather import Weather, WeatherStream
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.seen import SeenFront
+from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.marks import Simulation
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Corrected,
@@ -25,7 +25,7 @@ from mission_service.events import (
 from mission_service.fire.correction_log import CorrectionLog, marks_held, marks_of_correction
 
 if TYPE_CHECKING:
-    from firemodel.gaussian import GaussianCorrected
+    from firemodel.assimilation.gaussian import GaussianCorrected
 
 Floats = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ class BelievedFire:
             return base
         if self._burn.corrections == "paper":
             return PaperCorrected(base, self._marks, PAPER_LENGTH_M)
-        from firemodel.gaussian import GaussianCorrected  # SciPy takes a while
+        from firemodel.assimilation.gaussian import GaussianCorrected  # SciPy takes a while
 
         count = len(self._marks)
         near = self._fitted if self._whole <= count <= WHOLE_AFTER * self._whole else None

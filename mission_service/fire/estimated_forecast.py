@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from firemodel.landscape import Landscape
-from firemodel.marks import Simulation
+from firemodel.ellipses.marks import Simulation
+from firemodel.landscape.landscape import Landscape
 from mission_service.fire.ensemble import Arrival
 from mission_service.fire.estimated import BelievedFire
 

@@ -7,14 +7,14 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.default_landscape import jacksboro
-from firemodel.fire import BURNING, Burning, Fire
-from firemodel.fire import Ignition as CellIgnition
-from firemodel.flat_landscape import flat
-from firemodel.fuels import NON_BURNABLE
-from firemodel.landscape import Landscape
-from firemodel.rothermel import Moisture
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.default import jacksboro
+from firemodel.landscape.flat import flat
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.physics.rothermel import Moisture
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.fire import BURNING, Burning, Fire
+from firemodel.spread.fire import Ignition as CellIgnition
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import (
     BURN,
@@ -43,8 +43,8 @@ def landscape_of(scenario: Scenario) -> Landscape:
     else:
         found = _from_rasters(section)
     if section.barriers:
-        from firemodel.rasterise import with_barriers
-        from firemodel.readers.shapes import read_shapes
+        from firemodel.landscape.rasterise import with_barriers
+        from firemodel.landscape.readers.shapes import read_shapes
 
         shapes = [shape for path in section.barriers for shape in read_shapes(path, found)]
         found = with_barriers(found, shapes)
@@ -58,7 +58,7 @@ def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float
 
 
 def _from_rasters(section: LandscapeSection) -> Landscape:
-    from firemodel.readers.rasters import read_landscape
+    from firemodel.landscape.readers.rasters import read_landscape
 
     files: Path | dict[str, Path] | dict[str, tuple[Path, int]] = section.layers
     if section.file is not None:
@@ -82,7 +82,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 def _from_file(section: WeatherFile) -> WeatherStream:
-    from firemodel.readers.weather import read_weather
+    from firemodel.landscape.readers.weather import read_weather
 
     moisture = Moisture(
         section.dead_1h_pct / 100.0,
@@ -99,8 +99,8 @@ def _from_file(section: WeatherFile) -> WeatherStream:
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
     """The cells (row, column) that a scenario's ignition lights."""
     if ignition.file is not None:
-        from firemodel.rasterise import cells_of
-        from firemodel.readers.shapes import read_shapes
+        from firemodel.landscape.rasterise import cells_of
+        from firemodel.landscape.readers.shapes import read_shapes
 
         cells = cells_of(read_shapes(ignition.file, landscape), landscape)
         burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
@@ -118,7 +118,7 @@ def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[in
 
 def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
     """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
-    from firemodel.rasterise import cells_of
+    from firemodel.landscape.rasterise import cells_of
 
     places = landscape.xy_of_places(points)
     shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
@@ -129,19 +129,19 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     """What burns already when the model takes over."""
-    from firemodel.burning import burning_from_arrival, burning_from_perimeter
+    from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
     if section.initial_cells is not None:
         return _grown(scenario, landscape, section.initial_cells)
     if section.perimeter is not None:
-        from firemodel.readers.shapes import read_shapes
+        from firemodel.landscape.readers.shapes import read_shapes
 
         shapes = read_shapes(section.perimeter, landscape)
         _check_polygons(section.perimeter, shapes)
         return burning_from_perimeter(shapes, landscape, section.burning_at_s)
     if section.arrival is not None:
-        from firemodel.readers.rasters import read_arrival
+        from firemodel.landscape.readers.rasters import read_arrival
 
         arrival_s = read_arrival(
             section.arrival, landscape, unit=section.arrival_unit, crs=scenario.landscape.crs
@@ -152,8 +152,8 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
     """A fire of at least so many cells, which the automaton has grown by the scenario's seed."""
-    from firemodel.burning import burning_from_arrival
-    from firemodel.probabilistic import ProbabilisticFire
+    from firemodel.spread.burning import burning_from_arrival
+    from firemodel.spread.probabilistic import ProbabilisticFire
 
     section = scenario.fire
     fire = ProbabilisticFire(
@@ -246,9 +246,9 @@ def _fire(
     ignitions: list[CellIgnition],
     burning: Burning | None,
 ) -> Fire:
-    from firemodel.anyangle import AnyAngleFire
-    from firemodel.devs8 import Devs8Fire
-    from firemodel.probabilistic import ProbabilisticFire
+    from firemodel.spread.anyangle import AnyAngleFire
+    from firemodel.spread.devs8 import Devs8Fire
+    from firemodel.spread.probabilistic import ProbabilisticFire
 
     section = scenario.fire
     if section.scheme == "probabilistic":

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot_bridge.signing import read_key
-from firemodel.fire import Fire
-from firemodel.landscape import Landscape
+from autopilot_bridge.links.signing import read_key
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing

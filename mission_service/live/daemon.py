@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BURN, FORMATION
 from mission_service.config.service import ServiceSection
@@ -222,9 +222,9 @@ def _journal_of(
 
 def _load_for_corrections() -> None:
     """What only the first correction needs, and takes long to load."""
-    for name in ("firemodel.corrected_cells", "contourpy", "rasterio.features"):
+    for name in ("firemodel.assimilation.corrected_cells", "contourpy", "rasterio.features"):
         import_module(name)
-    from firemodel.corrected_cells import warm_up
+    from firemodel.assimilation.corrected_cells import warm_up
 
     warm_up()
 

@@ -21,7 +21,7 @@ from autopilot_bridge.items import (
     takeoff,
     waypoint,
 )
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Orbit
 from mission_service.config.sections import VehicleSection
 

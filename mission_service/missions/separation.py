@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem, has_position
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.missions.heights import heights_near
 from mission_service.position_fix import Here
 

@@ -24,7 +24,7 @@ import shapely
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,
@@ -104,7 +104,7 @@ def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | 
         return None
     if burn.unit_file is None:
         return Interlock(burn)
-    from firemodel.readers.shapes import read_shapes
+    from firemodel.landscape.readers.shapes import read_shapes
 
     def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
         lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot_bridge.items import Items
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core

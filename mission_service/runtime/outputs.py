@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.fire import Fire
-from firemodel.landscape import Landscape
-from firemodel.map import frame_around, start_map
-from firemodel.writers import write_fronts
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire import Fire
+from firemodel.spread.map import frame_around, start_map
+from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
 from mission_service.runtime.record import Record, VehicleRecord
 

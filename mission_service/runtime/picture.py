@@ -13,7 +13,7 @@ from typing import Any, Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     CONFIRM,
     Announce,

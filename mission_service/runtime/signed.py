@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from autopilot_bridge.signing import Counts, Key, Signing, Timestamps, key_warning, read_key
+from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key_warning, read_key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 

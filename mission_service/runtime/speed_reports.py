@@ -3,7 +3,7 @@
 import math
 from collections import deque
 
-from autopilot_bridge.client_events import Speed
+from autopilot_bridge.vehicle.client_events import Speed
 from mission_service.events import AirspeedMeasured, ThrustStatusChanged
 
 AIRSPEED_OVER_US = 10_000_000  # gusts and turns average out

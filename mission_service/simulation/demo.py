@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from autopilot_bridge.items import MissionItem, Plan
-from autopilot_bridge.link import other_end
-from autopilot_bridge.planfile import write_any
-from autopilot_bridge.stacks import stack_named
-from firemodel.landscape import Landscape
+from autopilot_bridge.links.link import other_end
+from autopilot_bridge.missions.planfile import write_any
+from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
 from mission_service.config.sections import FORMATION, VehicleSection
 from mission_service.errors import MissionServiceError, ScenarioError

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.fire import Fire
-from firemodel.landscape import Landscape
-from firemodel.map import draw_map
-from firemodel.writers import write_fronts, write_rasters
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire import Fire
+from firemodel.spread.map import draw_map
+from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import fire_of, landscape_of

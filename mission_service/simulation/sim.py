@@ -4,13 +4,13 @@ import heapq
 from collections.abc import Callable
 from pathlib import Path
 
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
-from autopilot_bridge.stacks import stack_named
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.client import VehicleClient
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core

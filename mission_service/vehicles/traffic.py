@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.fire.setup import fire_position

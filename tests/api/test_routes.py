@@ -16,7 +16,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from autopilot_bridge.planfile import read_plan
+from autopilot_bridge.missions.planfile import read_plan
 from mission_service.events import Corrected, Ordered, SettingsTold, WindTold
 from mission_service.interfaces.api.access.guard import Guard
 from mission_service.interfaces.api.app import role_of, routes_of

@@ -3,15 +3,15 @@
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from autopilot_bridge import ftp_packet as ftp
 from autopilot_bridge.codec import Codec, Message
-from autopilot_bridge.ftp import FtpDownload, FtpUpload
-from autopilot_bridge.ftp_packet import Packet, packet_of
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.missions import ftp_packet as ftp
+from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
+from autopilot_bridge.missions.ftp_packet import Packet, packet_of
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 
 ARDUPILOT = stack_named("ardupilot", "plane")

@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.begin import Begin, Onboard
 from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import MissionItem, takeoff, waypoint
-from autopilot_bridge.read_back import as_read_back
-from autopilot_bridge.stacks import Stack, stack_named
-from autopilot_bridge.transfer import Address, TransferTiming
+from autopilot_bridge.missions.read_back import as_read_back
+from autopilot_bridge.missions.transfer import Address, TransferTiming
+from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.vehicle.begin import Begin, Onboard
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]

@@ -13,9 +13,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec, Message, item_message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.plan_id import mission_id_of
 from autopilot_bridge.mock.wire import with_extension
-from autopilot_bridge.plan_id import mission_id_of
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.transcripts import FOLDER
 

@@ -7,16 +7,21 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge import orders
-from autopilot_bridge.client_events import CommandFinished, DropFinished, ModeChanged, Position
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.drops import FIRST_COMPONENT
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import loiter_unlimited, takeoff, waypoint
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.orders import Dropper
-from autopilot_bridge.stacks import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.vehicle import orders
+from autopilot_bridge.vehicle.client_events import (
+    CommandFinished,
+    DropFinished,
+    ModeChanged,
+    Position,
+)
+from autopilot_bridge.vehicle.drops import FIRST_COMPONENT
+from autopilot_bridge.vehicle.orders import Dropper
 from tests.bridge.helpers import HOME, SECOND, Pair, line_of, mock_of
 
 PX4, ARDUPILOT = stack_named("px4", "copter"), stack_named("ardupilot", "copter")

@@ -4,7 +4,13 @@ import math
 
 import pytest
 
-from autopilot_bridge.client_events import (
+from autopilot_bridge.items import Items, change_speed
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.missions.read_back import as_read_back
+from autopilot_bridge.mock.body import wider_m
+from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
+from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
     Connected,
     ItemReached,
@@ -14,12 +20,6 @@ from autopilot_bridge.client_events import (
     Position,
     Rebooted,
 )
-from autopilot_bridge.items import Items, change_speed
-from autopilot_bridge.link import MemoryLink
-from autopilot_bridge.mock.body import wider_m
-from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
-from autopilot_bridge.read_back import as_read_back
-from autopilot_bridge.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import HOME, Pair, flight_of, line_of, mock_of
 
 each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")

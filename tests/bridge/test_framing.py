@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.framing import Framer
+from autopilot_bridge.links.framing import Framer
 
 
 def text(words: str) -> bytes:

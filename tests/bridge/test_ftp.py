@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot_bridge import ftp_packet as ftp
-from autopilot_bridge.ftp_packet import Packet
-from autopilot_bridge.link import MemoryLink
-from autopilot_bridge.read_back import as_read_back
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.missions import ftp_packet as ftp
+from autopilot_bridge.missions.ftp_packet import Packet
+from autopilot_bridge.missions.read_back import as_read_back
 from tests.bridge.ftp_helpers import (
     ARDUPILOT,
     NEW,

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from autopilot_bridge import ftp_packet as ftp
-from autopilot_bridge.ftp_packet import Packet
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.mission_file import encode_mission_file
+from autopilot_bridge.missions import ftp_packet as ftp
+from autopilot_bridge.missions.ftp_packet import Packet
+from autopilot_bridge.missions.mission_file import encode_mission_file
 from tests.bridge.ftp_helpers import NEW, OLD, Bench, download_of, holding, upload_of, wire
 from tests.bridge.helpers import line_of
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from autopilot_bridge import ftp_packet as ftp
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.ftp import leaves_old_tail, next_session
-from autopilot_bridge.ftp_packet import Packet, packet_of
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.transfer import TransferTiming
+from autopilot_bridge.missions import ftp_packet as ftp
+from autopilot_bridge.missions.ftp import leaves_old_tail, next_session
+from autopilot_bridge.missions.ftp_packet import Packet, packet_of
+from autopilot_bridge.missions.transfer import TransferTiming
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.ftp_helpers import (
     NEW,
     OLD,

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.framing import frames_of
+from autopilot_bridge.links.framing import frames_of
 from benchmarks.fuzz_frames import (
     MUTATIONS,
     Report,

@@ -6,12 +6,12 @@ from random import Random
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.asked_modes import AskedModes
-from autopilot_bridge.client_events import CommandFinished, Rebooted, TransferFinished
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import takeoff
-from autopilot_bridge.link import MemoryLink
-from autopilot_bridge.stacks import Stack, stack_named
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.vehicle.asked_modes import AskedModes
+from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

@@ -7,11 +7,9 @@ import time
 
 import pytest
 
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.client_events import Connected, TransferFinished
-from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.link import (
+from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.link import (
     LinkAddress,
     MemoryLink,
     SerialAddress,
@@ -19,9 +17,11 @@ from autopilot_bridge.link import (
     parse_link,
     reconnect_wait_s,
 )
+from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.process import serve
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 
 

@@ -13,22 +13,9 @@ from hypothesis import strategies as st
 from pymavlink import DFReader, mavutil
 from pyulog import ULog
 
-from autopilot_bridge.client_events import (
-    Attitude,
-    Connected,
-    GpsFix,
-    ItemReached,
-    LinkLost,
-    LinkRestored,
-    MissionProgress,
-    ModeChanged,
-    Position,
-    Speed,
-    Text,
-    Wind,
-)
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.tlog import Tlog
 from autopilot_bridge.logs import pieces
 from autopilot_bridge.logs.dataflash import DataFlashLog
 from autopilot_bridge.logs.entries import (
@@ -42,8 +29,21 @@ from autopilot_bridge.logs.entries import (
 from autopilot_bridge.logs.reading import merged, open_log
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import UlogLog
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.tlog import Tlog
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.client_events import (
+    Attitude,
+    Connected,
+    GpsFix,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Speed,
+    Text,
+    Wind,
+)
 from tests.bridge import log_writers
 from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
 from tests.bridge.log_writers import BEGIN_US, FORMATS, bin_flight, dataflash, ulg_flight, ulog

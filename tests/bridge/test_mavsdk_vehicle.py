@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 
 import pytest
 
-from autopilot_bridge import client_events as events
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, MissionItem
-from autopilot_bridge.mavsdk_library import judged, library
-from autopilot_bridge.mavsdk_vehicle import MavsdkVehicle
-from autopilot_bridge.read_back import as_read_back
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.mavsdk.library import judged, library
+from autopilot_bridge.mavsdk.vehicle import MavsdkVehicle
+from autopilot_bridge.missions.read_back import as_read_back
+from autopilot_bridge.missions.transfer import TransferResult
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle import client_events as events
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 from tests.patience import PATIENCE_S
 

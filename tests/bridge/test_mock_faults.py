@@ -3,11 +3,11 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.client_events import Position, Rebooted, TransferFinished
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.mock.fleet import Fleet
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.vehicle.client_events import Position, Rebooted, TransferFinished
 from tests.bridge.helpers import Pair, line_of, mock_of
 from tests.bridge.mock_talk import (
     PLANE,

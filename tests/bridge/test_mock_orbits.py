@@ -5,8 +5,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import ModeChanged, Position
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.client_events import ModeChanged, Position
 from tests.bridge.helpers import Pair
 from tests.bridge.mock_talk import PLANE, PX4
 from tests.bridge.test_orders import PLACE, accepted, airborne, distances_m, turned_deg

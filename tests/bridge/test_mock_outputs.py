@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem, takeoff, waypoint
 from autopilot_bridge.mock.body import wider_m
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import HOME
 from tests.bridge.mock_talk import COPTER, HERE, PLANE, PX4, brief, each_stack, player_of, upload
 from tests.bridge.test_mock_physics import PX4_COPTER, Flown, M, flown

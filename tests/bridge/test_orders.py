@@ -6,14 +6,14 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge import orders
-from autopilot_bridge.client_events import CommandFinished, ModeChanged, Position, Rebooted
-from autopilot_bridge.command import CommandSequence
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.mock.body import wider_m
-from autopilot_bridge.stacks import STACKS, Stack, Step, stack_named
-from autopilot_bridge.transfer import TransferTiming
+from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named
+from autopilot_bridge.vehicle import orders
+from autopilot_bridge.vehicle.client_events import CommandFinished, ModeChanged, Position, Rebooted
+from autopilot_bridge.vehicle.command import CommandSequence
 from tests.bridge.helpers import HOME, Pair, flight_of, mock_of
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

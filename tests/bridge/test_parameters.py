@@ -5,16 +5,16 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import ParametersFinished
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.link import MemoryLink
-from autopilot_bridge.parameters import (
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
+from autopilot_bridge.vehicle.client_events import ParametersFinished
+from autopilot_bridge.vehicle.parameters import (
     Parameter,
     ParametersResult,
     decoded_value,
     encoded_value,
 )
-from autopilot_bridge.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import Pair, mock_of
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

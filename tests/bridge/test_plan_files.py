@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, Plan, jumps_moved, params_of
-from autopilot_bridge.planfile import read_any, read_plan, write_any, write_plan
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.wpl import read_wpl, write_wpl
+from autopilot_bridge.missions.planfile import read_any, read_plan, write_any, write_plan
+from autopilot_bridge.missions.wpl import read_wpl, write_wpl
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import HOME, flight_of
 
 # From the plan file format page of QGroundControl's developer guide.

@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.client_events import (
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
+from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
     ClockChanged,
     Implausible,
@@ -20,12 +22,10 @@ from autopilot_bridge.client_events import (
     RemoteChanged,
     SameSystemId,
 )
-from autopilot_bridge.codec import Codec
-from autopilot_bridge.fleet import FleetLink
-from autopilot_bridge.items import MissionItem
-from autopilot_bridge.plausibility import BootClock
-from autopilot_bridge.sources import Source
-from autopilot_bridge.watch import Watch
+from autopilot_bridge.vehicle.fleet import FleetLink
+from autopilot_bridge.vehicle.plausibility import BootClock
+from autopilot_bridge.vehicle.sources import Source
+from autopilot_bridge.vehicle.watch import Watch
 from tests.bridge.helpers import SECOND
 
 LAT, LON = 36.3, -84.2

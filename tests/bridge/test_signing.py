@@ -10,13 +10,11 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.client_events import TransferFinished
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.framing import frames_of, message_id_of
-from autopilot_bridge.signing import (
+from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.framing import frames_of, message_id_of
+from autopilot_bridge.links.signing import (
     EPOCH_US,
     MOST_AHEAD_S,
     TICKS_PER_S,
@@ -29,8 +27,10 @@ from autopilot_bridge.signing import (
     read_key,
     ticks_of,
 )
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.tlog import Tlog
+from autopilot_bridge.links.tlog import Tlog
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.vehicle.client_events import TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S

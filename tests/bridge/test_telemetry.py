@@ -7,7 +7,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import (
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.mock import instruments
+from autopilot_bridge.mock.kinematics import Wind as Breeze
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
+from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Battery,
     GpsFix,
@@ -17,13 +22,15 @@ from autopilot_bridge.client_events import (
     Speed,
     Wind,
 )
-from autopilot_bridge.codec import Codec
-from autopilot_bridge.link import MemoryLink
-from autopilot_bridge.mock import instruments
-from autopilot_bridge.mock.kinematics import Wind as Breeze
-from autopilot_bridge.rates import RATES_HZ
-from autopilot_bridge.stacks import STACKS, Stack, stack_named
-from autopilot_bridge.telemetry import Telemetry, battery, battery_of_system, gps_fix, health, speed
+from autopilot_bridge.vehicle.rates import RATES_HZ
+from autopilot_bridge.vehicle.telemetry import (
+    Telemetry,
+    battery,
+    battery_of_system,
+    gps_fix,
+    health,
+    speed,
+)
 from tests.bridge.helpers import SECOND, Pair, mock_of
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

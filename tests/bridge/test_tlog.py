@@ -14,13 +14,13 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.connection import Connection
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Plan
-from autopilot_bridge.link import other_end
+from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.tlog import Tlog
 from autopilot_bridge.mock.process import serve
-from autopilot_bridge.stacks import stack_named
-from autopilot_bridge.tlog import Tlog
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.cli.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket

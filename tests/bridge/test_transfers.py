@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import MissionProgress
 from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.link import MemoryLink
-from autopilot_bridge.read_back import as_read_back
-from autopilot_bridge.stacks import STACKS, Stack, stack_named
-from autopilot_bridge.transfer import Address, TransferResult, TransferTiming
-from autopilot_bridge.upload import MissionUpload
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.missions.read_back import as_read_back
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.missions.upload import MissionUpload
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
+from autopilot_bridge.vehicle.client_events import MissionProgress
 from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]

@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.codec import Codec
-from autopilot_bridge.connection import Connection
+from autopilot_bridge.links.connection import Connection
 from tests.patience import PATIENCE_S
 
 WITHIN_S = 2 * PATIENCE_S

@@ -7,8 +7,8 @@ import numpy as np
 import rasterio
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
 
 CRS = "EPSG:32616"
 WEST_M, NORTH_M, CELL_M = 500_000.0, 4_000_000.0, 30.0

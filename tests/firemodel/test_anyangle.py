@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_arrival, burning_from_perimeter
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape
-from firemodel.local_spread import spread_fields
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
+from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, landscape, steady, weather
 
 Floats = NDArray[np.float64]

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from firemodel import rothermel
-from firemodel.anyangle import AnyAngleFire
-from firemodel.behaviour import behaviour_of
-from firemodel.devs8 import Devs8Fire
-from firemodel.fuels import FUEL_MODELS
-from firemodel.local_spread import spread_fields
-from firemodel.weather import WeatherStream
+from firemodel.physics import rothermel
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.behaviour import behaviour_of
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import landscape, steady, weather
 
 

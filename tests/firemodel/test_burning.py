@@ -7,12 +7,12 @@ import pytest
 import shapely
 from shapely.geometry import LineString, Point
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_arrival, burning_from_perimeter
-from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
-from firemodel.fire import check_burning
-from firemodel.local_spread import spread_fields
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.fire import check_burning
+from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, steady, weather
 
 LAND = landscape(shape=(81, 81))

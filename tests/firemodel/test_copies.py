@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_arrival
-from firemodel.devs8 import Devs8Fire
-from firemodel.fire import Burning, Fire
-from firemodel.probabilistic import ProbabilisticFire
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.fire import Burning, Fire
+from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import landscape, weather
 
 Make = Callable[[WeatherStream, Burning | None], Fire]

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.corrected_cells import (
+from firemodel.assimilation.corrected_cells import (
     ArrivalRaster,
     burning_corrected,
     corrected_arrival,
     warm_up,
 )
-from firemodel.corrections import PaperCorrected
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
-from firemodel.gaussian import GaussianCorrected
-from firemodel.marks import BURNED, BURNING, UNBURNED
+from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.grids import CELL_M, landscape, steady
 
 Floats = NDArray[np.float64]

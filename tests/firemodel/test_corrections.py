@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firemodel import corrections
-from firemodel.corrections import PaperCorrected
-from firemodel.ellipse import EllipseFire, Spread
+from firemodel.assimilation import corrections
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED, errors_s
 from firemodel.errors import FireModelError
-from firemodel.marks import BURNED, BURNING, UNBURNED, errors_s
 
 Floats = NDArray[np.float64]
 LENGTH_M = 20.0

@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-from firemodel.default_landscape import _elevation, jacksboro
-from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
-from firemodel.front import perimeter
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.default import _elevation, jacksboro
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.front import perimeter
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from firemodel.default_landscape import jacksboro
-from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
-from firemodel.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning
-from firemodel.front import neighbours_of
-from firemodel.fuels import FUEL_MODELS
-from firemodel.local_spread import spread_fields
-from firemodel.rothermel import fastest_spread, fireline_intensity_kw_m, fuel_bed
-from firemodel.weather import WeatherStream, wind_adjustment_factor
+from firemodel.landscape.default import jacksboro
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.rothermel import fastest_spread, fireline_intensity_kw_m, fuel_bed
+from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning
+from firemodel.spread.front import neighbours_of
+from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, landscape, steady, weather
 
 MIDDLE = (20, 20, 0.0)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
-from firemodel.drawn import marks_of
+from firemodel.assimilation.drawn import marks_of
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
-from firemodel.marks import BURNED, BURNING, UNBURNED
 
 CORNERS = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]])
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.ellipse_kernels import reach
+from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.kernels import reach
 from firemodel.errors import FireModelError
-from firemodel.local_spread import spread_fields
-from firemodel.weather import Weather, WeatherStream
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, weather
 
 Floats = NDArray[np.float64]

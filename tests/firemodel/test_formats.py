@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.readers.bands import bands_of
-from firemodel.readers.shapes import features_of
+from firemodel.landscape.readers.bands import bands_of
+from firemodel.landscape.readers.shapes import features_of
 
 KML = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{}</Document></kml>'
 

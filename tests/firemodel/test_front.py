@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from firemodel.front import front_polygons, largest_region, perimeter
+from firemodel.spread.front import front_polygons, largest_region, perimeter
 from tests.firemodel.grids import CELL_M, landscape
 
 Mask = NDArray[np.bool_]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.front_rates import FrontRates
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.front_rates import FrontRates
 
 SIZE = 101
 WEATHER = WeatherStream(

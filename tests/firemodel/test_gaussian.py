@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firemodel.ellipse import EllipseFire, Spread, line_sources
-from firemodel.gaussian import GaussianCorrected, _curvature, _log_likelihood
-from firemodel.marks import BURNED, BURNING, UNBURNED
+from firemodel.assimilation.gaussian import GaussianCorrected, _curvature, _log_likelihood
+from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 
 Floats = NDArray[np.float64]
 

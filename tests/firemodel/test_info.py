@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from shapely.geometry import Point, mapping
 
 from firemodel.errors import FireModelError
-from firemodel.info import describe, describe_rasters, describe_shapes, in_text
-from firemodel.readers.rasters import read_landscape
+from firemodel.landscape.info import describe, describe_rasters, describe_shapes, in_text
+from firemodel.landscape.readers.rasters import read_landscape
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape, write_raster
 
 FUEL = np.array([[1, 1, 99, 101], [98, 102, 2, 1]], dtype=np.int16)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import ROWS_AT_ONCE, Landscape, horn
+from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape, horn
 from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M, landscape
 
 FUEL = np.array([[1, 2, 99], [4, 5, 98]], dtype=np.int16)

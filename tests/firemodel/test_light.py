@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
-from firemodel.fire import Fire, Ignition
-from firemodel.probabilistic import ProbabilisticFire
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.fire import Fire, Ignition
+from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import landscape, weather
 
 FUEL = np.ones((41, 41), np.int16)

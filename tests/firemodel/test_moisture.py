@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firemodel.moisture import (
+from firemodel.physics.moisture import (
     after_time_lag,
     dead_moistures_pct,
     equilibrium_moisture_pct,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning, Ignition
-from firemodel.probabilistic import ProbabilisticFire
+from firemodel.spread.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning, Ignition
+from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import CELL_M, landscape, steady
 
 MIDDLE = (20, 20, 0.0)

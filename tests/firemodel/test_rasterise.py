@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely.geometry import GeometryCollection, LineString, MultiPoint, Point, Polygon
 
-from firemodel.devs8 import Devs8Fire
 from firemodel.errors import FireModelError
-from firemodel.rasterise import cells_of, with_barriers
+from firemodel.landscape.rasterise import cells_of, with_barriers
+from firemodel.spread.devs8 import Devs8Fire
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, steady
 
 LAND = landscape(shape=(40, 50))

@@ -11,10 +11,10 @@ import rasterio
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape
-from firemodel.readers.layers import layer_of
-from firemodel.readers.rasters import read_arrival, read_landscape
-from firemodel.writers import write_geotiff
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.layers import layer_of
+from firemodel.landscape.readers.rasters import read_arrival, read_landscape
+from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape, write_raster
 
 DATA = Path("/work/shared/data")

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.moisture import equilibrium_moisture_pct
-from firemodel.readers.weather import read_weather
-from firemodel.rothermel import Moisture
+from firemodel.landscape.readers.weather import read_weather
+from firemodel.physics.moisture import equilibrium_moisture_pct
+from firemodel.physics.rothermel import Moisture
 from tests.firemodel.shared import shared_file
 
 MOISTURE = Moisture(0.03, 0.04, 0.06, 0.70, 1.00)

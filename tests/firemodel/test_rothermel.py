@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firemodel import rothermel
-from firemodel.fuels import FUEL_MODELS, NON_BURNABLE, check_codes
-from firemodel.rothermel import Moisture, fastest_spread, fuel_bed
+from firemodel.physics import rothermel
+from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE, check_codes
+from firemodel.physics.rothermel import Moisture, fastest_spread, fuel_bed
 from tests.firemodel.shared import shared_file
 
 M_S_PER_MPH = 0.44704

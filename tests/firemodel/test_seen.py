@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from firemodel.ellipse import EllipseFire, Spread
-from firemodel.gaussian import GaussianCorrected
-from firemodel.marks import BURNED, BURNING, UNBURNED
-from firemodel.seen import SeenFront, of_sensor
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.seen import SeenFront, of_sensor
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 from tests.firemodel.grids import CELL_M, landscape
 
 LAND = landscape(shape=(60, 60))

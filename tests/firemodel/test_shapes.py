@@ -13,10 +13,10 @@ from shapely.geometry import LineString, Point, Polygon, mapping
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
-from firemodel.info import describe
-from firemodel.rasterise import cells_of
-from firemodel.readers.rasters import read_landscape
-from firemodel.readers.shapes import read_shapes
+from firemodel.landscape.info import describe
+from firemodel.landscape.rasterise import cells_of
+from firemodel.landscape.readers.rasters import read_landscape
+from firemodel.landscape.readers.shapes import read_shapes
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape
 
 DATA = Path("/work/shared/data")

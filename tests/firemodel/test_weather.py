@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.weather import (
+from firemodel.physics.weather import (
     Weather,
     WeatherStream,
     crown_ratio_from_base,

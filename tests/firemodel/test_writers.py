@@ -10,9 +10,9 @@ import pytest
 import rasterio
 from shapely.geometry import shape
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.map import draw_map, frame_around, start_map
-from firemodel.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.map import draw_map, frame_around, start_map
+from firemodel.spread.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
 from tests.firemodel.grids import CRS, landscape, steady
 
 LAND = landscape(shape=(6, 7))

@@ -14,10 +14,10 @@ import pyarrow.parquet
 import pytest
 from mcap.reader import make_reader
 
-from autopilot_bridge.client_events import Attitude, Position, Wind
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import MissionLoaded, Outputs
 from autopilot_bridge.logs.reading import open_log
+from autopilot_bridge.vehicle.client_events import Attitude, Position, Wind
 from mission_service.replay.flights import table_files
 from mission_service.replay.flights.exports import export
 from mission_service.replay.flights.foxglove import messages_of, mission_geojson, quaternion

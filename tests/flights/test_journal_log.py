@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot_bridge.client_events import Connected, ModeChanged, Position
 from autopilot_bridge.logs.entries import MissionLoaded
+from autopilot_bridge.vehicle.client_events import Connected, ModeChanged, Position
 from mission_service.errors import JournalError
 from mission_service.events import Telemetry, UploadFinished
 from mission_service.replay.flights.flown import info_of

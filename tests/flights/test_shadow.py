@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot_bridge.client_events import Position
+from autopilot_bridge.vehicle.client_events import Position
 from mission_service.commands import Decided
 from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.errors import FlightError

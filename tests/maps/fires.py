@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from pyproj import Transformer
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.default_landscape import jacksboro
-from firemodel.landscape import Landscape
-from firemodel.weather import WeatherStream
+from firemodel.landscape.default import jacksboro
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.grids import weather
 
 NOW_S = 5400.0

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firemodel.anyangle import AnyAngleFire
 from firemodel.errors import FireModelError
-from firemodel.fire import Fire
-from firemodel.probabilistic import ProbabilisticFire
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.fire import Fire
+from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.fire import forecast
 from mission_service.fire.ensemble import (
     MEMBERS,

@@ -9,8 +9,8 @@ import pytest
 import shapely
 from shapely.geometry import shape
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.burning import burning_from_arrival, burning_from_perimeter
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 from mission_service.fire.ensemble import burned_ahead, ensemble_of, probability_at
 from mission_service.interfaces.maps.fronts import (
     contours_geojson,

@@ -16,7 +16,7 @@ import pytest
 import shapely
 
 from firemodel.errors import FireModelError
-from firemodel.readers.rasters import read_landscape
+from firemodel.landscape.readers.rasters import read_landscape
 from mission_service.interfaces.maps import uploads
 from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES, Perimeter, read_perimeter
 from mission_service.interfaces.maps.perimeters_out import perimeter_geojson, perimeter_kml

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from pyproj import Transformer
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.interfaces.maps.terrain import TILE, TerrainTiles, terrarium_png
 from tests.maps.fires import TO_MERCATOR, land, pixels_of
 

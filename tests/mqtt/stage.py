@@ -13,7 +13,7 @@ from typing import Any, cast
 import aiomqtt
 import numpy as np
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.service import MqttSection, ServiceSection
 from mission_service.events import Telemetry

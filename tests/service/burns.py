@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.planner import Situation
 from mission_service.guidance.burn.unit import Unit

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from shapely.geometry import Point, mapping
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.landscape import Landscape
-from firemodel.readers.shapes import into_crs
-from firemodel.writers import write_geotiff
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.shapes import into_crs
+from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import landscape
 from tests.firemodel.test_shapes import geojson
 

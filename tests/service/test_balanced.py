@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import SHORT_GRASS, burn, flat, of_one_fuel, wind
 from mission_service.experiments.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history

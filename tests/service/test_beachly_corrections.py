@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from firemodel.marks import BURNED, BURNING
+from firemodel.ellipses.marks import BURNED, BURNING
 from mission_service.experiments.beachly import corrections as study
 from mission_service.experiments.beachly import maria
 from mission_service.experiments.beachly.participants import front_error_m, front_points
@@ -106,7 +106,7 @@ def test_maria_is_read_and_marked_where_its_data_is() -> None:
 
 
 def test_a_model_of_maria_has_burned_all_of_its_first_perimeter() -> None:
-    from firemodel.weather import Weather
+    from firemodel.physics.weather import Weather
 
     square = shapely.box(3e5, 38e5, 3.02e5, 38.02e5)
     weather = Weather(0.0, 5.0, 40.0, 4.0, 5.0, 6.0, 60.0, 90.0)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.burn_frames import SIDE_M, place
-from firemodel.default_landscape import jacksboro
+from firemodel.landscape.default import jacksboro
 from mission_service.events import Corrected, Erased, Lit, Place, Undone, WindTold
 from mission_service.fire.estimated import BelievedFire
 from mission_service.fire.setup import weather_of

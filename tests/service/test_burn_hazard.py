@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firemodel.ellipse import EllipseFire, Spread
+from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.flight import fastest_m_s
 from mission_service.guidance.burn.hazard import Floats, Margins, cell_for, hazard_of

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import pytest
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, Drop, StartMission, UploadMission
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core

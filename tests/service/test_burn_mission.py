@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.check import check
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.check import check
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.stacks import stack_named
-from firemodel.landscape import Landscape
+from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.config.sections import BurnSection, PlannerSection, VehicleSection
 from mission_service.guidance.burn.mission import (

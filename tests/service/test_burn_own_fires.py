@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firemodel.ellipse import EllipseFire, Spread
+from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.guidance.burn.flight import OwnFires, Place, fly
 from mission_service.guidance.burn.planner import air_of, next_line, orders
 from tests.service.burns import SETTINGS, lights, situation

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from autopilot_bridge.client import VehicleClient
-from autopilot_bridge.client_events import Position
 from autopilot_bridge.items import takeoff, waypoint
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
-from autopilot_bridge.orders import Dropper
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.vehicle.client_events import Position
+from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.guidance.burn.release import Errors, Landing, Moving, is_due, landing, spread_m
 from mission_service.runtime.gateway import BURN_RATES_HZ
 from tests.bridge.helpers import HOME, SECOND, Pair, mock_of

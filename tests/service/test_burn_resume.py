@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Announce, AnyCommand, Command, Propose
 from mission_service.config.scenario import Scenario
 from mission_service.errors import JournalError

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from benchmarks.burn_frames import CORNERS, place
-from firemodel.default_landscape import jacksboro
+from firemodel.landscape.default import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
 from mission_service.core.core import Core
 from mission_service.events import BatteryTold, DropFinished, UploadFinished

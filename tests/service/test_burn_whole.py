@@ -9,7 +9,7 @@ import shapely
 
 from benchmarks.burn_check import faults
 from benchmarks.ignition_plans import trial
-from firemodel.ellipse import EllipseFire
+from firemodel.ellipses.ellipse import EllipseFire
 from mission_service.guidance.burn.report import (
     burn_json,
     draw_burn,

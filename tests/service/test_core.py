@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from autopilot_bridge.stacks import stack_named
-from firemodel.landscape import Landscape
+from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,

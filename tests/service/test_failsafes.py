@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from autopilot_bridge.link import MemoryLink
+from autopilot_bridge.links.link import MemoryLink
 from mission_service.commands import (
     AnyCommand,
     Decided,

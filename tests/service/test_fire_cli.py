@@ -12,7 +12,7 @@ import rasterio
 from numpy.typing import NDArray
 from shapely.geometry import LineString, shape
 
-from firemodel.writers import write_geotiff
+from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import CELL_M, CRS, write_raster
 from tests.firemodel.test_rasters import ascii_grid
 from tests.service.fires import (

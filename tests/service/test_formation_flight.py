@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autopilot_bridge.planfile import read_any
-from firemodel.landscape import Landscape
+from autopilot_bridge.missions.planfile import read_any
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,

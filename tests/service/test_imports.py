@@ -16,12 +16,12 @@ IMPURE = {"time", "random", "asyncio", "socket", "selectors", "threading"}
 CLOCKS = {"now", "utcnow", "today", "fromtimestamp"}
 # The thin shell: what touches clocks, sockets and processes.
 SHELL = {
-    "autopilot_bridge/connection.py",
-    "autopilot_bridge/link.py",  # a seeded random.Random, given as a seed
-    "autopilot_bridge/mavsdk_vehicle.py",
+    "autopilot_bridge/links/connection.py",
+    "autopilot_bridge/links/link.py",  # a seeded random.Random, given as a seed
+    "autopilot_bridge/mavsdk/vehicle.py",
     "autopilot_bridge/mock/process.py",
-    "autopilot_bridge/sockets.py",
-    "autopilot_bridge/wires.py",
+    "autopilot_bridge/links/sockets.py",
+    "autopilot_bridge/links/wires.py",
     "mission_service/interfaces/api/answers.py",
     "mission_service/interfaces/api/context.py",
     "mission_service/interfaces/api/door.py",

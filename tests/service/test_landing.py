@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autopilot_bridge.check import check
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.planfile import read_any
-from autopilot_bridge.stacks import stack_named
-from firemodel.landscape import Landscape
+from autopilot_bridge.missions.check import check
+from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import VehicleSection

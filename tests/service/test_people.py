@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from firemodel import corrected_cells
+from firemodel.assimilation import corrected_cells
 from firemodel.errors import FireModelError
-from firemodel.rasterise import cells_of
+from firemodel.landscape.rasterise import cells_of
 from mission_service.commands import (
     Announce,
     AnyCommand,

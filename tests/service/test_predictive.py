@@ -7,7 +7,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.weather import WeatherStream
+from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner

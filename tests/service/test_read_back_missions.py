@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from autopilot_bridge.transfer import TransferResult
+from autopilot_bridge.missions.transfer import TransferResult
 from mission_service.commands import (
     Announce,
     AnyCommand,
@@ -233,8 +233,8 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
         self.result = TransferResult("failed", "the autopilot did not answer")
         return []
 
-    monkeypatch.setattr("autopilot_bridge.download.MissionDownload.start", unanswered)
-    monkeypatch.setattr("autopilot_bridge.ftp.FtpDownload.start", unanswered)
+    monkeypatch.setattr("autopilot_bridge.missions.download.MissionDownload.start", unanswered)
+    monkeypatch.setattr("autopilot_bridge.missions.ftp.FtpDownload.start", unanswered)
     flight.begin_again()
     flight.fly(10.0)
     held = next(each for each in flight.after_resumed() if isinstance(each, MissionHeld))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.errors import JournalError, StateError
 from mission_service.fire.setup import landscape_of

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     AnyCommand,
     ProposeMission,

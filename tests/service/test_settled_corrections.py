@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from firemodel.weather import Weather, WeatherStream
+from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Corrected, CrewEvent, Erased, Undone, WindTold
 from mission_service.fire import corrected as corrected_fire

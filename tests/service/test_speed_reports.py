@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from itertools import pairwise
 
-from autopilot_bridge.client_events import Speed
+from autopilot_bridge.vehicle.client_events import Speed
 from mission_service.events import AirspeedMeasured, ThrustStatusChanged
 from mission_service.runtime.speed_reports import SpeedReports
 

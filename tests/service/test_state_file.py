@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.config.sections import BURN, FORMATION
 from mission_service.core.core import Core

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.from_path import flyable, leg_altitudes_m, mission_along
 

@@ -17,7 +17,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
 from tests.service.autopilot_model import FAILSAFES, PILOT_MODES

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from benchmarks.burn_frames import small_burn
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.fire.setup import fire_position, landscape_of
 from mission_service.journal.snapshot import Known

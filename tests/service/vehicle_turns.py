@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, ProposeMission, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection

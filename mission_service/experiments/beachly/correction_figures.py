@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firemodel.marks import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 from mission_service.experiments.beachly.corrections import (
     METHODS,
     WATCHING,

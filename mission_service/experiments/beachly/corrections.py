@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.corrections import PaperCorrected
-from firemodel.gaussian import GaussianCorrected
-from firemodel.landscape import Landscape
-from firemodel.marks import Simulation
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.ellipses.marks import Simulation
+from firemodel.landscape.landscape import Landscape
 from mission_service.experiments.beachly.participants import (
     APART_M,
     FARTHEST_M,

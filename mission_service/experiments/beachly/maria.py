@@ -16,13 +16,13 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.corrections import PaperCorrected
-from firemodel.ellipse import EllipseFire, spreads_of
-from firemodel.gaussian import GaussianCorrected
-from firemodel.marks import BURNING
-from firemodel.readers.shapes import into_crs
-from firemodel.rothermel import M_S_PER_MPH
-from firemodel.weather import Weather, WeatherStream
+from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.ellipses.ellipse import EllipseFire, spreads_of
+from firemodel.ellipses.marks import BURNING
+from firemodel.landscape.readers.shapes import into_crs
+from firemodel.physics.rothermel import M_S_PER_MPH
+from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.experiments.beachly.corrections import (
     Case,
     Method,

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from firemodel.landscape import Landscape
-from firemodel.marks import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.landscape.landscape import Landscape
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north in metres

@@ -16,8 +16,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
-from firemodel.marks import Simulation
+from firemodel.ellipses.marks import Simulation
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
 from mission_service.core.core import Core

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from firemodel.anyangle import AnyAngleFire
-from firemodel.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather, WeatherStream
+from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
 
 Floats = NDArray[np.float64]
 

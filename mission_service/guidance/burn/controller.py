@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,

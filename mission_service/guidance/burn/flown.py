@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.guidance.burn.flight import Air, Place
 from mission_service.guidance.burn.timetable import Timetable
 from mission_service.ignition_plan import IgnitionPlan

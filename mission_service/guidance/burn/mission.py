@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, change_speed, loiter_unlimited, takeoff, waypoint
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.guidance.burn.unit import unit_of

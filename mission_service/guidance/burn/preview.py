@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection
 from mission_service.errors import ScenarioError

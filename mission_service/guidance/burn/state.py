@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.landscape import Landscape
-from firemodel.weather import WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import PersonTold, PlanWanted, UnitTold
 from mission_service.fire.estimated import BelievedFire, toward

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
-from firemodel.landscape import Landscape
-from firemodel.readers.shapes import box_of, read_shapes
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.lines import only_areas

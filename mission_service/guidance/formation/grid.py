@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 
 
 @dataclass(frozen=True, slots=True)

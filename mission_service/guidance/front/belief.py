@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.front_rates import FrontRates
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.front_rates import FrontRates
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED, taken_back
 from mission_service.guidance.front.belief_kernels import (
     BASELINE_CELLS,

@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent

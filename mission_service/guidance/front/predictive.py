@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.front_rates import FrontRates
-from firemodel.landscape import Landscape
-from firemodel.weather import Weather, WeatherStream
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.front_rates import FrontRates
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.belief import Belief, FrontModel

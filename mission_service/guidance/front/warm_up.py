@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import Observed
 from mission_service.fire.setup import fire_position

@@ -9,8 +9,8 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from autopilot_bridge.items import Items, MissionItem, Plan
-from autopilot_bridge.planfile import write_plan
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.core import requests
 from mission_service.fire.setup import home_of
 from mission_service.interfaces.api import examples

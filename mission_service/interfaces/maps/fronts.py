@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.fire import StartArea, with_start
-from firemodel.front import front_polygons
-from firemodel.landscape import Landscape
-from firemodel.writers import M2_PER_ACRE, area_geometry
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire import StartArea, with_start
+from firemodel.spread.front import front_polygons
+from firemodel.spread.writers import M2_PER_ACRE, area_geometry
 
 LEVELS = (0.1, 0.5, 0.9)
 

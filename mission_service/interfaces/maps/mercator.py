@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 
 RADIUS_M = 6378137.0  # EPSG:3857 is on a sphere
 WORLD_M = 2.0 * math.pi * RADIUS_M

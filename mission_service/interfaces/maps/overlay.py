@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.fuels import FUEL_MODELS, NON_BURNABLE
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 from mission_service.interfaces.maps.mercator import (
     Box,
     bounds_deg,

@@ -13,11 +13,11 @@ from pyproj import Geod
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
-from firemodel.front import multipolygon
-from firemodel.landscape import Landscape
-from firemodel.readers.bands import refuse
-from firemodel.readers.shapes import shape_problems
-from firemodel.writers import M2_PER_ACRE
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.bands import refuse
+from firemodel.landscape.readers.shapes import shape_problems
+from firemodel.spread.front import multipolygon
+from firemodel.spread.writers import M2_PER_ACRE
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.tangled import MOST_PAIRS, most_repaired, pairs_near
 from mission_service.interfaces.maps.uploads import LARGEST_BYTES, WGS84, Drawn, features_in

@@ -7,9 +7,9 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.fire import StartArea
-from firemodel.landscape import Landscape
-from firemodel.writers import M2_PER_ACRE, area_geometry
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire import StartArea
+from firemodel.spread.writers import M2_PER_ACRE, area_geometry
 from mission_service.interfaces.maps.fronts import burned_area
 
 SOURCE = "mission-service"

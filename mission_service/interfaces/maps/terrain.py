@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.interfaces.maps.mercator import (
     WORLD_M,
     Box,

@@ -19,7 +19,7 @@ from pyproj.exceptions import ProjError
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
-from firemodel.readers.shapes import into_crs, records_of
+from firemodel.landscape.readers.shapes import into_crs, records_of
 
 LARGEST_BYTES = 8_000_000  # of an upload
 MOST_UNPACKED_BYTES = 32_000_000

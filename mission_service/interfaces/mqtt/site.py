@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.signing import held
+from autopilot_bridge.links.signing import held
 from mission_service.config.mqtt_names import (
     PORT,
     TLS_PORT,

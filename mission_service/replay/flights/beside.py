@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_run, run_of
 from mission_service.config.sections import VehicleSection
 from mission_service.config.service import ServiceSection

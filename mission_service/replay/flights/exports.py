@@ -9,8 +9,8 @@ from xml.sax.saxutils import escape
 
 from autopilot_bridge.items import Plan
 from autopilot_bridge.logs.entries import Log, LogEvent
-from autopilot_bridge.planfile import write_plan
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.errors import RequestError
 from mission_service.replay.flights.flown import Flown, file_of, flown_in
 from mission_service.replay.flights.instants import utc

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.landscape import Landscape
+from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BURN, FORMATION

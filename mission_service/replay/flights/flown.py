@@ -4,14 +4,6 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from autopilot_bridge.client_events import (
-    Connected,
-    ItemReached,
-    LinkLost,
-    MissionProgress,
-    ModeChanged,
-    Position,
-)
 from autopilot_bridge.items import Items
 from autopilot_bridge.logs.entries import (
     GripperMoved,
@@ -21,7 +13,15 @@ from autopilot_bridge.logs.entries import (
     MissionReplaced,
     Outputs,
 )
-from autopilot_bridge.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.client_events import (
+    Connected,
+    ItemReached,
+    LinkLost,
+    MissionProgress,
+    ModeChanged,
+    Position,
+)
 from mission_service.ground_distance import distance_m
 from mission_service.replay.flights.dropped import planned_in
 from mission_service.replay.flights.instants import utc

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.client_events import Attitude, Position
 from autopilot_bridge.items import Items, command_name, place_of
 from autopilot_bridge.logs.entries import LogEvent, MissionLoaded
+from autopilot_bridge.vehicle.client_events import Attitude, Position
 from mission_service.replay.flights.tables import HEAD, OWN, Columns, Row
 
 

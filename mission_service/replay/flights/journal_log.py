@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
-from autopilot_bridge import client_events as bridge
 from autopilot_bridge.items import Items
 from autopilot_bridge.logs.entries import Damage, Entry, Log, LogEvent, MissionLoaded
 from autopilot_bridge.logs.reading import open_log
-from autopilot_bridge.stacks import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle import client_events as bridge
 from mission_service.commands import Announce, AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.errors import JournalError

@@ -5,15 +5,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from autopilot_bridge.client_events import (
+from autopilot_bridge.logs.entries import Log, LogEvent, MissionLoaded, MissionReplaced
+from autopilot_bridge.logs.reading import merged
+from autopilot_bridge.vehicle.client_events import (
     Connected,
     LinkLost,
     LinkRestored,
     MissionProgress,
     ModeChanged,
 )
-from autopilot_bridge.logs.entries import Log, LogEvent, MissionLoaded, MissionReplaced
-from autopilot_bridge.logs.reading import merged
 from mission_service.errors import FlightError
 from mission_service.replay.flights.flown import Flown, name_of
 from mission_service.replay.flights.journal_log import open_flight

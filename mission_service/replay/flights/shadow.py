@@ -9,7 +9,7 @@ import heapq
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from autopilot_bridge.client_events import Position
+from autopilot_bridge.vehicle.client_events import Position
 from mission_service.core.core import Core
 from mission_service.events import CrewEvent, Lit
 from mission_service.fire.simulated import world_of

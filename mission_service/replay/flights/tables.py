@@ -6,24 +6,6 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from autopilot_bridge.client_events import (
-    Attitude,
-    Battery,
-    Connected,
-    GpsFix,
-    Health,
-    ItemReached,
-    LinkLost,
-    LinkRestored,
-    MissionProgress,
-    ModeChanged,
-    Position,
-    Rebooted,
-    Speed,
-    Text,
-    Wind,
-)
-from autopilot_bridge.command import RESULTS
 from autopilot_bridge.items import (
     Items,
     command_name,
@@ -40,6 +22,24 @@ from autopilot_bridge.logs.entries import (
     MissionReplaced,
     Outputs,
 )
+from autopilot_bridge.vehicle.client_events import (
+    Attitude,
+    Battery,
+    Connected,
+    GpsFix,
+    Health,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Rebooted,
+    Speed,
+    Text,
+    Wind,
+)
+from autopilot_bridge.vehicle.command import RESULTS
 
 Columns = dict[str, type]  # a datetime is told as microseconds since 1970
 Row = tuple[Any, ...]

@@ -1,0 +1,1 @@
+"""Transports: addresses, sockets, framing, signing, tlog."""

@@ -1,0 +1,205 @@
+"""The asyncio adapter: moves frames between a link and a sans-IO peer, arms one timer."""
+
+import asyncio
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
+
+from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.link import parse_link
+from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
+from autopilot_bridge.links.tlog import Tlog
+from autopilot_bridge.links.wires import Batch, wire_of
+
+SHORTEST_WAIT_S = 0.001
+
+
+class Peer(Protocol):
+    """Either side of a link: the ground station's client or the mock autopilot."""
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take in whole frames, all of one remote."""
+
+    def data_to_send(self) -> list[bytes]:
+        """Frames to send."""
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+
+    def handle_timer(self, now_us: int) -> None:
+        """Do what is due."""
+
+
+@runtime_checkable
+class RemotesPeer(Protocol):
+    """A peer that distinguishes the remotes of a link, by the names that the wire gives."""
+
+    called: str  # the remote that the link calls; "" where it waits for them
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Take in whole frames of a remote."""
+
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """Frames and the remotes they are for; those for "" are for all."""
+
+
+class Connection:
+    """One peer on one link while the context is open.
+
+    ``clock`` gives the peer's time in microseconds and runs ``rate`` times as fast as real time.
+    What is sent and received is recorded in ``tlog``, which the caller closes. With ``signing``
+    all that is sent is signed, as from ``link_id``, and what does not verify never arrives.
+    """
+
+    def __init__(
+        self,
+        link: str,
+        peer: Peer,
+        clock: Callable[[], int],
+        rate: float = 1.0,
+        tlog: Tlog | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
+    ) -> None:
+        self._wire = wire_of(parse_link(link), self)
+        self._peer = peer
+        self._by_remote = peer if isinstance(peer, RemotesPeer) else None
+        self._clock = clock
+        self._rate = rate
+        self._tlog = tlog
+        self._signing = signing
+        self._link_id = link_id
+        self.counts = Counts()  # of this link; the signing has those of all
+        self.hears_signed = False  # while nothing is checked: the last frame had a signature
+        self._news = asyncio.Event()
+        self._open = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._armed_us = 0  # what the timer waits for
+        self._failure: Exception | None = None
+
+    async def __aenter__(self) -> Self:
+        await self._wire.open()
+        if self._by_remote is not None:
+            self._by_remote.called = self._wire.called
+        self._open = True
+        self._wake()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._open = False
+        if self._timer is not None:
+            self._timer.cancel()
+        await self._wire.close()
+
+    async def wait(self) -> None:
+        """Return when something arrived or was due since the last call.
+
+        Raises what the peer raised: a defect ends the program instead of passing by in a log.
+        A lost connection raises nothing; the peer hears nothing, that is all.
+        """
+        await self._news.wait()
+        self._news.clear()
+        if self._failure is not None:
+            raise self._failure
+
+    def flush(self) -> None:
+        """Send what the peer has to send, and look at its timer anew."""
+        if self._by_remote is not None:
+            for remote, frame in self._by_remote.addressed_to_send():
+                self._send([frame], remote)
+        elif frames := self._peer.data_to_send():
+            self._send(frames)
+        self._arm()
+
+    def stir(self) -> None:
+        """Send, and wake who waits: for a peer that comes up with news by itself."""
+        self._guarded(lambda: None)
+
+    def set_up_signing(
+        self,
+        own: tuple[int, int],
+        target: tuple[int, int],
+        key: Key | None,
+        wall_us: int,
+        signing: Signing | None,
+    ) -> None:
+        """Tell a vehicle the key (None: sign no more), then go on with ``signing``.
+
+        The key goes over this link in clear text, twice as it is not acknowledged; it is not
+        recorded. A vehicle that signs already listens only to what its old key signs.
+        """
+        codec = Codec(*own)
+        for _ in range(2):
+            self._send([codec.encode(setup_signing(target, key, wall_us))])
+        self.go_on_with(signing)
+
+    def go_on_with(self, signing: Signing | None) -> None:
+        """Sign and check with another key from now on, or (None) no more."""
+        self._signing = signing
+        self.hears_signed = False
+
+    def _send(self, frames: list[bytes], remote: str = "") -> None:
+        if not self._open:
+            return
+        if self._signing is not None:
+            frames = [self._signing.sign(frame, self._link_id) for frame in frames]
+        if self._wire.send(frames, remote):
+            self._record(frames)
+
+    def _record(self, frames: list[bytes]) -> None:
+        if self._tlog is not None:
+            self._tlog.record([frame for frame in frames if not is_secret(frame)])
+
+    def _arm(self) -> None:
+        due_us = self._peer.next_timer()
+        if due_us is None or not self._open:
+            return
+        if self._timer is not None:
+            if self._armed_us <= due_us:
+                return  # it looks again then; arming anew for every datagram costs more
+            self._timer.cancel()
+        self._armed_us = due_us
+        wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
+        self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
+
+    def _wake(self) -> None:
+        self._timer = None
+        self._guarded(lambda: self._peer.handle_timer(self._clock()))
+
+    def _guarded(self, handle: Callable[[], None]) -> None:
+        try:
+            handle()
+            self.flush()
+        except Exception as error:
+            self._failure = error
+        self._news.set()
+
+    def frames_received(self, batch: Batch) -> None:
+        """Hand the frames of each remote to the peer."""
+        if self._signing is not None:
+            accepts, counts = self._signing.accepts, self.counts
+            batch = [
+                (remote, [f for f in frames if accepts(f, counts)]) for remote, frames in batch
+            ]
+        elif batch and batch[-1][1]:
+            self.hears_signed = is_signed(batch[-1][1][-1])
+        if any(frames for _, frames in batch):
+            self._guarded(lambda: self._take(batch))
+
+    def _take(self, batch: Batch) -> None:
+        for remote, frames in batch:
+            self._record(frames)
+            if self._by_remote is not None:
+                self._by_remote.receive_frames(remote, frames, self._clock())
+            else:
+                self._peer.receive_data(b"".join(frames), self._clock())
+
+    def failed(self, error: Exception) -> None:
+        """The wire is at its end; ``wait`` raises it."""
+        self._failure = error
+        self._news.set()

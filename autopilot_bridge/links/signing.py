@@ -1,0 +1,307 @@
+"""MAVLink 2 signing: which frames are the key holders' own and no replays.
+
+Spec: https://mavlink.io/en/guide/message_signing.html. The signature is the first 48 bits of
+SHA-256 over key, frame and a link id and timestamp behind it; timestamps count 10 us since 2015 and
+rise with every frame of a stream (system, component, link id of the sender).
+
+Why not pymavlink 2.4.50's own (``MAVLink.check_signature``, ``decode``):
+- a stream's timestamp is stored before the hash is looked at, so a single forged frame from far in
+  the future makes every later genuine one fail;
+- the own timestamp becomes the greatest one received, however wrong the sender's clock: the next
+  frames we send then lock out every other station at each vehicle;
+- frames whose signature is *wrong* are shown to the callback that allows unsigned ones;
+- frames of unknown messages come out unchecked, and signatures are compared with ``!=``.
+Here nothing is stored unless the hash is right, nobody's clock moves ours, a stream may run ahead
+of it only so far, and a wrong signature is wrong whatever the message.
+
+ArduPilot 4.6 (read: ``GCS_Signing.cpp``) starts from the timestamp it has saved plus 60 s at every
+boot and key, takes UTC when GPS gives it, and accepts anything on its first port (USB; SERIAL0 of
+the simulator). It refuses a stream that begins more than a minute behind it. PX4 signs from 1.18.
+"""
+
+import base64
+import binascii
+import hashlib
+import hmac
+import os
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.framing import (
+    SIGNATURE_BYTES,
+    SIGNED,
+    V2,
+    checksum,
+    message_id_of,
+    source_of,
+)
+
+EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
+TICKS_PER_S = 100_000
+OLDEST_BEGIN_S = 60
+# ArduPilot gains a minute at every boot without GPS, so some lead is no fault.
+MOST_AHEAD_S = 300
+# Telemetry radios tell of themselves and know no keys.
+UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
+SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
+# Timestamps are reserved on disk for so long; less than the 6 s some receivers allow.
+RESERVED_S = 5
+_HASH_BYTES = 6
+
+
+# Keys -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """32 secret bytes, which no message and no log shows."""
+
+    secret: bytes = field(repr=False)
+
+
+def key_of(text: str) -> Key:
+    """The key in a text: ``hex:`` or ``base64:`` and 32 bytes, 64 hex digits, or a passphrase.
+
+    A passphrase becomes a key by SHA-256 over its UTF-8, as in QGroundControl and MAVProxy.
+    Raises BridgeError, which never quotes the text.
+    """
+    kind, colon, rest = text.partition(":")
+    if colon and kind in ("hex", "base64"):
+        try:
+            secret = bytes.fromhex(rest) if kind == "hex" else base64.b64decode(rest, validate=True)
+        except (ValueError, binascii.Error):
+            raise BridgeError(f"signing key: what follows {kind}: is not {kind}") from None
+    elif len(text) == 64 and all(letter in "0123456789abcdefABCDEF" for letter in text):
+        secret = bytes.fromhex(text)
+    elif text:
+        secret = hashlib.sha256(text.encode()).digest()
+    else:
+        raise BridgeError("signing key: it is empty; give a passphrase, or hex: and 64 digits")
+    if len(secret) != 32:
+        raise BridgeError(f"signing key: it has {len(secret)} bytes; a key has 32")
+    if not any(secret):
+        raise BridgeError("signing key: a key of zeros turns signing off; take another")
+    return Key(secret)
+
+
+def read_key(source: str) -> Key:
+    """The key that ``file:PATH`` (its first line) or ``env:NAME`` holds. Raises BridgeError."""
+    return key_of(held(source, "signing key"))
+
+
+def held(source: str, what: str) -> str:
+    """What ``file:PATH`` (its first line) or ``env:NAME`` holds; ``what`` it is, for errors.
+
+    Raises BridgeError, which never quotes it.
+    """
+    kind, _, name = source.partition(":")
+    if kind == "env":
+        text = os.environ.get(name)
+        if text is None:
+            raise BridgeError(f"{what}: the environment has no variable {name}")
+    elif kind == "file":
+        try:
+            text = Path(name).expanduser().read_text(encoding="utf-8")
+        except OSError as error:
+            raise BridgeError(f"{what}: {name}: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise BridgeError(f"{what}: {name}: is no text") from None
+    else:
+        raise BridgeError(f"{what}: name where it is, as file:PATH or env:NAME")
+    return text.partition("\n")[0].rstrip("\r")
+
+
+def key_warning(source: str, what: str = "signing key") -> str | None:
+    """What is wrong with the place of a key, in words for the user."""
+    kind, _, name = source.partition(":")
+    if kind != "file" or os.name != "posix":
+        return None
+    if stat.S_IMODE(Path(name).expanduser().stat().st_mode) & 0o077:
+        return f"{what}: {name} can be read by others on this machine; chmod 600 {name}"
+    return None
+
+
+def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Message:
+    """SETUP_SIGNING: gives a vehicle the key, in clear text; None turns its signing off.
+
+    Only over a link nobody listens to, and never into a log. The time told is a minute back, as
+    ArduPilot adds one; it refuses while armed.
+    """
+    if key is None:
+        return mavlink.MAVLink_setup_signing_message(*target, bytes(32), 0)
+    began = max(ticks_of(wall_us) - OLDEST_BEGIN_S * TICKS_PER_S, 1)
+    return mavlink.MAVLink_setup_signing_message(*target, key.secret, began)
+
+
+# Timestamps -----------------------------------------------------------------------------------
+
+
+def ticks_of(wall_us: int) -> int:
+    """A time in microseconds since 1970 as timestamps have it: 10 us since 2015."""
+    return max(wall_us - EPOCH_US, 0) // 10
+
+
+class Timestamps:
+    """Our own: the clock's, but each later than the one before, over restarts too.
+
+    ``wall_us`` gives microseconds since 1970. With a ``file`` no timestamp is used twice even if
+    the clock is set back while the program is not running; several links may share it.
+    """
+
+    def __init__(self, wall_us: Callable[[], int], file: Path | None = None) -> None:
+        self._wall_us = wall_us
+        self._file = file
+        self._last = self._reserved = 0 if file is None else _stored(file)
+        if self._last == 0 and ticks_of(wall_us()) == 0:
+            raise BridgeError("signing: the clock stands before 2015; set it, or nothing verifies")
+
+    def next(self) -> int:
+        """The timestamp of the next frame. Raises BridgeError if the file cannot be written."""
+        self._last = max(self._last + 1, ticks_of(self._wall_us()))
+        if self._file is not None and self._last > self._reserved:
+            self._store(self._last + RESERVED_S * TICKS_PER_S)
+        return self._last
+
+    def present(self) -> int:
+        """The time by which others are judged."""
+        return max(self._last, ticks_of(self._wall_us()))
+
+    def close(self) -> None:
+        """Give back what was reserved and not used."""
+        if self._file is not None:
+            self._store(self._last)
+
+    def _store(self, ticks: int) -> None:
+        assert self._file is not None
+        # Another process may store at the same moment.
+        new = self._file.with_name(f"{self._file.name}.{os.getpid()}.new")
+        try:
+            new.write_text(f"{ticks}\n", encoding="ascii")
+            new.replace(self._file)
+        except OSError as error:
+            raise BridgeError(f"signing: {self._file}: {error.strerror}") from None
+        self._reserved = ticks
+
+
+def _stored(file: Path) -> int:
+    try:
+        return int(file.read_text(encoding="ascii"))
+    except FileNotFoundError:
+        return 0
+    except (OSError, ValueError):
+        raise BridgeError(
+            f"signing: {file}: holds no timestamp; remove it if the clock is right"
+        ) from None
+
+
+# Frames ---------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class Counts:
+    """What became of the frames that came in."""
+
+    good: int = 0
+    unsigned_allowed: int = 0
+    unsigned: int = 0  # refused, as are all that follow
+    wrong: int = 0  # another key, or changed on the way
+    repeated: int = 0  # no later than the stream's last one: a replay, or overtaken on the way
+    old: int = 0  # a stream that begins too far in the past
+    ahead: int = 0  # too far in the future: a clock is wrong, theirs or ours
+
+
+class Signing:
+    """Signs and checks the frames of the links that share a key.
+
+    One for all links, so that what was heard on one is no news on another.
+    """
+
+    def __init__(
+        self,
+        key: Key,
+        timestamps: Timestamps,
+        allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
+    ) -> None:
+        """``allow_unsigned``: ids of the messages that need no signature."""
+        self.counts = Counts()
+        self._key = key
+        self._timestamps = timestamps
+        self._allow_unsigned = allow_unsigned
+        self._streams: dict[tuple[int, int, int], int] = {}
+
+    def sign(self, frame: bytes, link_id: int) -> bytes:
+        """An unsigned MAVLink 2 frame with our signature; ``link_id`` is the link's own."""
+        body = bytearray(frame[:-2])
+        body[2] |= SIGNED
+        crc = checksum(bytes(body[1:]), message_id_of(frame))
+        stamped = b"".join(
+            (
+                body,
+                crc.to_bytes(2, "little"),
+                bytes((link_id,)),
+                self._timestamps.next().to_bytes(6, "little"),
+            )
+        )
+        return stamped + self._hash(stamped)
+
+    def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
+        """Whether a whole frame with a right checksum may be believed.
+
+        Counts it, also among those of its link.
+        """
+        verdict = self._verdict(frame)
+        for counts in (self.counts, of_link):
+            if counts is not None:
+                setattr(counts, verdict, getattr(counts, verdict) + 1)
+        return verdict in ("good", "unsigned_allowed")
+
+    def lead_s(self, system_id: int | None = None) -> float:
+        """How far the furthest stream is ahead of us; over 60, its sender may refuse what we send.
+
+        Of all systems, or of one. Seen on ArduPilot 4.6: with our clock two minutes slow its frames
+        verify, and it answers nothing.
+        """
+        present = self._timestamps.present()
+        leads = (
+            at - present
+            for (system, _, _), at in self._streams.items()
+            if system_id in (None, system)
+        )
+        return max(leads, default=0) / TICKS_PER_S
+
+    def _verdict(self, frame: bytes) -> str:
+        if not is_signed(frame):
+            allowed = message_id_of(frame) in self._allow_unsigned
+            return "unsigned_allowed" if allowed else "unsigned"
+        if not hmac.compare_digest(self._hash(frame[:-_HASH_BYTES]), frame[-_HASH_BYTES:]):
+            return "wrong"
+        stream = (*source_of(frame), frame[-SIGNATURE_BYTES])
+        at = int.from_bytes(frame[1 - SIGNATURE_BYTES : -_HASH_BYTES], "little")
+        present, last = self._timestamps.present(), self._streams.get(stream)
+        if at > present + MOST_AHEAD_S * TICKS_PER_S:
+            return "ahead"
+        if last is None and at < present - OLDEST_BEGIN_S * TICKS_PER_S:
+            return "old"
+        if last is not None and at <= last:
+            return "repeated"
+        self._streams[stream] = at
+        return "good"
+
+    def _hash(self, stamped: bytes) -> bytes:
+        return hashlib.sha256(self._key.secret + stamped).digest()[:_HASH_BYTES]
+
+
+def is_signed(frame: bytes) -> bool:
+    """Whether a frame carries a signature, right or wrong."""
+    return frame[0] == V2 and bool(frame[2] & SIGNED)
+
+
+def is_secret(frame: bytes) -> bool:
+    """Whether a frame carries a key, so that it must not be recorded."""
+    return message_id_of(frame) == SETUP_SIGNING

@@ -1,0 +1,56 @@
+"""Sockets for links: made, bound, and what is wrong with them in words (asyncio)."""
+
+import asyncio
+import os
+import socket
+from typing import cast
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.link import LinkAddress
+
+RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
+# A TCP remote that acknowledges nothing for so long is gone (switched off, out of range).
+GONE_AFTER_MS = 10_000
+
+
+def socket_of(kind: socket.SocketKind) -> socket.socket:
+    """One that does not block, with room for what many vehicles send at once."""
+    sock = socket.socket(socket.AF_INET, kind)
+    sock.setblocking(False)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    if kind == socket.SOCK_STREAM and hasattr(socket, "TCP_USER_TIMEOUT"):
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_AFTER_MS)
+    return sock
+
+
+def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> None:
+    """Bind, or close and raise BridgeError."""
+    try:
+        sock.bind(where)
+    except (OSError, UnicodeError) as error:
+        sock.close()
+        raise BridgeError(
+            f"link {address}: cannot listen on it ({reason_of(error)}); "
+            "is another program using the port?"
+        ) from None
+
+
+async def look_up(address: LinkAddress) -> tuple[str, int]:
+    """The address of a host; raises BridgeError when it is not known."""
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)
+    except (OSError, UnicodeError) as error:
+        raise BridgeError(
+            f"link {address}: host {address.host} is not known ({reason_of(error)})"
+        ) from None
+    return cast(tuple[str, int], found[0][4])
+
+
+def reason_of(error: OSError | UnicodeError) -> str:
+    """What is wrong, in the system's words."""
+    if isinstance(error, socket.gaierror):
+        return str(error.strerror)
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)  # pyserial's text is the path and the number once more
+    return str(error).partition("\n")[0]

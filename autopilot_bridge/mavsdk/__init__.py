@@ -1,0 +1,1 @@
+"""MAVSDK as another client of a vehicle."""

@@ -1,0 +1,1 @@
+"""Mission items in files and over the wire: reading, checks, transfers."""

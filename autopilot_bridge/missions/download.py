@@ -1,0 +1,129 @@
+"""Download and clearing of missions, sans-IO (MAVLink mission protocol).
+
+listed --MISSION_COUNT--> asking --each item--> asking --last item--> ended (MISSION_ACK sent)
+every question is repeated on timeout
+"""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message, item_of
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
+
+# More tries for each item: with a fifth of the messages lost each way, a download of fifty items
+# would else fail now and then, since one request and its reply get through only two times of three.
+MORE_RETRIES = 2
+
+
+class Asking:
+    """Repeats its last question until answered or out of tries."""
+
+    def __init__(self, address: Address, timing: TransferTiming) -> None:
+        self.result: TransferResult | None = None
+        self._address = address
+        self._timing = timing
+        self._tries = 0
+        self._deadline_us = 0
+        self._question: Message = None
+
+    def _ask(self, question: Message, now_us: int) -> list[Message]:
+        self._question = question
+        self._tries = 0
+        self._deadline_us = now_us + self._timing.timeout_us
+        return [question]
+
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """Ask no more."""
+        self.result = TransferResult("cancelled", "cancelled")
+        return []
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Ask again or give up."""
+        if self.result is not None or now_us < self._deadline_us:
+            return []
+        self._tries += 1
+        self._deadline_us = now_us + self._timing.timeout_us
+        if self._tries <= MORE_RETRIES * self._timing.retries:
+            return [self._question]
+        name = self._question.get_type()
+        self.result = TransferResult("failed", f"the autopilot did not answer {name}")
+        return []
+
+
+class MissionDownload(Asking):
+    """One download; the result carries the items."""
+
+    def __init__(self, address: Address, timing: TransferTiming) -> None:
+        super().__init__(address, timing)
+        self._count: int | None = None
+        self._items: list[MissionItem] = []
+
+    def start(self, now_us: int) -> list[Message]:
+        """Ask how many items there are."""
+        return self._ask(
+            mavlink.MAVLink_mission_request_list_message(
+                *self._address.target, self._address.mission_type
+            ),
+            now_us,
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Take in a count or an item and ask for the next."""
+        kind = message.get_type()
+        if kind not in ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK"):
+            return []
+        if not self._address.concerns(message):
+            return []
+        if kind == "MISSION_ACK":
+            if message.type != mavlink.MAV_MISSION_ACCEPTED:
+                self.result = rejected(message.type, None)
+            return []
+        if kind == "MISSION_COUNT" and self._count is None:
+            self._count = message.count
+        elif kind == "MISSION_ITEM_INT" and message.seq == len(self._items) and self._count:
+            self._items.append(item_of(message))
+        else:
+            return []
+        return self._next(now_us)
+
+    def _next(self, now_us: int) -> list[Message]:
+        if len(self._items) == self._count:
+            items = tuple(self._items)
+            self.result = TransferResult("accepted", f"{len(items)} items", items=items)
+            return [
+                mavlink.MAVLink_mission_ack_message(
+                    *self._address.target, mavlink.MAV_MISSION_ACCEPTED, self._address.mission_type
+                )
+            ]
+        return self._ask(
+            mavlink.MAVLink_mission_request_int_message(
+                *self._address.target, len(self._items), self._address.mission_type
+            ),
+            now_us,
+        )
+
+
+class MissionClear(Asking):
+    """Removes the mission."""
+
+    def start(self, now_us: int) -> list[Message]:
+        """Ask for it."""
+        return self._ask(
+            mavlink.MAVLink_mission_clear_all_message(
+                *self._address.target, self._address.mission_type
+            ),
+            now_us,
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """The acknowledgement ends it."""
+        if message.get_type() == "MISSION_ACK" and self._address.concerns(message):
+            if message.type == mavlink.MAV_MISSION_ACCEPTED:
+                self.result = TransferResult("accepted", "cleared", message.type)
+            else:
+                self.result = rejected(message.type, None)
+        return []

@@ -1,0 +1,203 @@
+"""QGroundControl .plan files: mission (simple items), geofence and rally points.
+
+The format is that of QGroundControl's developer guide ("Plan File Format"); how it becomes
+mission items is as QGroundControl and MAVSDK do it.
+"""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import (
+    Items,
+    MissionItem,
+    Plan,
+    has_position,
+    item_of_params,
+    jumps_moved,
+    params_of,
+)
+from autopilot_bridge.missions import fencefile, wpl
+from autopilot_bridge.missions.numbers import array, null_or_number, number, whole
+from autopilot_bridge.missions.textfile import read_text, write_text
+from autopilot_bridge.stacks.stacks import Stack
+
+_Read = TypeVar("_Read")
+
+# QGroundControl's AltitudeMode by frame. Its numbers have changed between versions, so that the
+# frame is what counts in a file that is read.
+_ALTITUDE_MODES = {3: 1, 6: 1, 0: 2, 5: 2, 10: 4, 11: 4}
+WPL_SUFFIXES = (".waypoints", ".txt")
+
+
+def read_any(path: Path) -> Plan:
+    """A plan from a .plan or a QGC WPL file, told apart by what is in it."""
+    text = read_text(path)
+    return wpl.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
+
+
+def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
+    """Write a plan; .waypoints and .txt become QGC WPL 110, anything else .plan."""
+    if path.suffix.lower() in WPL_SUFFIXES:
+        wpl.write_wpl(path, plan)
+    else:
+        write_plan(path, plan, stack)
+
+
+def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
+    """Write a .plan file.
+
+    The format has polygons before circles, rally altitudes above home, and no ``autocontinue``
+    in fence and rally points; raises BridgeError for what it cannot hold, naming the item.
+    """
+    try:
+        content = {
+            "fileType": "Plan",
+            "groundStation": "mission-service",
+            "version": 1,
+            "geoFence": fencefile.fence_json(plan.fence),
+            "rallyPoints": fencefile.rally_json(plan.rally),
+            "mission": {
+                "version": 2,
+                "firmwareType": stack.autopilot if stack else mavlink.MAV_AUTOPILOT_GENERIC,
+                "vehicleType": stack.mav_type if stack else mavlink.MAV_TYPE_GENERIC,
+                "globalPlanAltitudeMode": 0,  # mixed: each item tells its own
+                "cruiseSpeed": 18,
+                "hoverSpeed": 8,
+                "plannedHomePosition": list(plan.home or (0.0, 0.0, 0.0)),
+                "items": [
+                    _simple(item, index) for index, item in enumerate(jumps_moved(plan.mission, 1))
+                ],
+            },
+        }
+        text = json.dumps(content, indent=2, allow_nan=False)
+    except ValueError as error:
+        raise BridgeError(f"{path}: cannot be written: {error}") from None
+    write_text(path, text + "\n")
+
+
+def _simple(item: MissionItem, index: int) -> dict[str, Any]:
+    params = [null_or_number(value) for value in params_of(item)]
+    simple = {
+        "type": "SimpleItem",
+        "autoContinue": bool(item.autocontinue),
+        "command": item.command,
+        "doJumpId": index + 1,
+        "frame": item.frame,
+        "params": params,
+    }
+    if has_position(item.command) and item.frame in _ALTITUDE_MODES:
+        simple |= {
+            "AMSLAltAboveTerrain": None,
+            "Altitude": params[6],
+            "AltitudeMode": _ALTITUDE_MODES[item.frame],
+        }
+    return simple
+
+
+def read_plan(path: Path) -> Plan:
+    """The plan in a .plan file. Raises BridgeError naming file and item.
+
+    ``null`` parameters are NaN; frame and params count, not what QGroundControl shows.
+    """
+    return _parse(path, read_text(path))
+
+
+def _parse(path: Path, text: str) -> Plan:
+    content = _json(path, text)
+    mission = content.get("mission")
+    if content.get("fileType") != "Plan" or not isinstance(mission, dict):
+        raise BridgeError(f"{path}: not a QGroundControl .plan file with a mission")
+    if (content.get("version"), mission.get("version")) != (1, 2):
+        raise BridgeError(
+            f"{path}: plan version {content.get('version')}, mission version "
+            f"{mission.get('version')}; only 1 and 2 can be read: save it anew in QGroundControl"
+        )
+    try:
+        return Plan(
+            _mission(array(mission.get("items"), "items")),
+            fencefile.fence_of(content.get("geoFence")),
+            fencefile.rally_of(content.get("rallyPoints")),
+            _home(mission.get("plannedHomePosition")),
+        )
+    except ValueError as error:
+        raise BridgeError(f"{path}: {error}") from None
+
+
+def _json(path: Path, text: str) -> dict[str, Any]:
+    try:
+        content = json.loads(text, parse_constant=_no_number)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict):
+        raise BridgeError(f"{path}: not a QGroundControl .plan file with a mission")
+    return content
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no JSON")
+
+
+def _home(value: Any) -> tuple[float, float, float] | None:
+    if value is None:
+        return None
+    lat_deg, lon_deg, altitude_m = (
+        number(part, "plannedHomePosition") for part in array(value, "plannedHomePosition", 3)
+    )
+    home = (lat_deg, lon_deg, altitude_m)
+    return home if any(home) else None
+
+
+def _mission(entries: list[Any]) -> Items:
+    items = tuple(_each(index, entry, _item) for index, entry in enumerate(entries))
+    ids = {repr(entry.get("doJumpId")): index for index, entry in enumerate(entries)}
+    return tuple(
+        _jump(index, item, ids) if item.command == mavlink.MAV_CMD_DO_JUMP else item
+        for index, item in enumerate(items)
+    )
+
+
+def _jump(index: int, item: MissionItem, ids: dict[str, int]) -> MissionItem:
+    target = ids.get(f"{item.param1:g}")
+    if target is None:
+        raise ValueError(
+            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; name one that is"
+        )
+    return replace(item, param1=float(target))
+
+
+def _each(index: int, entry: Any, read: Callable[[Any], _Read]) -> _Read:
+    try:
+        return read(entry)
+    except ValueError as error:
+        raise ValueError(f"item {index} {error}") from None
+
+
+def _item(entry: Any) -> MissionItem:
+    if not isinstance(entry, dict):
+        raise ValueError("is damaged: no object")
+    if entry.get("type") != "SimpleItem":
+        kind = entry.get("complexItemType")
+        shown = f"{entry.get('type')} ({kind})" if kind else entry.get("type")
+        raise ValueError(
+            f"is a {shown}; only simple items can be uploaded: turn it into waypoints first"
+        )
+    try:
+        params = [
+            math.nan if value is None else number(value, "params")
+            for value in array(entry.get("params"), "params", 7)
+        ]
+        command = whole(entry.get("command"), "command", 65535)
+        frame = whole(entry.get("frame"), "frame", 255)
+        carries_on = entry.get("autoContinue")
+        if not isinstance(carries_on, bool):
+            raise ValueError("autoContinue is not true or false")
+        return item_of_params(command, frame, params, int(carries_on))
+    except ValueError as error:
+        raise ValueError(f"is damaged: {error}") from None

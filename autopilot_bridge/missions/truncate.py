@@ -1,0 +1,49 @@
+"""Cuts the end off a mission that is being flown, sans-IO; for ArduPilot.
+
+counted --request for item 0--> refusing --any MISSION_ACK but "busy"--> ended
+MISSION_COUNT cuts the list at once; item 0 is answered with a command no autopilot knows, so the
+transfer ends (MISSION_ACK 3) before anything is overwritten. Whether the list was cut is told by
+reading it back.
+"""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message, item_message
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.download import Asking
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
+
+UNKNOWN_COMMAND = MissionItem(65535, mavlink.MAV_FRAME_GLOBAL, 0, 0, 0.0)
+
+
+class Truncate(Asking):
+    """Leaves the first ``count`` items, home included."""
+
+    def __init__(self, address: Address, count: int, timing: TransferTiming) -> None:
+        super().__init__(address, timing)
+        self._count = count
+
+    def start(self, now_us: int) -> list[Message]:
+        """Announce a mission of that length."""
+        return self._ask(
+            mavlink.MAVLink_mission_count_message(
+                *self._address.target, self._count, self._address.mission_type
+            ),
+            now_us,
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Answer the request; the refusal ends it."""
+        kind = message.get_type()
+        if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
+            return []
+        if not self._address.concerns(message):
+            return []
+        if kind != "MISSION_ACK":
+            mission_type = self._address.mission_type
+            return [item_message(self._address.target, 0, UNKNOWN_COMMAND, 0, mission_type)]
+        if message.type == mavlink.MAV_MISSION_DENIED:
+            self.result = rejected(message.type, None)
+        else:
+            self.result = TransferResult("accepted", "cut", message.type)
+        return []

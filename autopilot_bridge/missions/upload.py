@@ -1,0 +1,170 @@
+"""Upload of a mission, sans-IO (MAVLink mission protocol, "Upload a Mission to the Vehicle").
+
+idle --start--> counted --request--> sending --last item sent--> sending
+counted: MISSION_COUNT is repeated on timeout
+sending: items are sent when asked for, and where the autopilot takes them a few ahead of its
+requests, until it asks for one again: then something got lost, and each is waited for
+any --MISSION_ACK--> ended
+sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
+to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
+sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
+any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
+cancelling: nothing is sent any more; PX4 forgets the transfer when told, ArduPilot after 8 s
+"""
+
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message, item_message
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
+
+IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE
+
+
+class MissionUpload:
+    """One upload; ``result`` is set when it has ended."""
+
+    def __init__(
+        self,
+        address: Address,
+        items: tuple[MissionItem, ...],
+        first: int,
+        timing: TransferTiming,
+        ahead: int = 0,
+        plan_id: int | None = None,
+    ) -> None:
+        """``items`` go out as they are; ``first`` is the one to be flown first (current = 1).
+
+        Up to ``ahead`` items are sent before they are asked for. ``plan_id`` is what the autopilot
+        will call the plan (see ``plan_id.py``), so that a lost acknowledgement is no riddle.
+        """
+        self.items = items
+        self.touched = False  # whether the autopilot may have changed anything for it
+        self.result: TransferResult | None = None
+        self._address = address
+        self._first = first
+        self._timing = timing
+        self._state: Literal["counted", "sending", "cancelling"] = "counted"
+        self._tries = 0
+        self._asked: int | None = None
+        self._sent = -1  # the last item sent
+        self._ahead = ahead
+        self._plan_id = plan_id
+        self._told_id: int | None = None  # by MISSION_CURRENT since all was sent
+        self._all_sent = False
+        self._doubt: TransferResult | None = None  # a refusal that may not be one
+        self._deadline_us = 0
+
+    def start(self, now_us: int) -> list[Message]:
+        """Announce the mission."""
+        self._deadline_us = now_us + self._timing.timeout_us
+        return [self._count()]
+
+    def _count(self) -> Message:
+        return mavlink.MAVLink_mission_count_message(
+            *self._address.target, len(self.items), self._address.mission_type
+        )
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Answer a message of the autopilot."""
+        kind = message.get_type()
+        if kind == "MISSION_CURRENT" and self._all_sent:
+            if (message.get_srcSystem(), message.get_srcComponent()) == self._address.target:
+                self._told_id = getattr(message, IDS[self._address.mission_type])
+            return []
+        if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
+            return []
+        if not self._address.concerns(message):
+            return []
+        if kind == "MISSION_ACK":
+            self._acknowledged(message.type, now_us)
+            return []
+        return self._requested(message.seq, now_us)
+
+    def _requested(self, seq: int, now_us: int) -> list[Message]:
+        self.touched = True
+        if not 0 <= seq < len(self.items) or self._state == "cancelling":
+            return []
+        self._state = "sending"
+        self._tries = 0
+        self._doubt = None
+        before = -1 if self._asked is None else self._asked
+        if not before < seq <= self._sent + 1:  # asked for again
+            self._ahead = 0
+            self._sent = seq - 1
+        self._asked = seq
+        self._deadline_us = now_us + self._timing.timeout_us
+        first, self._sent = self._sent + 1, max(self._sent, min(seq + self._ahead, self._last))
+        self._all_sent |= self._sent == self._last
+        return [self._item(number) for number in range(first, self._sent + 1)]
+
+    @property
+    def _last(self) -> int:
+        return len(self.items) - 1
+
+    def _item(self, seq: int) -> Message:
+        current = 1 if seq == self._first else 0
+        item, mission_type = self.items[seq], self._address.mission_type
+        return item_message(self._address.target, seq, item, current, mission_type)
+
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """End it: at once, or when an autopilot that does not listen has given up by itself."""
+        if not cancels_after_us:
+            self.result = TransferResult("cancelled", "cancelled")
+        self._state = "cancelling"
+        self._deadline_us = now_us + cancels_after_us + self._timing.timeout_us
+        code = mavlink.MAV_MISSION_OPERATION_CANCELLED
+        return [
+            mavlink.MAVLink_mission_ack_message(
+                *self._address.target, code, self._address.mission_type
+            )
+        ]
+
+    def _acknowledged(self, code: int, now_us: int) -> None:
+        if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
+            return  # ArduPilot says so of a duplicate and carries on
+        if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
+            self.result = TransferResult("cancelled", "cancelled", code, self._asked)
+            return
+        if code == mavlink.MAV_MISSION_ERROR and self._state == "sending":
+            self._doubt = rejected(code, self._asked)
+            self._deadline_us = now_us + self._timing.timeout_us
+        elif code != mavlink.MAV_MISSION_ACCEPTED:
+            self.result = rejected(code, self._asked)
+        elif self._all_sent or not self.items:
+            self.result = TransferResult("accepted", "accepted", code, items=self.items)
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Ask again, wait on, or give up."""
+        if self.result is not None or now_us < self._deadline_us:
+            return []
+        if self._state == "cancelling":
+            self.result = TransferResult("cancelled", "cancelled, and the autopilot fell silent")
+            return []
+        if self._doubt is not None:
+            self.result = self._doubt
+            return []
+        if self._all_sent and self._plan_id and self._told_id == self._plan_id:
+            words = "accepted: the acknowledgement got lost, the autopilot tells the plan's id"
+            self.result = TransferResult("accepted", words, items=self.items)
+            return []
+        self._tries += 1
+        self._deadline_us = now_us + self._timing.timeout_us
+        if self._tries <= self._timing.retries:
+            return [self._count()] if self._state == "counted" else []
+        self.touched = True  # a lost MISSION_COUNT cannot be told from a lost answer to it
+        if self._all_sent:
+            self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
+        elif self._state == "counted":
+            self.result = TransferResult("failed", "the autopilot did not answer MISSION_COUNT")
+        else:
+            self.result = TransferResult(
+                "failed", f"the autopilot fell silent after item {self._asked}", seq=self._asked
+            )
+        return []

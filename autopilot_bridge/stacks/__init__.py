@@ -1,0 +1,1 @@
+"""What PX4 and ArduPilot do differently: modes and rules of items."""

@@ -1,0 +1,232 @@
+"""What PX4 1.17 and ArduPilot 4.6.2 make of each mission item, as data.
+
+Seen in SITL where a transcript exists, otherwise read in their sources: AP_Mission.cpp,
+MissionItemProtocol_*.cpp and each vehicle's start_command; mavlink_mission.cpp and
+FeasibilityChecker.cpp.
+
+``kept`` has one word for each of params 1 to 4 of every command a stack takes:
+
+- ``keep`` as sent; ``-`` lost; ``hint`` lost, but nothing that matters; ``hidden`` used, read
+  back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
+- ``u8 u16 i8 i16`` cut to a whole number, wrapping; ``cap8`` cut, at most 255; ``cm16`` whole
+  centimetres in 16 bits; ``radius`` cut to whole metres in 16 bits, sign kept;
+- ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` the same, of a yaw;
+- ``turns`` whole up to 255, or 256ths of one; ``turn_radius`` 1 m steps to 255, 10 m to 2550.
+"""
+
+from dataclasses import dataclass, field, replace
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.stacks.stacks import Stack
+
+GLOBAL_FRAMES = frozenset((0, 3, 5, 6))
+TERRAIN_FRAMES = frozenset((10, 11))
+TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and what they mean
+FENCE_COMMANDS = frozenset(range(5000, 5005))
+RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
+ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
+GOES_ON = frozenset((177, 601, 213, 42702, 42703))  # jumps and NAV items numbered otherwise
+LAND_SEQUENCES = frozenset((188, 189))  # where failsafes enter what lies behind an endless loiter
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """One stack's rules; commands by number."""
+
+    frames: frozenset[int]  # of items with a position
+    position: dict[int, str]  # kept, of commands whose position the stack takes
+    bare: dict[int, str]  # kept, of commands without one
+    bare_frame: int | None  # the one frame that items without position may have
+    bare_xyz: dict[int, str]  # which of x, y, z a command without position keeps
+    frames_read: dict[int, int]  # frame sent: frame read back
+    whole_cm: bool  # altitudes are cut to centimetres
+    most_altitude_m: float
+    nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None: all may
+    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 says what NaN would
+    trusting: bool  # bad numbers are accepted, so that nobody but us refuses them
+    zero_is_here: bool  # latitude = longitude = 0 means where the vehicle is
+    not_run: frozenset[int] = frozenset()  # accepted, then passed over in flight
+    never_valid: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
+    one_trailing_do: bool = False  # only the first item after the last NAV item runs
+    allowed: dict[tuple[int, bool], tuple[float, ...]] = field(default_factory=dict)  # of param 1
+    most_fence: int | None = None
+    most_rally: int | None = None
+    most_vertices: int | None = None
+    whole_m_rally: bool = False  # rally altitudes are cut to metres
+
+
+_ARDUPILOT_POSITION = {
+    16: "- cap8 cap8 -",
+    17: "- - radius -",
+    18: "turns - turn_radius flag",
+    19: "u16 - sign flag",
+    21: "u16 - - side",
+    22: "u16 - - -",
+    30: "u16 - - -",
+    31: "- radius - flag",
+    84: "- - - -",
+    85: "u16 - - -",
+    92: "u16 - - -",
+    94: "cm16 - - -",
+    179: "u16 - - -",
+    188: "- - - -",
+    189: "- - - -",
+    191: "- - - -",
+    195: "u16 - - -",
+    201: "u16 - - -",
+}
+_ARDUPILOT_BARE = {
+    20: "- - - -",
+    83: "keep keep u8 -",
+    93: "keep i8 i8 i8",
+    112: "keep - - -",
+    114: "keep - - -",
+    115: "keep keep i8 u8",
+    177: "u16 i16 - -",
+    178: "u8 keep keep -",
+    181: "u8 u8 - -",
+    182: "u8 i16 keep -",
+    183: "u8 u16 - -",
+    184: "u8 u16 i16 keep",
+    193: "u16 - - -",
+    194: "u16 - - -",
+    197: "u16 - - -",
+    202: "u8 u16 u8 u16",
+    203: "u8 u8 i8 u8",
+    205: "keep keep keep -",
+    206: "keep hint u8 -",
+    207: "u16 - - -",
+    208: "u16 - - -",
+    210: "u16 - - -",
+    211: "u8 u8 - -",
+    212: "u16 - - -",
+    213: "keep keep keep -",
+    215: "u16 - - -",
+    216: "u16 - - -",
+    217: "u16 keep keep keep",
+    218: "u16 u8 - -",
+    222: "u16 keep keep keep",
+    223: "flag flag keep keep",
+    531: "keep keep - -",
+    532: "keep keep - -",
+    534: "keep keep keep -",
+    600: "u16 - - -",
+    601: "u16 i16 - -",
+    1000: "keep keep keep keep",
+    2000: "keep keep keep keep",
+    2001: "u16 - - -",
+    2500: "keep - - -",
+    2501: "keep - - -",
+    3000: "keep - - -",
+    42600: "u8 u8 keep keep",
+    42702: "keep keep keep keep",
+    42703: "keep keep keep keep",
+}
+_ARDUPLANE = Rules(
+    frames=GLOBAL_FRAMES | TERRAIN_FRAMES,
+    position=_ARDUPILOT_POSITION,
+    bare=_ARDUPILOT_BARE,
+    bare_frame=None,
+    bare_xyz={202: "xyz", 203: "xy", 205: "z", 1000: "xz", 42702: "xy", 42703: "x"},
+    frames_read=TWIN | {2: 0},
+    whole_cm=True,
+    most_altitude_m=83_000.0,
+    nan_ok={16: (4,), 17: (4,), 21: (4,), 22: (4,), 84: (4,), 85: (3, 4)},
+    zero_is_default={
+        16: (1, 2, 3),
+        17: (1, 2, 3),
+        18: (2, 3, 4),
+        19: (2, 3, 4),
+        21: (1, 2, 3),
+        22: (1, 2, 3),
+        31: (1, 2, 3, 4),
+    },
+    trusting=False,
+    zero_is_here=True,
+    not_run=frozenset((92, 115, 191, 193, 194, 213, 222, 42600, 42703)),
+    one_trailing_do=True,
+    most_vertices=255,
+    whole_m_rally=True,
+)
+_ARDUCOPTER = replace(
+    _ARDUPLANE,
+    position=_ARDUPILOT_POSITION | {16: "u16 - - -", 82: "u16 - - -"},
+    not_run=frozenset((30, 83, 191, 193, 194, 210, 212, 213, 223, 3000)),
+    one_trailing_do=False,
+)
+_AS_SENT = "keep keep keep keep"
+_PX4 = Rules(
+    frames=GLOBAL_FRAMES,
+    position={
+        16: "keep keep - yaw",
+        17: "- - keep yaw",
+        19: "keep flag keep flag",
+        21: "- u16 - yaw",
+        22: "hint - - yaw",
+        31: "flag keep - flag",
+        80: "hidden - - -",
+        84: "hint hint hint yaw",
+        85: "hint hint hint yaw",
+        195: "hidden - - -",
+        201: "hidden - - -",
+        400: "hidden - - -",
+        4501: "hidden hidden - -",
+    },
+    bare=dict.fromkeys(
+        (
+            *(20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205),
+            *(206, 211, 214, 260, 400, 530, 532, 534, 1000, 1001, 2000, 2001, 2003, 2500, 2501),
+            *(3000, 42600),
+        ),
+        _AS_SENT,
+    ),
+    bare_frame=mavlink.MAV_FRAME_MISSION,
+    bare_xyz={},  # all kept, in the one frame they may have
+    frames_read={0: 5, 3: 6},
+    whole_cm=False,
+    most_altitude_m=float("inf"),
+    nan_ok=None,
+    zero_is_default={},
+    trusting=True,
+    zero_is_here=False,
+    never_valid=frozenset((112, 114)),
+    # Of (DO_SET_ROI or NAV_ROI, with a position): MAV_ROI modes that are taken.
+    allowed={
+        (80, True): (0, 3),
+        (201, True): (0, 3),
+        (80, False): (0, 1, 2),
+        (201, False): (0, 1, 2),
+    },
+    most_fence=64,
+    most_rally=32,
+)
+
+_RULES = {
+    ("px4", "plane"): _PX4,
+    ("px4", "copter"): _PX4,
+    ("ardupilot", "plane"): _ARDUPLANE,
+    ("ardupilot", "copter"): _ARDUCOPTER,
+}
+
+SAME_AS = {80: 201}  # NAV_ROI is DO_SET_ROI's older name, with the same params
+
+# What to do instead, where there is something to say.
+INSTEAD: dict[tuple[str, int], str] = {
+    ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
+    ("px4", 82): "use NAV_WAYPOINT",
+    ("px4", 112): "use NAV_DELAY",
+    ("px4", 114): "put a waypoint where it is to happen",
+    ("px4", 181): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output set up for it",
+    ("px4", 183): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output set up for it",
+    ("px4", 216): "use DO_SET_ACTUATOR for an output set up for it",
+    ("ardupilot", 187): "use DO_GRIPPER, or DO_SET_SERVO with the servo's channel and PWM",
+    ("px4", 34): "it is a command only: use NAV_LOITER_UNLIM",
+    ("ardupilot", 34): "use NAV_LOITER_UNLIM",
+    ("ardupilot", 400): "arm by command",
+}
+
+
+def rules_of(stack: Stack) -> Rules:
+    """The rules of a stack."""
+    return _RULES[stack.name, stack.vehicle]

@@ -1,0 +1,176 @@
+"""What PX4 and ArduPilot each do differently, as data (seen on PX4 1.17 and ArduPilot 4.6.2)."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.stacks.modes import ARDUCOPTER, ARDUPLANE, PX4, Modes
+
+
+class Place(NamedTuple):
+    """Where a command acts, as COMMAND_INT carries it: x and y in degrees times 1e7."""
+
+    frame: int
+    x: int
+    y: int
+    z: float
+
+
+class Step(NamedTuple):
+    """A command and its first parameters; with a place it is sent as COMMAND_INT."""
+
+    command: int
+    params: tuple[float, ...] = ()
+    place: Place | None = None
+
+
+COPTER_TYPES = (
+    *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_TYPE_COAXIAL, mavlink.MAV_TYPE_HELICOPTER),
+    *(mavlink.MAV_TYPE_HEXAROTOR, mavlink.MAV_TYPE_OCTOROTOR, mavlink.MAV_TYPE_TRICOPTER),
+    *(mavlink.MAV_TYPE_DODECAROTOR, mavlink.MAV_TYPE_DECAROTOR),
+)
+PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *range(19, 26))  # VTOLs fly missions as planes do
+ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """One autopilot on one kind of vehicle."""
+
+    name: str
+    vehicle: str
+    autopilot: int
+    mav_type: int
+    request_message: str  # what the autopilot asks for items with
+    item_0_is_home: bool
+    atomic_upload: bool  # a failed upload leaves the old mission whole
+    mission_files: bool  # whole missions by MAVFTP
+    keeps_target: bool  # flies its old target on after an upload, until the index is set
+    items_ahead: int  # items that may be sent before they are asked for
+    rerequest_us: int  # how soon a silent uploader is asked again
+    cancels_after_us: int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a word
+    most_items: int
+    mission_mode: int
+    hold_mode: int
+    rtl_mode: int
+    start: tuple[Step, ...]  # from disarmed on the ground to flying the mission
+    modes: Modes
+
+    def mode_name(self, custom_mode: int) -> str:
+        """The word for a mode number; a number not known here is told as it is."""
+        for name, number in self.modes:
+            if number == custom_mode:
+                return name
+        return f"mode {custom_mode}"
+
+    def mode_number(self, name: str) -> int:
+        """The number of a mode; BridgeError names the modes there are."""
+        for known, number in self.modes:
+            if known == name:
+                return number
+        there_are = ", ".join(known for known, _ in self.modes)
+        raise BridgeError(f"{self.name} {self.vehicle} has no mode {name!r}; it has {there_are}")
+
+    def set_mode(self, custom_mode: int) -> Step:
+        """MAV_CMD_DO_SET_MODE for a mode number of this stack."""
+        if self.name == "px4":
+            main_and_sub = (float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
+            return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, *main_and_sub))
+        return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, float(custom_mode)))
+
+
+def _px4(vehicle: str, mav_type: int) -> Stack:
+    auto = 4 << 16  # main mode AUTO; sub modes: 3 loiter, 4 mission, 5 return
+    return Stack(
+        name="px4",
+        vehicle=vehicle,
+        autopilot=mavlink.MAV_AUTOPILOT_PX4,
+        mav_type=mav_type,
+        request_message="MISSION_REQUEST_INT",
+        item_0_is_home=False,
+        atomic_upload=True,
+        mission_files=False,
+        keeps_target=False,
+        items_ahead=8,
+        rerequest_us=280_000,
+        cancels_after_us=0,
+        most_items=5000,
+        mission_mode=auto | 4 << 24,
+        hold_mode=auto | 3 << 24,
+        rtl_mode=auto | 5 << 24,
+        start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 4.0)), ARM),
+        modes=PX4,
+    )
+
+
+def _ardupilot(
+    vehicle: str, mav_type: int, modes: tuple[int, int, int], most: int, start: tuple[Step, ...]
+) -> Stack:
+    return Stack(
+        name="ardupilot",
+        vehicle=vehicle,
+        autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        mav_type=mav_type,
+        request_message="MISSION_REQUEST",
+        item_0_is_home=True,
+        atomic_upload=False,
+        mission_files=True,
+        keeps_target=True,
+        items_ahead=0,
+        rerequest_us=1_000_000,
+        cancels_after_us=8_000_000,
+        most_items=most,
+        mission_mode=modes[0],
+        hold_mode=modes[1],
+        rtl_mode=modes[2],
+        start=start,
+        modes=ARDUPLANE if vehicle == "plane" else ARDUCOPTER,
+    )
+
+
+STACKS = (
+    _px4("plane", mavlink.MAV_TYPE_FIXED_WING),
+    _px4("copter", mavlink.MAV_TYPE_QUADROTOR),
+    _ardupilot(
+        "plane",
+        mavlink.MAV_TYPE_FIXED_WING,
+        (10, 12, 11),
+        655,
+        (ARM, Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0))),
+    ),
+    _ardupilot(
+        "copter",
+        mavlink.MAV_TYPE_QUADROTOR,
+        (3, 17, 6),  # hold is BRAKE: LOITER sinks without a pilot
+        650,
+        (
+            Step(
+                mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)
+            ),  # arming in AUTO is refused: GUIDED first
+            ARM,
+            Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),
+            Step(mavlink.MAV_CMD_MISSION_START),
+        ),
+    ),
+)
+
+
+def stack_named(name: str, vehicle: str) -> Stack:
+    """A stack by its names (``px4`` or ``ardupilot``, ``plane`` or ``copter``)."""
+    for stack in STACKS:
+        if (stack.name, stack.vehicle) == (name, vehicle):
+            return stack
+    raise BridgeError(f"no stack {name} {vehicle}; there are px4 and ardupilot, plane and copter")
+
+
+def stack_of(autopilot: int, mav_type: int) -> Stack | None:
+    """The stack that a HEARTBEAT tells of, or None for what is none of them."""
+    if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
+        return None
+    vehicle = "plane" if mav_type in PLANE_TYPES else "copter"
+    for stack in STACKS:
+        if stack.autopilot == autopilot and stack.vehicle == vehicle:
+            return stack
+    return None

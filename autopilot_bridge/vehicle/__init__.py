@@ -1,0 +1,1 @@
+"""One vehicle behind a link: its client, orders, telemetry, parameters, monitoring."""

@@ -1,0 +1,357 @@
+"""What a vehicle's client reports. ``at_us`` is the link's clock when it was noticed."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from autopilot_bridge.missions.transfer import Kind, TransferResult
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.parameters import ParametersResult
+
+DropOutcome = Literal["done", "refused", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """The first HEARTBEAT of a known autopilot."""
+
+    at_us: int
+    stack: Stack
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLost:
+    """No HEARTBEAT for ``silent_us``."""
+
+    at_us: int
+    silent_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinkRestored:
+    """HEARTBEATs again."""
+
+    at_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Rebooted:
+    """The autopilot's time since boot began anew."""
+
+    at_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """GLOBAL_POSITION_INT in units people use."""
+
+    at_us: int
+    boot_us: int
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+    altitude_relative_m: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    velocity_down_m_s: float
+    heading_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """ATTITUDE: roll right wing down, pitch nose up, yaw clockwise from north (0 to 360)."""
+
+    at_us: int
+    boot_us: int
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """VFR_HUD; no airspeed where nothing measures it."""
+
+    at_us: int
+    airspeed_m_s: float | None
+    groundspeed_m_s: float
+    climb_m_s: float
+    throttle_percent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Wind:
+    """The autopilot's estimate: where the wind comes from, and how fast."""
+
+    at_us: int
+    from_deg: float
+    speed_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """State of a battery, told when it changes; None where the autopilot does not know."""
+
+    at_us: int
+    battery_id: int
+    percent: int | None
+    voltage_v: float | None
+    current_a: float | None
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return self.percent, self.voltage_v, self.current_a
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What is switched on and not healthy, in words, told when it changes; () is all well."""
+
+    at_us: int
+    unhealthy: tuple[str, ...]
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return self.unhealthy
+
+
+@dataclass(frozen=True, slots=True)
+class GpsFix:
+    """Kind of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, told on change."""
+
+    at_us: int
+    fix: str
+    satellites: int | None
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return self.fix, self.satellites
+
+
+@dataclass(frozen=True, slots=True)
+class SystemState:
+    """HEARTBEAT.system_status in a word (``active``, ``critical`` ...), reported on change."""
+
+    at_us: int
+    state: str
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return (self.state,)
+
+
+@dataclass(frozen=True, slots=True)
+class LandedState:
+    """EXTENDED_SYS_STATE in words: ``on ground``, ``in air`` ...; reported on change."""
+
+    at_us: int
+    state: str
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return (self.state,)
+
+
+@dataclass(frozen=True, slots=True)
+class FenceStatus:
+    """FENCE_STATUS: whether a fence is breached, and which (``boundary`` ...), on change.
+
+    ArduPilot alone sends it, and only while its fence is on; PX4 writes a text.
+    """
+
+    at_us: int
+    breached: bool
+    kind: str  # "" while nothing is breached
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return self.breached, self.kind
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorStatus:
+    """Problems of the position estimate, in words, reported on change."""
+
+    at_us: int
+    healthy: bool
+    problems: tuple[str, ...]
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return (self.problems,)
+
+
+StatusEvent = SystemState | LandedState | FenceStatus | EstimatorStatus
+TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix | StatusEvent
+
+
+@dataclass(frozen=True, slots=True)
+class MissionProgress:
+    """The item being flown has changed (index into the user's items)."""
+
+    at_us: int
+    current_seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class ItemReached:
+    """MISSION_ITEM_REACHED, repeats left out."""
+
+    at_us: int
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class TransferFinished:
+    """A transfer asked for has ended."""
+
+    at_us: int
+    transfer_id: int
+    action: str  # upload, download, clear
+    result: TransferResult
+    kind: Kind = "mission"
+
+
+@dataclass(frozen=True, slots=True)
+class CommandFinished:
+    """A sequence of commands has ended."""
+
+    at_us: int
+    name: str
+    accepted: bool
+    reason: str
+    command_id: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DropFinished:
+    """What became of one drop. ``refused``: it did not fall. ``unknown``: it may have fallen.
+
+    ``done``: the autopilot has taken the order; it does not see what falls.
+    """
+
+    at_us: int
+    drop_id: int
+    outcome: DropOutcome
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ParametersFinished:
+    """Reading or setting of parameters has ended."""
+
+    at_us: int
+    request_id: int
+    result: ParametersResult
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChanged:
+    """Flight mode or arming changed."""
+
+    at_us: int
+    custom_mode: int
+    armed: bool
+    name: str = ""  # the stack's word for the mode
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """STATUSTEXT."""
+
+    at_us: int
+    severity: int
+    text: str
+
+
+AlarmKind = Literal["source", "clock", "jump", "value"]
+
+
+@dataclass(frozen=True, slots=True)
+class SameSystemId:
+    """Two remotes of one link send with one system id; messages of ``left_out`` are not used."""
+
+    at_us: int
+    kept: str
+    left_out: str
+
+    @property
+    def kind(self) -> AlarmKind:
+        """The kind of the alarm."""
+        return "source"
+
+    def __str__(self) -> str:
+        return (
+            f"{self.kept} and {self.left_out} both send with this system id; "
+            f"{self.left_out} is left out: give it another system id or a link of its own, "
+            "or sign the link if it is forged"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteChanged:
+    """The vehicle is bound to another remote, after silence of the previous one."""
+
+    at_us: int
+    before: str
+    after: str
+
+    @property
+    def kind(self) -> AlarmKind:
+        """The kind of the alarm."""
+        return "source"
+
+    def __str__(self) -> str:
+        return (
+            f"heard from {self.after} now, no more from {self.before}; if the autopilot was not "
+            "restarted and its network has not changed, this may not be the vehicle"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Implausible:
+    """A message of the vehicle is implausible (``clock``, ``jump``, ``value``)."""
+
+    at_us: int
+    kind: AlarmKind
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEnded:
+    """The cause of the alarms of a kind has not been seen for a while."""
+
+    at_us: int
+    kind: AlarmKind
+
+
+@dataclass(frozen=True, slots=True)
+class ClockChanged:
+    """The autopilot's time since boot continues from another value without a restart."""
+
+    at_us: int
+
+
+LinkAlarm = SameSystemId | RemoteChanged | Implausible
+
+
+ClientEvent = (
+    LinkAlarm
+    | AlarmEnded
+    | ClockChanged
+    | Connected
+    | LinkLost
+    | LinkRestored
+    | Rebooted
+    | TelemetryEvent
+    | MissionProgress
+    | ItemReached
+    | TransferFinished
+    | CommandFinished
+    | DropFinished
+    | ParametersFinished
+    | ModeChanged
+    | Text
+)

@@ -1,0 +1,258 @@
+"""Whether an autopilot's times since boot and positions are plausible. Pure; no clock is read.
+
+``now_us`` is the clock of the link (for a log, the times that its messages were recorded at).
+
+*Times.* The time since boot runs at the link's rate, or faster and slower in simulations. The rate
+and the line it runs along are fitted to what was received: medians, so that a minority of wrong
+times moves neither. What is ahead of that line by more than ``AHEAD_US`` (for simulations ten
+seconds' worth), or behind the latest time by more than ``BACK_US`` (five seconds' worth), is not
+used. Delays and bursts are behind the line, so they are in order.
+
+Autopilots begin at zero: PX4 sends ``hrt_absolute_time``, ArduPilot ``millis``, both counted from
+the boot. So it was *restarted* only if all messages for ``REBOOT_KEPT_US``, ``KEPT`` or more of
+them, continue from a time since boot that is no longer than the silence before them. Any other time
+from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new one, and
+mission time continues without a jump: the autopilot's clock was set, or this machine's stood still.
+
+*Positions.* None is used that is farther from the last ones than the airframe flies in the time
+between. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
+simulator's vehicle was moved, or a position estimate was wrong and is right again.
+
+A forged message within these limits cannot be distinguished from the vehicle's own on one remote.
+Signed links prevent forgery.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from statistics import median
+from typing import Literal
+
+from autopilot_bridge.vehicle.client_events import Position
+
+AHEAD_US = 3_000_000
+BACK_US = 5_000_000
+KEPT = 4
+REBOOT_KEPT_US = 1_000_000
+CHANGED_KEPT_US = 3_000_000
+POINTS = 10  # that the line is fitted to
+MOST_SINCE = 64
+BY_CHANCE = 2
+FITS = 60  # a simulation that fell behind may catch up within a minute
+FIRST_EVERY_US, EVERY_US = 100_000, 1_000_000
+# While the rate is not known, in the first second: the fastest simulation, and a burst of it.
+FASTEST, BURST_US = 200.0, 30_000_000
+SLOWEST = 0.1  # of any simulation
+REAL = 1.25  # rates below are those of a clock, not of a simulation
+SIMULATED_AHEAD_S = 10.0
+
+PLACES_KEPT_US = 2_000_000
+ANCHORED_US = 2_000_000
+MARGIN_M = 50.0
+M_PER_DEG = 111_320.0
+
+TimeVerdict = Literal["kept", "ahead", "back", "rebooted", "changed"]
+PlaceVerdict = Literal["kept", "beyond", "adopted"]
+
+
+@dataclass(slots=True)
+class _Base:
+    """A consistent series of times that does not continue the accepted one."""
+
+    first_boot_us: int
+    first_us: int
+    boot_us: int
+    at_us: int
+    messages: int = 1
+
+    def goes_on(self, boot_us: int, now_us: int) -> bool:
+        most_us = self.boot_us + BURST_US + FASTEST * (now_us - self.at_us)
+        return self.boot_us - BACK_US <= boot_us <= most_us
+
+    def runs(self) -> bool:
+        """Whether it advances as a clock does, and is not one repeated value."""
+        return self.boot_us - self.first_boot_us >= SLOWEST * (self.at_us - self.first_us)
+
+
+class BootClock:
+    """The times since boot of one autopilot."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[int, int]] = deque(maxlen=POINTS)  # (now_us, boot_us)
+        self._since: list[tuple[int, int]] = []  # the same, of which the next point is made
+        self._latest_us: int | None = None  # time since boot
+        self._heard_us = 0
+        self._rates: deque[float] = deque(maxlen=FITS)
+        self._peak = 1.0  # the greatest of these rates but for two, which may be by chance
+        self._slope = 1.0
+        self._line = (0, 0.0)  # where the fitted line is: (now_us, boot_us)
+        self._other: _Base | None = None
+
+    @property
+    def rate(self) -> float:
+        """The highest rate of the autopilot's clock, relative to the link's clock."""
+        return 1.0 if self._peak <= REAL else REAL * self._peak
+
+    def ahead_us(self, boot_us: int, now_us: int) -> int:
+        """How far a time is ahead of where it should be; behind is negative."""
+        if self._latest_us is None:
+            return 0
+        return round(boot_us - self._latest_us - self.rate * (now_us - self._heard_us))
+
+    def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
+        """Whether a time since boot is used; ``rebooted``, ``changed``: a new series begins."""
+        if self._latest_us is None:
+            self._begin(boot_us, now_us)
+            return "kept"
+        back_us = BACK_US * (1.0 if self._peak <= REAL else self._peak)
+        if self._latest_us - back_us <= boot_us <= max(self._most_us(now_us), self._latest_us):
+            self._other = None
+            self._latest_us = max(self._latest_us, min(boot_us, self._expected_us(now_us)))
+            self._heard_us = now_us
+            self._note(boot_us, now_us)
+            return "kept"
+        other = self._other
+        if other is None or not other.goes_on(boot_us, now_us):
+            self._other = _Base(boot_us, now_us, boot_us, now_us)
+            return "back" if boot_us < self._latest_us else "ahead"
+        other.boot_us, other.at_us = max(other.boot_us, boot_us), now_us
+        other.messages += 1
+        silent_us = other.first_us - self._heard_us
+        slack_us = SIMULATED_AHEAD_S * 1e6 * max(self._peak, 1.0)
+        restarts = boot_us < self._latest_us
+        restarts &= other.first_boot_us <= self.rate * silent_us + slack_us
+        kept_us = REBOOT_KEPT_US if restarts else CHANGED_KEPT_US
+        if other.messages >= KEPT and now_us - other.first_us >= kept_us and other.runs():
+            self._begin(boot_us, now_us)
+            return "rebooted" if restarts else "changed"
+        return "back" if boot_us < self._latest_us else "ahead"
+
+    def _begin(self, boot_us: int, now_us: int) -> None:
+        self._points.clear()
+        self._rates.clear()
+        self._since.clear()
+        self._peak = 1.0
+        self._latest_us, self._heard_us, self._other = boot_us, now_us, None
+        self._note(boot_us, now_us)
+
+    def _most_us(self, now_us: int) -> float:
+        """The greatest time since boot that is used now."""
+        at_us, boot_us = self._line
+        if len(self._points) < POINTS:
+            return boot_us + FASTEST * (now_us - at_us) + BURST_US
+        slack_us = AHEAD_US if self._peak <= REAL else SIMULATED_AHEAD_S * 1e6 * self._peak
+        return boot_us + self.rate * (now_us - at_us) + slack_us
+
+    def _expected_us(self, now_us: int) -> int:
+        """The maximum for the latest time, so that one ahead does not make true ones late."""
+        if len(self._points) < POINTS:
+            return 1 << 62
+        at_us, boot_us = self._line
+        return round(boot_us + self._slope * (now_us - at_us)) + AHEAD_US
+
+    def _note(self, boot_us: int, now_us: int) -> None:
+        points = self._points
+        every_us = EVERY_US if len(points) == POINTS else FIRST_EVERY_US
+        if len(self._since) < MOST_SINCE:
+            self._since.append((now_us, boot_us))
+        if points and now_us - points[-1][0] < every_us:
+            return
+        ordered = sorted(self._since, key=lambda since: since[1] - since[0])
+        points.append(ordered[len(ordered) // 2])
+        self._since.clear()
+        if len(points) < POINTS:
+            self._line = points[0]
+            return
+        half = POINTS // 2
+        slopes = [
+            (points[n + half][1] - points[n][1]) / (points[n + half][0] - points[n][0])
+            for n in range(half)
+        ]
+        slope = median(slopes)
+        self._rates.append(slope)
+        self._peak = max(1.0, sorted(self._rates)[-min(len(self._rates), BY_CHANCE + 1)])
+        if self._peak <= REAL:
+            slope = 1.0
+        self._slope = slope
+        self._line = (now_us, median(boot + slope * (now_us - at) for at, boot in points))
+
+
+@dataclass(slots=True)
+class _Elsewhere:
+    """A consistent series of positions that does not continue the accepted one."""
+
+    first: Position
+    last: Position
+    places: int = 1
+
+
+class Reach:
+    """The positions that one airframe can reach."""
+
+    def __init__(self, speed_m_s: float | None) -> None:
+        """``speed_m_s``: its maximum, over the ground and vertically; None: not known."""
+        self._speed_m_s = speed_m_s
+        self._last: Position | None = None
+        self._anchor: Position | None = None  # of some time ago, so that errors do not add up
+        self._other: _Elsewhere | None = None
+
+    def forget_times(self) -> None:
+        """The time since boot has restarted: compare the next position by the link's clock."""
+        self._anchor = self._other = None
+
+    def judge(self, place: Position, rate: float) -> PlaceVerdict:
+        """Whether a position is used. ``rate``: see ``BootClock.rate``."""
+        if self._speed_m_s is None:
+            return "kept"
+        last, anchor = self._last, self._anchor
+        if last is None:
+            self._keep(place)
+            return "kept"
+        passed_us = (place.at_us - last.at_us) * rate if anchor is None else _passed_us(last, place)
+        if self._near(last, place, passed_us) and (
+            anchor is None or self._near(anchor, place, _passed_us(anchor, place))
+        ):
+            self._keep(place)
+            return "kept"
+        other = self._other
+        if other is None or not self._near(other.last, place, _passed_us(other.last, place)):
+            self._other = _Elsewhere(place, place)
+            return "beyond"
+        other.last, other.places = place, other.places + 1
+        if other.places < KEPT or _passed_us(other.first, place) < PLACES_KEPT_US:
+            return "beyond"
+        self._anchor = None
+        self._keep(place)
+        return "adopted"
+
+    def beyond_m(self, place: Position) -> float:
+        """How far a position is from the last one used."""
+        return 0.0 if self._last is None else max(map(abs, _apart_m(self._last, place)))
+
+    def _keep(self, place: Position) -> None:
+        self._last, self._other = place, None
+        if self._anchor is None or _passed_us(self._anchor, place) >= ANCHORED_US:
+            self._anchor = place
+
+    def _near(self, before: Position, place: Position, passed_us: float) -> bool:
+        assert self._speed_m_s is not None
+        most_m = self._speed_m_s * max(passed_us, 0.0) / 1e6 + MARGIN_M
+        ground_m, up_m, up_relative_m = _apart_m(before, place)
+        return max(ground_m, abs(up_m), abs(up_relative_m)) <= most_m
+
+
+def _passed_us(before: Position, place: Position) -> int:
+    return place.boot_us - before.boot_us
+
+
+def _apart_m(before: Position, place: Position) -> tuple[float, float, float]:
+    """Over the ground, up, and up by the heights above home."""
+    north_deg = place.lat_deg - before.lat_deg
+    east_deg = (place.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0
+    east_deg *= math.cos(math.radians(place.lat_deg))
+    ground_m = math.hypot(north_deg, east_deg) * M_PER_DEG
+    return (
+        ground_m,
+        place.altitude_amsl_m - before.altitude_amsl_m,
+        place.altitude_relative_m - before.altitude_relative_m,
+    )

@@ -1,0 +1,237 @@
+"""Telemetry as events: pure functions of a message, and what keeps them in order and few."""
+
+import math
+from collections.abc import Callable
+from typing import get_args
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.codec import Message
+from autopilot_bridge.vehicle.client_events import (
+    Attitude,
+    Battery,
+    EstimatorStatus,
+    FenceStatus,
+    GpsFix,
+    Health,
+    LandedState,
+    Position,
+    Speed,
+    SystemState,
+    TelemetryEvent,
+    Wind,
+)
+from autopilot_bridge.vehicle.status import Estimator, fence_status, landed_state
+
+NO_PLACE_DEG_E7 = 1_000_000  # sea, 500 km from any land
+UNKNOWN_VOLTAGE_MV = 65535
+FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
+
+
+def position(message: Message, at_us: int) -> Position | None:
+    """GLOBAL_POSITION_INT; None near latitude 0, longitude 0, which ArduPilot tells before its fix.
+
+    It drifts there by dead reckoning: 35 m in the first seconds of one in simulation.
+    """
+    if max(abs(message.lat), abs(message.lon)) < NO_PLACE_DEG_E7:
+        return None
+    return Position(
+        at_us,
+        message.time_boot_ms * 1000,
+        message.lat / 1e7,
+        message.lon / 1e7,
+        message.alt / 1e3,
+        message.relative_alt / 1e3,
+        message.vx / 100.0,
+        message.vy / 100.0,
+        message.vz / 100.0,
+        message.hdg / 100.0 if message.hdg != 65535 else 0.0,
+    )
+
+
+def attitude(message: Message, at_us: int) -> Attitude:
+    """ATTITUDE."""
+    angles = (math.degrees(angle) for angle in (message.roll, message.pitch, message.yaw))
+    roll_deg, pitch_deg, yaw_deg = angles
+    return Attitude(at_us, message.time_boot_ms * 1000, roll_deg, pitch_deg, yaw_deg % 360.0)
+
+
+def speed(message: Message, at_us: int) -> Speed:
+    """VFR_HUD."""
+    airspeed_m_s = None if math.isnan(message.airspeed) else message.airspeed  # PX4 multirotors
+    return Speed(at_us, airspeed_m_s, message.groundspeed, message.climb, message.throttle)
+
+
+def wind(message: Message, at_us: int) -> Wind | None:
+    """WIND: where it comes from (ArduPilot); None while there is no estimate.
+
+    ArduCopter 4.6 without parameters of its drag tells a wind of exactly 0 all the time.
+    """
+    return Wind(at_us, message.direction % 360.0, message.speed) if message.speed else None
+
+
+def wind_from_vector(message: Message, at_us: int) -> Wind | None:
+    """WIND_COV (PX4); None where it says that it is not known."""
+    if math.isnan(message.wind_x) or math.isnan(message.wind_y):
+        return None
+    return wind_of_air(message.wind_x, message.wind_y, at_us)
+
+
+def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
+    """By the velocity of the air, so where it goes."""
+    from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
+    return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
+
+
+def battery_of_system(message: Message, at_us: int) -> Battery:
+    """SYS_STATUS."""
+    voltage_mv, current_ca = message.voltage_battery, message.current_battery
+    return Battery(
+        at_us,
+        0,
+        _percent(message.battery_remaining),
+        voltage_mv / 1e3 if voltage_mv not in (0, UNKNOWN_VOLTAGE_MV) else None,
+        current_ca / 100.0 if current_ca >= 0 else None,
+    )
+
+
+def battery(message: Message, at_us: int) -> Battery:
+    """BATTERY_STATUS; its cells add up."""
+    cells = [mv for mv in message.voltages if mv != UNKNOWN_VOLTAGE_MV]
+    current_ca = message.current_battery
+    return Battery(
+        at_us,
+        message.id,
+        _percent(message.battery_remaining),
+        sum(cells) / 1e3 if any(cells) else None,
+        current_ca / 100.0 if current_ca >= 0 else None,
+    )
+
+
+def _percent(remaining: int) -> int | None:
+    return remaining if remaining >= 0 else None
+
+
+def health(message: Message, at_us: int) -> Health:
+    """SYS_STATUS: what is switched on and not healthy."""
+    bad = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
+    words = [word for bit, word in _SENSORS if bad & bit]
+    return Health(at_us, tuple(words))
+
+
+def _sensor_words() -> tuple[tuple[int, str], ...]:
+    names = mavlink.enums["MAV_SYS_STATUS_SENSOR"].items()
+    return tuple(
+        (bit, entry.name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_"))
+        for bit, entry in sorted(names)
+        if bit.bit_count() == 1 and "ENUM_END" not in entry.name
+    )
+
+
+_SENSORS = tuple((bit, word.lower().replace("_", " ")) for bit, word in _sensor_words())
+
+
+def gps_fix(message: Message, at_us: int) -> GpsFix:
+    """GPS_RAW_INT."""
+    satellites = message.satellites_visible
+    return GpsFix(at_us, fix_name(message.fix_type), satellites if satellites != 255 else None)
+
+
+def fix_name(kind: int) -> str:
+    """GPS_FIX_TYPE in a word."""
+    return FIXES[kind] if kind < len(FIXES) else f"fix {kind}"
+
+
+_DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent | None], ...]] = {
+    "GLOBAL_POSITION_INT": (position,),
+    "ATTITUDE": (attitude,),
+    "VFR_HUD": (speed,),
+    "WIND": (wind,),
+    "WIND_COV": (wind_from_vector,),
+    "SYS_STATUS": (health, battery_of_system),
+    "BATTERY_STATUS": (battery,),
+    "GPS_RAW_INT": (gps_fix,),
+    "EXTENDED_SYS_STATE": (landed_state,),
+    "FENCE_STATUS": (fence_status,),
+}
+ESTIMATOR_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+MESSAGES = frozenset((*_DECODERS, *ESTIMATOR_MESSAGES))
+ToldOnChange = Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
+TOLD_ON_CHANGE = get_args(ToldOnChange)
+# Whose time since boot is the autopilot's own on both stacks; others may be a gimbal's, or 0.
+TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
+
+
+class Changes:
+    """What was told last of states that are told on change."""
+
+    def __init__(self) -> None:
+        self._told: dict[tuple[str, int], ToldOnChange] = {}
+
+    def has(self, event: ToldOnChange) -> bool:
+        """Whether it is news."""
+        number = event.battery_id if isinstance(event, Battery) else 0
+        key = (type(event).__name__, number)
+        before = self._told.get(key)
+        self._told[key] = event
+        return before is None or before.without_time() != event.without_time()
+
+
+class Telemetry:
+    """The telemetry of one vehicle: late and doubled messages left out, states told on change."""
+
+    def __init__(self) -> None:
+        self._boot_us: dict[str, int] = {}
+        self._before_us = -1  # of the last kind of message, the time before this one
+        self._changes = Changes()
+        self._estimator = Estimator()
+        self._has_battery_status = False
+
+    def forget(self) -> None:
+        """Begin anew: the autopilot was restarted."""
+        self._boot_us.clear()
+        self._changes = Changes()
+        self._estimator = Estimator()
+
+    def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
+        """What a message tells, if it is news."""
+        kind = message.get_type()
+        if kind in ESTIMATOR_MESSAGES:
+            return self.news(self._estimator.receive(message, at_us))
+        decoders = _DECODERS.get(kind, ())
+        if not decoders or self._late(kind, message):
+            return []
+        self._has_battery_status |= kind == "BATTERY_STATUS"
+        found = []
+        for decode in decoders:
+            if decode is battery_of_system and self._has_battery_status:
+                continue
+            event = decode(message, at_us)
+            if event is None:
+                continue
+            if not isinstance(event, TOLD_ON_CHANGE) or self._changes.has(event):
+                found.append(event)
+        return found
+
+    def news(self, event: ToldOnChange) -> list[TelemetryEvent]:
+        """A state, if it has changed."""
+        return [event] if self._changes.has(event) else []
+
+    def take_back(self, kind: str) -> None:
+        """Forget the time of an unused message, so that later ones do not count as late."""
+        self._boot_us[kind] = self._before_us
+
+    def _late(self, kind: str, message: Message) -> bool:
+        boot_us = boot_time_us(message)
+        if boot_us is None:
+            return False
+        if boot_us <= self._boot_us.get(kind, -1):
+            return True
+        self._before_us = self._boot_us.get(kind, -1)
+        self._boot_us[kind] = boot_us
+        return False
+
+
+def boot_time_us(message: Message) -> int | None:
+    """Time since boot of messages that are read for it."""
+    return message.time_boot_ms * 1000 if message.get_type() in TIMED else None

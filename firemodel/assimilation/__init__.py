@@ -1,0 +1,1 @@
+"""Corrections of a simulated fire by what is observed."""

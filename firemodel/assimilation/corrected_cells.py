@@ -1,0 +1,169 @@
+"""Marks on a fire by the cellular model: its arrival times set right, and going on from there."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.ellipses.marks import BURNING, UNBURNED, Simulation
+from firemodel.ellipses.ways import Ways
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.fire import Burning, check_shape
+from firemodel.spread.front import earliest_neighbour
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class ArrivalRaster:
+    """Arrival times (y, x) of a landscape's cells, infinity for never, as a ``ways.Ratable``.
+
+    Fire comes to a cell from where it was lit, found by going back from each cell to the earliest
+    of its neighbours. Rates are logarithms of a factor on the time along all ways, and on that of
+    ways to the east and to the north.
+    """
+
+    rates_sd = np.array([0.7, 0.4, 0.4])
+    first_rates = np.array([[every, 0.0, 0.0] for every in (-1.0, -0.3, 0.3, 1.0)])
+
+    def __init__(self, arrival_s: Floats, landscape: Landscape) -> None:
+        """Raises FireModelError if the times are not on the landscape's grid."""
+        check_shape(arrival_s, landscape)
+        self.arrival_s, self.landscape = arrival_s, landscape
+        self._origin = _origins(arrival_s)
+        self._rates = np.zeros(3)
+
+    def rated(self, rates: Floats) -> "ArrivalRaster":
+        """With ways of other times, on top of those it has."""
+        other = ArrivalRaster.__new__(ArrivalRaster)
+        other.arrival_s, other.landscape = self.arrival_s, self.landscape
+        other._origin, other._rates = self._origin, self._rates + rates
+        return other
+
+    def places(self) -> Floats:
+        """Centres of the cells that were lit (n, 2)."""
+        cells = np.arange(self._origin.size)
+        lit = (self._origin == cells) & np.isfinite(self.arrival_s.ravel())
+        return self._centres(cells[lit])
+
+    def ways(self, points_m: Floats) -> Ways:
+        """From the cell where the fire was lit that comes there first."""
+        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+        row, col = self.landscape.row_col_of(points[:, 0], points[:, 1])
+        rows, cols = self.landscape.shape
+        on = (row >= -0.5) & (row < rows - 0.5) & (col >= -0.5) & (col < cols - 0.5)
+        row, col = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
+        cell = np.round(row).astype(np.int64) * cols + np.round(col).astype(np.int64)
+        origin, lit_s = self._centres(self._origin[cell]), self.arrival_s.flat[self._origin[cell]]
+        time_s = np.where(on, self._between(row, col), np.inf)
+        towards = points - origin
+        length_m = np.hypot(*towards.T)
+        unit = towards / np.maximum(length_m, 1e-9)[:, None]
+        slower = np.exp(self._rates[0] + unit @ self._rates[1:])
+        lit_s = np.where(np.isfinite(time_s), lit_s, 0.0)
+        return Ways(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        """When fire comes to each point (n, 2): (n,), infinity for never."""
+        ways = self.ways(points_m)
+        return ways.lit_s + ways.takes_s
+
+    def _centres(self, cells: Ints) -> Floats:
+        row, col = np.divmod(cells, self.landscape.shape[1])
+        return np.column_stack(self.landscape.xy_of(row, col)).astype(np.float64)
+
+    def _between(self, row: Floats, col: Floats) -> Floats:
+        """Between four cells' centres, or that of the nearest where fire comes not to all."""
+        rows, cols = self.landscape.shape
+        top, left = (
+            np.clip(np.floor(at), 0, most - 2).astype(np.int64)
+            for at, most in ((row, rows), (col, cols))
+        )
+        down, right = row - top, col - left
+        z = self.arrival_s
+        nearest = z[np.round(row).astype(np.int64), np.round(col).astype(np.int64)]
+        four = np.array([z[top, left], z[top, left + 1], z[top + 1, left], z[top + 1, left + 1]])
+        shares = np.array(
+            [(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right]
+        )
+        all_four = np.isfinite(four).all(axis=0)
+        between = (np.where(all_four, four, 0.0) * shares).sum(axis=0)
+        return np.where(all_four, between, nearest)
+
+
+def _origins(arrival_s: Floats) -> Ints:
+    """The cell from which fire came to each (n,); its own number where it was lit, or never."""
+    rows, cols = arrival_s.shape
+    origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
+    come = np.isfinite(arrival_s)
+    if not come.any():
+        return origin.ravel()
+    in_rows, in_cols = np.flatnonzero(come.any(axis=1)), np.flatnonzero(come.any(axis=0))
+    window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
+    step_row, step_col = earliest_neighbour(arrival_s[window])
+    before = origin[window] + (step_row * cols + step_col).astype(np.int64)
+    origin[window] = np.where(come[window], before, origin[window])
+    flat = origin.ravel()
+    cells = np.flatnonzero(come)
+    earlier = flat[cells]
+    while True:
+        earliest = flat[earlier]
+        flat[cells] = earliest
+        if np.array_equal(earliest, earlier):
+            return flat
+        earlier = earliest
+
+
+def corrected_arrival(
+    arrival_s: Floats,
+    landscape: Landscape,
+    marks: Floats,
+    method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
+) -> Floats:
+    """Arrival times (y, x) of a cellular fire, set right by marks (n, 4) x, y, at_s, state.
+
+    ``method`` may also be the paper's, with its length: ``lambda fire, marks: PaperCorrected(fire,
+    marks, 30.0)``. Let the fire burn on ahead of what is marked first: what it has not come to is
+    infinite and stays so, but that a cell marked burned or burning burns from the mark's time on.
+    """
+    marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
+    fire = ArrivalRaster(arrival_s, landscape)
+    come = np.isfinite(arrival_s)  # cells without fire stay so, and are skipped
+    centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
+    found = np.full(arrival_s.shape, np.inf)
+    found[come] = method(fire, marks).ignition_time_s(centres)
+    for x_m, y_m, at_s, state in marks:
+        cell = tuple(int(np.round(at)) for at in landscape.row_col_of(x_m, y_m))
+        if state != UNBURNED and landscape.contains(x_m, y_m) and np.isinf(arrival_s[cell]):
+            found[cell] = min(found[cell], at_s)
+    return found
+
+
+def burning_corrected(
+    arrival_s: Floats,
+    landscape: Landscape,
+    marks: Floats,
+    at_s: float,
+    method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
+) -> Burning:
+    """The fire as it was at a time by the marks, for a new ``Fire`` to go on from.
+
+    Raises FireModelError if nothing had burned by then, or everything.
+    """
+    return burning_from_arrival(
+        corrected_arrival(arrival_s, landscape, marks, method), landscape, at_s
+    )
+
+
+def warm_up() -> None:
+    """Compile what the first correction needs, by a small one."""
+    from firemodel.landscape.flat import flat
+
+    land = flat(8, 8, 30.0, 0.0, 3.0)
+    row, col = np.indices(land.shape)
+    arrival_s = 60.0 * np.hypot(row - 4.0, col - 4.0)
+    x_m, y_m = land.xy_of(np.array([5.0, 6.0]), np.array([4.0, 4.0]))
+    marks = np.column_stack([x_m, y_m, [30.0, 150.0], [BURNING, UNBURNED]])
+    corrected_arrival(arrival_s, land, marks)

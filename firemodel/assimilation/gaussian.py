@@ -1,0 +1,339 @@
+"""A fire simulation set right by marks: Gaussian-process regression along the ways fire took.
+
+An error of the rate of spread grows along the way from the source. So what is regressed is not the
+time but the logarithm w of the slowness: fire that by the simulation needs e seconds along its way
+needs e · mean(exp w) along it, and a mark, whenever it was made, says something of the whole way
+behind it and, through what is alike, of what lies ahead. Fire so corrected never comes before it
+was lit, and always later further along its way.
+
+What a burn is wrong about has Gaussian priors and is found together (Gauss-Newton, MAP): the
+simulation's rates and wind (``ways.Ratable``), and w as a field over places, for fuel and ground.
+A mark is as wrong as its place times the slowness there; one that burns is held as by Student's t,
+so that a few wrong ones do little, one that is burned or unburned by the probability that it is
+true (Laplace's method). The field's prior sd and length are the most likely of a few (marginal
+likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
+"""
+
+import math
+from functools import cache, cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import log_ndtr
+from threadpoolctl import ThreadpoolController
+
+from firemodel.ellipses.ellipse import EllipseFire
+from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variances
+from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.ways import Ratable, RatableEllipses, Ways
+
+PLACE_SD_M = 6.0  # of a mark
+TIME_SD_S = 15.0
+LEAST_S = 45.0  # along a way; shorter ones say little
+LOG_SD = 0.05  # of ln of the time along a way, of a mark
+UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its way around what is slow
+FIELD_SDS = (0.2, 0.3, 0.4)
+LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
+SMALLEST_M = 100.0  # of that diagonal
+NODES = 32  # of the field along its longer side, at most
+STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
+CHOSEN_AT = 1
+STEPS_NEAR = 2
+GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
+SMALL_RATE = 1e-3  # for slopes
+MOST_LOG = 2.5  # of the field
+TAIL = 4.0  # degrees of freedom of Student's t
+
+EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+
+Floats = NDArray[np.float64]
+
+
+class _Prior(NamedTuple):
+    """Rates, then the field, as L z with z of unit variance."""
+
+    sd: float
+    length_m: float
+    rates_sd: Floats
+    of_rows: Floats  # lower Cholesky factors
+    of_cols: Floats
+
+    def white(self, of_rates: Floats, of_place: Floats) -> Floats:
+        """A L of A = [of_rates (n, k), of_place (n, rows, cols)]: (n, parameters)."""
+        place = self.sd * (self.of_rows.T @ of_place @ self.of_cols)
+        return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
+
+    def colour(self, z: Floats) -> tuple[Floats, Floats]:
+        """Rates (k,) and w (rows, cols)."""
+        k = len(self.rates_sd)
+        place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
+        return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Of several threads sums would depend on the machine; and with small matrices they wait."""
+    return ThreadpoolController()
+
+
+class _Look(NamedTuple):
+    """The marks as seen from some rates and field."""
+
+    fire: Ratable
+    field: Field
+    ways: Ways
+    expected: Floats  # ln of the time along the way
+    observed: Floats
+    sd: Floats  # of observed
+
+
+class GaussianCorrected:
+    """A fire with marks (n, 4) x, y, at_s, state; without marks exactly the fire itself.
+
+    Its time grows with n³: some hundred marks. Marks where fire never comes by the simulation are
+    left out: such fire has a source that must be added to it.
+
+    ``near`` is the same fire with nearly the same marks: its prior is kept and the fit begins where
+    it ended, which takes a third of the time and comes out nearly as without.
+    """
+
+    def __init__(
+        self,
+        fire: EllipseFire | Ratable,
+        marks: Floats,
+        *,
+        place_sd_m: float = PLACE_SD_M,
+        near: "GaussianCorrected | None" = None,
+    ) -> None:
+        self.fire, self.place_sd_m = fire, place_sd_m
+        self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
+        come = np.isfinite(fire.ignition_time_s(self.marks[:, :2]))
+        self._held = self.marks[come]
+        self._points = np.ascontiguousarray(self._held[:, :2])
+        self._rated = RatableEllipses(fire) if isinstance(fire, EllipseFire) else fire
+        if len(self._rated.places()):
+            places = np.concatenate([self._points, self._rated.places()])
+            self._field, self._diagonal_m = _empty_field(places)
+            rates_sd, length_m = self._rated.rates_sd, LENGTHS[1] * self._diagonal_m
+            self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
+            self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
+            self._w, self._z = np.empty(0), np.empty(0)
+        if len(self._held):
+            with _blas().limit(limits=1, user_api="blas"):
+                self._fit(self._rated, near)
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        if not len(self._held):
+            return self.fire.ignition_time_s(points_m)
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        ways = self._rated.ways(points)
+        found = np.empty(len(points))
+        stretch(points, ways.origin, self._field, found)
+        return ways.lit_s + ways.takes_s * found
+
+    def sd_s(self, points_m: Floats) -> Floats:
+        """Standard deviation of that time (n,), of the fire itself; infinity for never."""
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        if not len(self._rated.places()):
+            return np.full(len(points), np.inf)
+        ways = self._rated.ways(points)
+        of_rates = _rates_slopes(self._rated, points, ways)
+        slower, variance = np.empty(len(points)), np.empty(len(points))
+        stretch(points, ways.origin, self._field, slower)
+        variances(points, ways.origin, of_rates, self._field, self._covariance, variance)
+        sd = np.sqrt(np.maximum(variance, 0.0) + UNEXPLAINED_SD**2)
+        found: Floats = np.where(np.isinf(ways.takes_s), np.inf, ways.takes_s * slower * sd)
+        return found
+
+    @cached_property
+    def _covariance(self) -> Floats:
+        """Of rates and nodes (parameters, parameters), after the marks."""
+        prior, a = self._prior, self._a
+        inner = a @ a.T + np.diag(1.0 / self._w)
+        half: NDArray[np.floating] = a
+        if len(a):
+            half = solve_triangular(np.linalg.cholesky(inner), a, lower=True, check_finite=False)
+        known = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])
+        found = np.zeros((a.shape[1], a.shape[1]))
+        k = len(prior.rates_sd)
+        np.fill_diagonal(found[:k, :k], np.square(prior.rates_sd))
+        grams = (factor @ factor.T for factor in (prior.of_rows, prior.of_cols))
+        found[k:, k:] = prior.sd**2 * np.kron(*grams)
+        known = known.reshape(-1, a.shape[1])
+        found -= known.T @ known
+        return found
+
+    def _fit(self, fire: Ratable, near: "GaussianCorrected | None") -> None:
+        field, prior, diagonal_m = self._field, self._prior, self._diagonal_m
+        steps = range(STEPS)
+        if near is not None and len(near._held) and _same_place(near._field, field):
+            prior, steps = near._prior, range(CHOSEN_AT + 1, CHOSEN_AT + 1 + STEPS_NEAR)
+            seen, z, score = self._try(fire, field, prior, near._z)
+        else:
+            seen, z, score = self._start(fire, field, prior)
+        for step in steps:
+            of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
+            of_place = np.zeros((len(self._points), *field.slower.shape))
+            slopes(self._points, seen.ways.origin, seen.field, of_place)
+            a = prior.white(of_rates, of_place)
+            y = seen.observed - seen.expected + a @ z
+            w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
+            if step == CHOSEN_AT:
+                prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
+                a = prior.white(of_rates, of_place)
+                score = math.inf
+            k, f = a @ a.T, a @ z
+            for _ in range(4):
+                w, b = _curvature(self._held[:, 3], y, seen.sd, f)
+                f, alpha = _mode(k, w, b)
+            towards = a.T @ alpha - z
+            tried = [self._try(fire, field, prior, z + part * towards) for part in PARTS[:1]]
+            for part in PARTS[1:]:
+                if tried[-1][2] <= score:
+                    break
+                tried.append(self._try(fire, field, prior, z + part * towards))
+            before, (seen, z, after) = score, min(tried, key=lambda one: one[2])
+            score = after
+            if abs(before - after) < GOOD_ENOUGH:
+                break
+        self._rated, self._field, self._prior, self._z = seen.fire, seen.field, prior, z
+        self.rates = prior.colour(z)[0]
+        self._a, self._w = a, w
+
+    def _start(self, fire: Ratable, field: Field, prior: _Prior) -> tuple[_Look, Floats, float]:
+        """The best of a few rates."""
+        found = []
+        for rates in fire.first_rates:
+            z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
+            found.append(self._try(fire, field, prior, z))
+        return min(found, key=lambda one: one[2])
+
+    def _try(
+        self, fire: Ratable, field: Field, prior: _Prior, z: Floats
+    ) -> tuple[_Look, Floats, float]:
+        rates, w = prior.colour(z)
+        seen = self._look(
+            fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MOST_LOG, MOST_LOG)))
+        )
+        miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
+        return seen, z, 0.5 * float(z @ z) - miss
+
+    def _look(self, fire: Ratable, field: Field) -> _Look:
+        points, n = self._points, len(self._points)
+        ways = fire.ways(np.concatenate([points, points + EAST, points + NORTH]))
+        slower = np.empty(n)
+        here = Ways(*(part[:n] for part in ways))
+        stretch(points, here.origin, field, slower)
+        time_s, east_s, north_s = (ways.lit_s + ways.takes_s).reshape(3, n)
+        slowness_s_m = np.hypot(east_s - time_s, north_s - time_s) * slower
+        expected_s = np.maximum(here.takes_s * slower, LEAST_S)
+        observed_s = np.maximum(self._held[:, 2] - here.lit_s, LEAST_S)
+        error_s2 = np.square(self.place_sd_m * slowness_s_m) + TIME_SD_S**2
+        sd = np.sqrt(error_s2 / np.square(0.5 * (expected_s + observed_s)) + LOG_SD**2)
+        return _Look(fire, field, here, np.log(expected_s), np.log(observed_s), sd)
+
+    def _choose(
+        self,
+        fire: Ratable,
+        field: Field,
+        diagonal_m: float,
+        of_rates: Floats,
+        of_place: Floats,
+        w: Floats,
+        b: Floats,
+        given: _Prior,
+    ) -> _Prior:
+        """The prior under which the marks that burn are the most likely."""
+        burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
+        if np.count_nonzero(burning) < 3:
+            return given
+        y, sd2 = b[burning] / w[burning], 1.0 / w[burning]
+        scaled = of_rates[burning] * fire.rates_sd
+        rest = scaled @ scaled.T + np.diag(sd2)
+        found = []
+        for length in LENGTHS:
+            prior = _prior(fire.rates_sd, field, 1.0, length * diagonal_m)
+            place = prior.white(of_rates[burning], of_place[burning])[:, len(fire.rates_sd) :]
+            k_place = place @ place.T
+            for sd in FIELD_SDS:
+                factor, _ = cho_factor(rest + sd**2 * k_place, lower=True, check_finite=False)
+                half = solve_triangular(factor, y, lower=True, check_finite=False)
+                score = -0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+                found.append((score, prior._replace(sd=sd)))
+        return max(found, key=lambda one: one[0])[1]
+
+
+def _same_place(one: Field, other: Field) -> bool:
+    """Whether the nodes of two fields are the same."""
+    return one.slower.shape == other.slower.shape and one[:3] == other[:3]
+
+
+def _rates_slopes(fire: Ratable, points: Floats, ways: Ways) -> Floats:
+    """Of ln of the time along the way by further rates (n, k)."""
+    found = np.empty((len(points), len(fire.rates_sd)))
+    before_s = np.maximum(ways.takes_s, 1.0)
+    for number in range(found.shape[1]):
+        step = np.where(np.arange(found.shape[1]) == number, SMALL_RATE, 0.0)
+        other_s = fire.rated(step).ignition_time_s(points) - ways.lit_s
+        with np.errstate(invalid="ignore"):
+            found[:, number] = np.log(np.maximum(other_s, 1.0) / before_s) / SMALL_RATE
+    return found
+
+
+def _empty_field(places: Floats) -> tuple[Field, float]:
+    """Around places (k, 2), and their diagonal in metres."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    diagonal_m = max(float(np.hypot(*(high - low))), SMALLEST_M)
+    margin_m = 2.0 * LENGTHS[1] * diagonal_m
+    low, high = low - margin_m, high + margin_m
+    apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)
+    cols, rows = (int(count) for count in np.ceil((high - low) / apart_m) + 1)
+    return Field(float(low[0]), float(low[1]), apart_m, np.ones((rows, cols))), diagonal_m
+
+
+def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior:
+    rows, cols = (_factor(count, field.apart_m / length_m) for count in field.slower.shape)
+    return _Prior(sd, length_m, rates_sd, rows, cols)
+
+
+def _factor(count: int, apart: float) -> Floats:
+    """Cholesky factor of a squared exponential between places in a row, ``apart`` lengths."""
+    at = np.arange(count) * apart
+    squares = np.square(at[:, None] - at)
+    return np.asarray(np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count)), np.float64)
+
+
+def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
+    r = (y - f) / sd
+    each = -0.5 * (TAIL + 1.0) * np.log1p(r * r / TAIL) - np.log(sd)
+    each = np.where(state == BURNED, log_ndtr(r), each)
+    return float(np.where(state == UNBURNED, log_ndtr(-r), each).sum())
+
+
+def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
+    """Of each mark's log likelihood at f: curvature w, and w f + slope.
+
+    Of Student's t the curvature is that of the Gaussian which touches it at f.
+    """
+    r = y - f
+    w = (TAIL + 1.0) / (TAIL * sd * sd + r * r)
+    b = w * y
+    for kind, sign in ((BURNED, 1.0), (UNBURNED, -1.0)):
+        these = state == kind
+        z = sign * r[these] / sd[these]
+        ratio = np.exp(-0.5 * z * z - 0.5 * math.log(2.0 * math.pi) - log_ndtr(z))
+        w[these] = np.maximum(ratio * (z + ratio), 1e-6) / sd[these] ** 2
+        b[these] = w[these] * f[these] - sign * ratio / sd[these]
+    return w, b
+
+
+def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """(f, alpha), f = k alpha, where the Gaussian prior k meets b - w f."""
+    root = np.sqrt(w)
+    inner = np.eye(len(w)) + root[:, None] * k * root
+    factor = cho_factor(inner, lower=True, check_finite=False)
+    alpha = b - root * cho_solve(factor, root * (k @ b), check_finite=False)
+    return k @ alpha, alpha

@@ -1,0 +1,1 @@
+"""Fire as ellipses from points and lines, for many ignitions at once."""

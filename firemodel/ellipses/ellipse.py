@@ -1,0 +1,232 @@
+"""A fire as ellipses that grow from points, whose time of ignition is known anywhere at once.
+
+Section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and Ignitions"), with its
+eqs. 1 and 2 set right: after a time t the ellipse of a point ignition spans from ``-back t`` to
+``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same
+everywhere and the ground is level. Lines are series of points (``line_sources``).
+
+With wind that changes, each point of the front starts an ellipse of its own (Huygens), so that the
+burned area is the Minkowski sum of the periods' ellipses. A place d from the source is in it once,
+for every direction n, d·n <= Σ τ_i h_i(n), with τ_i the time spent in a period and h_i the support
+function of its ellipse. So the place ignites at the greatest, over n, of the times at which both
+sides are equal: each a closed form, with one maximum over n (``ellipse_kernels.reach``).
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.ellipses.kernels import Bounds, changing, steady, to_plane
+from firemodel.ellipses.tiles import Tiles, check_finite, tiles_of
+from firemodel.errors import FireModelError
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
+from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
+
+TILE = 64  # points
+DIRECTIONS = 12  # in which a source may be seen to come too late
+
+Floats = NDArray[np.float64]
+Places = NDArray[np.int32]
+
+
+class Spread(NamedTuple):
+    """How a fire spreads from ``from_s`` on: m/s with, against and across the wind.
+
+    ``toward_rad`` is where the wind blows to, anticlockwise from the grid's east.
+    """
+
+    from_s: float
+    head_m_s: float
+    back_m_s: float
+    flank_m_s: float
+    toward_rad: float
+
+
+def spreads_of(
+    fuel: int, weather: WeatherStream, grid_convergence_deg: float = 0.0
+) -> tuple[Spread, ...]:
+    """Rothermel's rates of one fuel model on level ground, for each change of the weather.
+
+    Section IV: back and flank spread as the head does without wind. The wind at 20 ft is brought
+    down to the flames as for fuel not under trees. Raises FireModelError for an unknown fuel.
+    """
+    if fuel not in FUEL_MODELS:
+        raise FireModelError(
+            f"fuel model {fuel}: unknown; give one of Anderson's or Scott & Burgan's"
+        )
+    model = FUEL_MODELS[fuel]
+    factor = float(wind_adjustment_factor(model.depth_ft))
+    found = []
+    for entry in weather.changes():
+        bed = fuel_bed(model, entry.moisture)
+        still_m_s = bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
+        wind_ft_min = entry.wind_speed_m_s * factor * FT_MIN_PER_M_S
+        head_m_s = still_m_s * (1.0 + float(wind_factor(bed, wind_ft_min)))
+        toward_deg = 90.0 - (entry.wind_from_deg + 180.0 - grid_convergence_deg)
+        toward_rad = math.radians(toward_deg % 360.0)
+        found.append(Spread(entry.at_s, head_m_s, still_m_s, still_m_s, toward_rad))
+    return tuple(found)
+
+
+def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
+    """A line (n, 2) x, y as sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
+
+    Corners are sources. ``at_s`` is one time, or one for each corner (n,) of a line lit as
+    somebody walks. Midway between two sources the front is behind that of a line by about
+    s²/(8 r) where it has come r to the sides of each (r is ``flank_m_s`` times the time): 3 % of r
+    at r = 2 s; before r = s/2 the two have not met. Raises FireModelError for no points or no
+    spacing.
+    """
+    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+    if len(points) == 0 or not spacing_m > 0.0:
+        raise FireModelError(
+            f"line of {len(points)} points, spacing {spacing_m} m: give a point and more than 0 m"
+        )
+    times = np.broadcast_to(np.asarray(at_s, dtype=np.float64), len(points))
+    corners = np.column_stack([points, times])
+    parts = [corners[:1]]
+    for one, other in pairwise(corners):
+        count = math.ceil(math.hypot(*(other - one)[:2]) / spacing_m - 1e-9)
+        parts.append(one + (other - one) * (np.arange(1, count + 1) / max(count, 1))[:, None])
+    return np.concatenate(parts)
+
+
+class EllipseFire:
+    """Point ignitions ``sources`` (m, 3) x, y, at_s that burn as ``spreads`` say; may be none.
+
+    The first spread also holds before its time. A source lit inside the burned area adds nothing.
+    """
+
+    def __init__(self, spreads: Sequence[Spread], sources: Floats) -> None:
+        """Raises FireModelError for rates, times or places that cannot be."""
+        self.spreads = tuple(spreads)
+        self.sources = _checked(sources)
+        self._table = _table(self.spreads)
+
+    def lit(self, sources: Floats) -> "EllipseFire":
+        """The same fire with more sources (k, 3)."""
+        more = EllipseFire.__new__(EllipseFire)
+        more.spreads, more._table = self.spreads, self._table
+        more.sources = np.concatenate([self.sources, _checked(sources)])
+        return more
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        """When fire comes to each point (n, 2) x, y: (n,) s, infinity for never."""
+        return self.arrivals(points_m, with_sources=False)[0]
+
+    def sources_of(self, points_m: Floats) -> Places:
+        """From which source fire first comes to each point (n, 2): (n,), -1 for never."""
+        return self.arrivals(points_m, with_sources=True)[1]
+
+    def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
+        """Both: ``ignition_time_s`` and, unless they are not asked for (empty), ``sources_of``."""
+        points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
+        sources = self.sources
+        if one:
+            matrix, e = _plane(self.spreads[0])
+            origin = sources[0] if len(sources) else np.zeros(2)
+            points, given = np.empty_like(points), points
+            check_finite(given, to_plane(given, origin, matrix, points))
+            sources = sources.copy()
+            to_plane(self.sources, origin, matrix, sources)
+        tiles = tiles_of(points, TILE)
+        count, most = len(sources), tiles.levels + 1
+        best_s = np.full(len(tiles.x), np.inf)
+        first = np.full(len(tiles.x) if with_sources else 0, -1, dtype=np.int32)
+        kept = np.empty((most, count), dtype=np.int32)
+        kept[0] = np.arange(count)
+        counts, at = np.full(most, count), np.full(most, -1)
+        if count == 0:
+            pass
+        elif one:
+            steady(sources, e, tiles, kept, counts, at, np.empty(count), best_s, first)
+        else:
+            lit_in = np.searchsorted(self._table[:, 0], sources[:, 2], side="right") - 1
+            lit_in = np.maximum(lit_in, 0)
+            bounds = _bounds(self._table, sources[:, 2], lit_in)
+            changing(
+                *(sources, lit_in, self._table, bounds, tiles, kept, counts, at),
+                *(np.zeros((count, 2)), best_s, first),
+            )
+        return _in_order(best_s, tiles), _in_order(first, tiles) if with_sources else first
+
+
+def _checked(sources: Floats) -> Floats:
+    given = np.asarray(sources, dtype=np.float64)
+    if given.size == 0:
+        return np.empty((0, 3))
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise FireModelError(f"sources are {given.shape}; they must be (count, 3): x, y, at_s")
+    wrong = ~np.isfinite(given).all(axis=1)
+    if wrong.any():
+        place = int(np.argmax(wrong))
+        raise FireModelError(
+            f"source {place}: x, y, at_s = {given[place].tolist()}; all must be finite"
+        )
+    return np.ascontiguousarray(given)
+
+
+def _table(spreads: Sequence[Spread]) -> Floats:
+    """(changes, 6): from_s, centre x, y in m/s, and Q (xx, xy, yy) with h(n) = c·n + √(n·Qn)."""
+    if not spreads:
+        raise FireModelError("no spreads; give at least one")
+    rows: list[tuple[float, ...]] = []
+    for number, spread in enumerate(spreads):
+        rates = spread[1:4]
+        alike = all(rate > 0.0 for rate in rates) or all(rate == 0.0 for rate in rates)
+        if not alike or not all(map(math.isfinite, spread)):
+            raise FireModelError(
+                f"spread {number}: {spread}: rates must be positive, or all 0 where nothing burns"
+            )
+        if rows and not spread.from_s > rows[-1][0]:
+            raise FireModelError(f"spread {number}: from_s = {spread.from_s} is not after the last")
+        cos, sin = math.cos(spread.toward_rad), math.sin(spread.toward_rad)
+        centre = (spread.head_m_s - spread.back_m_s) / 2.0
+        long2, wide2 = ((spread.head_m_s + spread.back_m_s) / 2.0) ** 2, spread.flank_m_s**2
+        rows.append(
+            (
+                *(spread.from_s, centre * cos, centre * sin),
+                *(long2 * cos * cos + wide2 * sin * sin, (long2 - wide2) * cos * sin),
+                long2 * sin * sin + wide2 * cos * cos,
+            )
+        )
+    return np.array([row for k, row in enumerate(rows) if not k or row[1:] != rows[k - 1][1:]])
+
+
+def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
+    """For sources lit at these times, in these periods."""
+    angles = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
+    nx, ny = np.cos(angles), np.sin(angles)
+    from_s, cx, cy, xx, xy, yy = table.T[:, :, None]
+    speeds = cx * nx + cy * ny + np.sqrt(xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny)
+    begins_m = np.zeros_like(speeds)
+    np.cumsum(speeds[:-1] * np.diff(from_s, axis=0), axis=0, out=begins_m[1:])
+    lit_m = begins_m[lit_in] + speeds[lit_in] * (lit_s[:, None] - from_s[lit_in])
+    last = np.zeros(len(lit_s), dtype=np.int64)
+    return Bounds(np.column_stack([nx, ny]), speeds, begins_m, lit_m, np.empty(DIRECTIONS), last)
+
+
+def _in_order(found: Any, tiles: Tiles) -> Any:
+    """Back from the order of the tiles to that of the points."""
+    given = np.empty_like(found)
+    given[tiles.order] = found
+    return given
+
+
+def _plane(spread: Spread) -> tuple[Floats, float]:
+    """A matrix to multiply x, y with from the right, and e: the time from a source is |d| - e d_x.
+
+    That solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across.
+    """
+    a, b = (spread.head_m_s + spread.back_m_s) / 2.0, spread.flank_m_s
+    e = (spread.head_m_s - spread.back_m_s) / (2.0 * a)
+    k = spread.head_m_s * spread.back_m_s / (a * a)  # 1 - e²
+    cos, sin = math.cos(spread.toward_rad), math.sin(spread.toward_rad)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    return turn / (a * k, b * math.sqrt(k)), e

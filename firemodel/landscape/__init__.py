@@ -1,0 +1,1 @@
+"""Landscapes: grids of terrain and fuel, and the files they are read from."""

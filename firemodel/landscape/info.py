@@ -1,0 +1,286 @@
+"""What is in a file of rasters or shapes, and everything that is wrong with it."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pyproj import Transformer
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape, crs_label
+from firemodel.landscape.readers.bands import (
+    Band,
+    band_of,
+    bands_of,
+    cells_with,
+    grid_of,
+    grid_problems,
+    missing_in,
+    values_of,
+)
+from firemodel.landscape.readers.layers import (
+    LAYERS,
+    layer_of,
+    unit_of,
+    unit_problems,
+    value_problems,
+)
+from firemodel.landscape.readers.rasters import Sources, bands_for, gaps, misfits
+from firemodel.landscape.readers.shapes import (
+    crs_problems,
+    features_of,
+    into_crs,
+    place_problems,
+    shape_problems,
+)
+from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
+
+Description = dict[str, Any]
+
+USUAL_NODATA = (-9999, -32768)
+
+
+def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
+    """``describe_rasters`` or ``describe_shapes``, whichever the file can be read as."""
+    try:
+        bands_of(path)
+    except FireModelError as not_raster:
+        try:
+            features_of(path)
+        except FireModelError as not_shapes:
+            problems = dict.fromkeys([str(not_raster), str(not_shapes)])
+            return {"file": str(path), "kind": "unknown", "problems": list(problems)}
+        return describe_shapes(path, crs=crs)
+    return describe_rasters(path, crs=crs, nodata=nodata)
+
+
+def describe_rasters(
+    files: Sources,
+    *,
+    units: Mapping[str, str] | None = None,
+    crs: str | None = None,
+    nodata: float | None = None,
+) -> Description:
+    """What is in the rasters of a landscape, or in one file; arguments as of ``read_landscape``.
+
+    ``file``, ``kind``, ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's unit), ``extent``
+    (south, west, north, east in degrees) of the first band; ``bands``, each with file, number,
+    layer, dtype, unit, nodata, least, most, no_data_cells and, of fuel codes, ``fuels``: (code,
+    name, percent of the cells with a value) and non_burnable_pct; and ``problems``: a line for
+    each thing that ``read_landscape`` would refuse.
+    """
+    problems: list[str] = []
+    pairs = _layers_and_bands(files, problems)
+    found: Description = {"file": _name(files), "kind": "raster"}
+    if pairs:
+        found |= _place_of(pairs[0][1], crs)
+    problems += _grid_problems([band for _, band in pairs], crs)
+    problems += unit_problems([layer for layer, _ in pairs], units or {})
+    found["bands"] = [
+        _band_in_words(layer, band, units or {}, nodata, problems) for layer, band in pairs
+    ]
+    return {**found, "problems": list(dict.fromkeys(problems))}
+
+
+def describe_shapes(
+    path: Path, *, crs: str | None = None, landscape: Landscape | None = None
+) -> Description:
+    """What is in a file of shapes, and whether it is usable on a landscape.
+
+    ``file``, ``kind``, ``crs``, ``features`` (how many), ``types`` (how many of each), ``extent``
+    (south, west, north, east in degrees), ``problems``: a line for each thing that ``read_shapes``
+    would refuse.
+    """
+    found: Description = {"file": str(path), "kind": "shapes"}
+    problems: list[str] = []
+    read = _kept(problems, features_of, path)
+    if read is None:
+        return {**found, "problems": problems}
+    shapes, own_crs = read
+    problems += crs_problems(path, own_crs, crs)
+    if not shapes:
+        problems.append(f"{path}: has no features; give a file with at least one")
+    their_crs = own_crs or crs if not problems else None
+    for number, shape in enumerate(shapes, start=1):
+        wrong = list(shape_problems(path, number, shape, their_crs))
+        if landscape is not None and their_crs is not None and not wrong:
+            moved = into_crs(shape, their_crs, landscape.crs)
+            wrong = list(place_problems(path, number, moved, landscape))
+        problems += wrong
+    return {
+        **found,
+        "crs": their_crs and crs_label(their_crs),
+        "features": len(shapes),
+        "types": dict(Counter(_type(shape) for shape in shapes)),
+        "extent": _extent(tuple(shapely.total_bounds(shapes)), their_crs) if shapes else None,
+        "problems": problems,
+    }
+
+
+def _type(shape: BaseGeometry) -> str:
+    return "empty" if shape.is_empty else str(shape.geom_type)
+
+
+def in_text(found: Description) -> str:
+    """A description as lines to print, the problems last."""
+    lines = [f"{found['file']}: {found['kind']}"]
+    if found.get("crs"):
+        lines.append(f"  CRS {found['crs']}")
+    if "rows" in found:
+        lines.append(
+            f"  {found['rows']} rows x {found['cols']} columns, cells of {found['cell_size']:g}"
+        )
+    if found.get("extent"):
+        south, west, north, east = found["extent"]
+        lines.append(f"  lat {south:.5f} to {north:.5f}, lon {west:.5f} to {east:.5f}")
+    if "features" in found:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in found["types"].items())
+        count = found["features"]
+        lines.append(f"  {count} feature{'s' * (count != 1)}{kinds and ': '}{kinds}")
+    for band in found.get("bands", []):
+        lines += _band_lines(band)
+    lines += [f"  problem: {problem}" for problem in found["problems"]] or ["  no problems"]
+    return "\n".join(lines)
+
+
+def _band_lines(band: Description) -> Iterator[str]:
+    unit = f" in {band['unit']}" if band["unit"] else ""
+    nodata = "no nodata value" if band["nodata"] is None else f"nodata {band['nodata']:g}"
+    yield (
+        f"  band {band['number']} of {Path(band['file']).name}: {band['layer'] or 'unnamed'}, "
+        f"{band['dtype']}, {band['least']} to {band['most']}{unit}, {nodata}, "
+        f"{band['no_data_cells']} cells without a value"
+    )
+    if "fuels" in band:
+        if not band["layer"]:
+            yield "    if these are fuel codes:"
+        for code, name, percent in band["fuels"]:
+            yield f"    {code:>4} {percent:5.1f} % {name}"
+        yield f"    non-burnable {band['non_burnable_pct']:.1f} %"
+
+
+def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
+    """What a function gives; None, with its error among the problems, if it refuses."""
+    try:
+        return function(*arguments)
+    except FireModelError as error:
+        problems.append(str(error))
+        return None
+
+
+def _name(files: Sources) -> str:
+    if isinstance(files, Path):
+        return str(files)
+    paths = (source[0] if isinstance(source, tuple) else source for source in files.values())
+    return ", ".join(dict.fromkeys(map(str, paths)))
+
+
+def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
+    """Each band with its layer; no layer where a file does not say."""
+    if isinstance(files, Path):
+        bands = _kept(problems, bands_of, files) or ()
+        if len(bands) > 1:
+            _kept(problems, bands_for, files)
+        return [(layer_of(band.description)[0], band) for band in bands]
+    pairs = [(layer, _kept(problems, band_of, source)) for layer, source in files.items()]
+    if not problems:
+        _kept(problems, bands_for, files)
+    return [(layer if layer in LAYERS else "", band) for layer, band in pairs if band is not None]
+
+
+def _grid_problems(bands: list[Band], crs: str | None) -> Iterator[str]:
+    """What is wrong with each grid, or else what is different from the first good one."""
+    first: Band | None = None
+    for band in bands:
+        wrong = list(grid_problems(band, crs))
+        yield from wrong
+        if wrong:
+            continue
+        first = first or band
+        yield from misfits(band, grid_of(band, crs), grid_of(first, crs), str(first.path))
+
+
+def _place_of(band: Band, crs: str | None) -> Description:
+    from rasterio.transform import array_bounds
+
+    rows, cols = band.shape
+    bounds = array_bounds(rows, cols, band.transform)
+    found = band.crs or crs
+    return {
+        "crs": found and crs_label(found),
+        "rows": rows,
+        "cols": cols,
+        "cell_size": band.transform.a,
+        "extent": _extent(bounds, found),
+    }
+
+
+def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, float, float] | None:
+    """South, west, north, east in degrees of west, south, east, north in a CRS."""
+    if crs is None or not np.isfinite(bounds).all():
+        return None
+    transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    west, south, east, north = bounds
+    west, south, east, north = transformer.transform_bounds(west, south, east, north)
+    return south, west, north, east
+
+
+def _band_in_words(
+    layer: str,
+    band: Band,
+    units: Mapping[str, str],
+    nodata: float | None,
+    problems: list[str],
+) -> Description:
+    unit = _kept(problems, unit_of, layer, band, units) if layer else band.unit
+    found: Description = {
+        "file": str(band.path),
+        "number": band.number,
+        "layer": layer,
+        "dtype": band.dtype,
+        "unit": unit,
+        "nodata": band.nodata,
+        "least": None,
+        "most": None,
+        "no_data_cells": None,
+    }
+    values = _kept(problems, values_of, band)
+    if values is None:
+        return found
+    missing = missing_in(band, values, nodata)
+    if layer and unit is not None:
+        problems += value_problems(layer, unit, band, values, missing)
+    found["no_data_cells"] = int(np.count_nonzero(missing))
+    present = values[~missing]
+    if present.size:
+        found |= {"least": present.min().item(), "most": present.max().item()}
+        found |= _fuels(present, layer)
+    if layer or "fuels" in found:
+        problems += gaps(band, values, missing)
+    elif found["least"] in USUAL_NODATA:
+        problems.append(
+            f"{band.name}: {cells_with(values == found['least'], values)} looks like no data, and "
+            "the file does not say so; declare it there, or give it as nodata"
+        )
+    return found
+
+
+def _fuels(present: NDArray[Any], layer: str) -> Description:
+    """Share of each code, of the fuel layer or of a nameless band that holds nothing but codes."""
+    names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
+    if layer not in ("fuel", "") or not np.issubdtype(present.dtype, np.integer):
+        return {}
+    found, counts = np.unique(present, return_counts=True)
+    codes = found.tolist()
+    if len(codes) > 2 * len(names) or not (layer or set(codes) <= set(names)):
+        return {}
+    percents = dict(zip(codes, (100.0 * counts / present.size).tolist(), strict=True))
+    return {
+        "fuels": [(code, names.get(code, "unknown"), percents[code]) for code in codes],
+        "non_burnable_pct": sum(percents.get(code, 0.0) for code in NON_BURNABLE),
+    }

@@ -1,0 +1,277 @@
+"""Georeferenced rasters (y, x), row 0 in the north: fuel, ground and trees."""
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.physics.fuels import check_codes
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
+
+Floats = NDArray[np.float64]
+
+LARGEST_M = 9000.0  # an elevation beyond is a unit or a nodata value gone wrong
+TALLEST_TREE_M = 120.0
+STEEPEST = 1000.0  # rise over run
+ROWS_AT_ONCE = 256
+
+
+@lru_cache(maxsize=8)
+def transformers(crs: str) -> "tuple[Transformer, Transformer]":
+    """From a CRS to WGS84 (longitude, latitude) and back."""
+    from pyproj import Transformer
+
+    return (
+        Transformer.from_crs(crs, "EPSG:4326", always_xy=True),
+        Transformer.from_crs("EPSG:4326", crs, always_xy=True),
+    )
+
+
+@lru_cache(maxsize=8)
+def check_crs(crs: str, where: str) -> None:
+    """Raise FireModelError unless ``crs`` names a projection in metres."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        found = CRS.from_user_input(crs)
+    except CRSError as error:
+        raise FireModelError(f"{where}: CRS {crs!r} is not known: {error}") from None
+    if not found.is_projected or found.axis_info[0].unit_name != "metre":
+        raise FireModelError(
+            f"{where}: CRS {crs_label(crs)} is not a projection in metres; "
+            "reproject it, to UTM for example"
+        )
+
+
+def crs_label(crs: str) -> str:
+    """A CRS in few words: its code if it is given by one, else its name."""
+    from pyproj import CRS
+
+    return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
+
+
+def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
+    """Rise per metre towards north and towards east, (2, y, x), from elevation (y, x).
+
+    Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); beyond the edge
+    the ground goes on level. Reckoned in float64, some rows at a time to stay small.
+    """
+    rows, cols = elevation_m.shape
+    padded = np.pad(elevation_m, 1, mode="edge")
+    gradient = np.empty((2, rows, cols), dtype=np.float32)
+    for top in range(0, rows, ROWS_AT_ONCE):
+        z = padded[top : top + ROWS_AT_ONCE + 2].astype(np.float64)
+        here = slice(top, top + ROWS_AT_ONCE)
+        across = z[:, :-2] + 2 * z[:, 1:-1] + z[:, 2:]
+        gradient[0, here] = (across[:-2] - across[2:]) / (8 * cell_size_m)
+        down = z[:-2] + 2 * z[1:-1] + z[2:]
+        gradient[1, here] = (down[:, 2:] - down[:, :-2]) / (8 * cell_size_m)
+    return gradient
+
+
+@dataclass(frozen=True, eq=False)
+class Landscape:
+    """A grid of square cells in a projected CRS in metres.
+
+    ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
+    with row 0 in the north: fuel codes (see ``fuels``), metres above sea level, and, where there
+    are trees, the share of the sky they cover (0 to 1), their height and the height of their lowest
+    branches in metres. ``gradient`` is (2, y, x): rise per metre towards north and towards east;
+    where it is not given it comes from the elevation (see ``horn``), and where it is given there
+    may be no elevation. Positions in the grid are float (row, col) with whole numbers at the
+    centres of cells, so ``round`` gives the cell. Positions and coordinates may be scalars or
+    arrays.
+    """
+
+    crs: str
+    west_m: float
+    north_m: float
+    cell_size_m: float
+    fuel_model: NDArray[np.int16]
+    elevation_m: NDArray[np.float32] | None
+    gradient: NDArray[np.float32] = None  # type: ignore[assignment]  # filled in if not given
+    canopy_cover: NDArray[np.float32] | None = None
+    canopy_height_m: NDArray[np.float32] | None = None
+    canopy_base_m: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        """Raises FireModelError naming what cannot be."""
+        if self.fuel_model.ndim != 2 or self.fuel_model.size == 0:
+            raise FireModelError(
+                f"landscape: fuel is {self.fuel_model.shape} cells; it must be (rows, columns)"
+            )
+        if not 0.0 < self.cell_size_m < math.inf:
+            raise FireModelError(f"landscape: cell_size_m = {self.cell_size_m} must be positive")
+        check_crs(self.crs, "landscape")
+        check_codes(self.fuel_model, "landscape")
+        self._check_layer("elevation", self.elevation_m, -LARGEST_M, LARGEST_M)
+        self._check_layer("canopy cover", self.canopy_cover, 0.0, 1.0)
+        self._check_layer("canopy height", self.canopy_height_m, 0.0, TALLEST_TREE_M)
+        self._check_layer("canopy base", self.canopy_base_m, 0.0, TALLEST_TREE_M)
+        if self.gradient is not None:
+            gradient = np.ascontiguousarray(self.gradient, dtype=np.float32)
+            if gradient.shape != (2, *self.shape):
+                raise FireModelError(
+                    f"landscape: gradient is {gradient.shape}, must be {(2, *self.shape)}: "
+                    "towards north and towards east"
+                )
+            self._check_layer("gradient towards north", gradient[0], -STEEPEST, STEEPEST)
+            self._check_layer("gradient towards east", gradient[1], -STEEPEST, STEEPEST)
+        elif self.elevation_m is not None:
+            gradient = horn(self.elevation_m, self.cell_size_m)
+        else:
+            raise FireModelError("landscape: neither elevation nor gradient; give one of them")
+        object.__setattr__(self, "gradient", gradient)
+
+    def _check_layer(
+        self, name: str, layer: NDArray[np.float32] | None, least: float, most: float
+    ) -> None:
+        if layer is None:
+            return
+        if layer.shape != self.shape:
+            raise FireModelError(
+                f"landscape: fuel is {self.shape} cells, {name} {layer.shape}; "
+                "both must be (rows, columns) of the same size"
+            )
+        within = (layer >= least) & (layer <= most)  # not so for NaN
+        if not within.all():
+            row, col = divmod(int(np.argmin(within)), self.shape[1])
+            raise FireModelError(
+                f"landscape: {name} is {layer[row, col]} at row {row}, column {col}; "
+                f"it must be from {least:g} to {most:g}"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        rows, cols = self.fuel_model.shape
+        return rows, cols
+
+    @property
+    def slope_tan(self) -> Floats:
+        """Slope as rise over run (y, x); worked out anew each time, as ``aspect_deg`` is."""
+        north, east = self.gradient
+        slope: Floats = np.hypot(north, east, dtype=np.float64)
+        return slope
+
+    @property
+    def aspect_deg(self) -> Floats:
+        """Direction in which the ground falls, clockwise from north (y, x)."""
+        north, east = self.gradient
+        falls: Floats = np.arctan2(-east, -north, dtype=np.float64)
+        return np.rad2deg(falls) % 360.0
+
+    @cached_property
+    def grid_convergence_deg(self) -> float:
+        """Direction of the grid's north at the middle of it, clockwise from true north."""
+        from pyproj import Proj
+
+        rows, cols = self.shape
+        lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
+        return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
+
+    def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
+        """Projected x, y in metres of grid positions."""
+        return (
+            self.west_m + (col + 0.5) * self.cell_size_m,
+            self.north_m - (row + 0.5) * self.cell_size_m,
+        )
+
+    def row_col_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
+        """Grid position (float row, col) of projected coordinates."""
+        return (
+            (self.north_m - y_m) / self.cell_size_m - 0.5,
+            (x_m - self.west_m) / self.cell_size_m - 0.5,
+        )
+
+    def lat_lon_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
+        """WGS84 latitude and longitude in degrees."""
+        lon, lat = transformers(self.crs)[0].transform(x_m, y_m)
+        return lat, lon
+
+    def xy_of_lat_lon(self, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
+        """Projected x, y in metres of WGS84 coordinates."""
+        x_m, y_m = transformers(self.crs)[1].transform(lon_deg, lat_deg)
+        return x_m, y_m
+
+    def xy_of_places(self, places: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
+        """Projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
+        lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
+        return np.column_stack(self.xy_of_lat_lon(lat, lon))
+
+    def contains(self, x_m: float, y_m: float) -> bool:
+        """Whether a point lies on the grid."""
+        row, col = self.row_col_of(x_m, y_m)
+        return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
+
+    def elevation_at(self, x_m: Any, y_m: Any) -> Any:
+        """Elevation between cell centres (bilinear); outside the grid that of its edge.
+
+        Raises FireModelError if the landscape has none.
+        """
+        z = self.elevation_m
+        if z is None:
+            raise FireModelError(
+                "this landscape has no elevation; give an elevation raster along with slope and "
+                "aspect"
+            )
+        row, col = self.row_col_of(x_m, y_m)
+        row = np.clip(row, 0.0, self.shape[0] - 1.0)
+        col = np.clip(col, 0.0, self.shape[1] - 1.0)
+        top = np.minimum(row.astype(np.int64), self.shape[0] - 2)
+        left = np.minimum(col.astype(np.int64), self.shape[1] - 2)
+        down, right = row - top, col - left
+        north = z[top, left] * (1 - right) + z[top, left + 1] * right
+        south = z[top + 1, left] * (1 - right) + z[top + 1, left + 1] * right
+        return north * (1 - down) + south * down
+
+    def transform(self) -> Any:
+        """The affine.Affine from (column, row) of cell corners to x, y, as rasterio takes it."""
+        from rasterio import Affine
+
+        return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)
+
+    def digest(self) -> str:
+        """SHA-256 of everything that makes this landscape.
+
+        The gradient counts only where it is not what the elevation says by itself.
+        """
+        sha = hashlib.sha256(
+            repr(
+                (
+                    self.crs,
+                    float(self.west_m),
+                    float(self.north_m),
+                    float(self.cell_size_m),
+                    self.shape,
+                )
+            ).encode()
+        )
+        sha.update(self.fuel_model.astype("<i2").tobytes())
+        elevation = self.elevation_m
+        layers = {
+            "elevation": elevation,
+            "gradient": self.gradient,
+            "canopy cover": self.canopy_cover,
+            "canopy height": self.canopy_height_m,
+            "canopy base": self.canopy_base_m,
+        }
+        if elevation is not None and np.array_equal(
+            self.gradient, horn(elevation, self.cell_size_m)
+        ):
+            del layers["gradient"]
+        for name, layer in layers.items():
+            if layer is not None:
+                # Elevation has no name here, so that landscapes recorded earlier keep their digest.
+                sha.update(b"" if name == "elevation" else name.encode())
+                sha.update(layer.astype("<f4").tobytes())
+        return sha.hexdigest()

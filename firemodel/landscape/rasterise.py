@@ -1,0 +1,141 @@
+"""From geometries to cells: where a fire is lit, and barriers that it cannot slip through."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import NON_BURNABLE
+
+Floats = NDArray[np.float64]
+
+BARE_GROUND = 99
+SHORTEST = 1e-12  # part of a segment
+
+
+def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
+    """Cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
+
+    Of a point the cell it lies in; of a line all cells it crosses, in a chain joined by sides; of a
+    polygon those whose centre is inside, or one cell inside if it is too small to have any. What
+    lies off the grid is left out.
+    """
+    touched = np.zeros(landscape.shape, dtype=np.bool_)
+    for part in _parts(geometries):
+        if part.geom_type == "Polygon":
+            _mark_polygon(part, landscape, touched)
+        elif part.geom_type == "Point":
+            _mark(_col_row(part, landscape), touched)
+        else:
+            _mark_line(part, landscape, touched)
+    return np.argwhere(touched).astype(np.int32)
+
+
+def with_barriers(
+    landscape: Landscape, geometries: Iterable[BaseGeometry], code: int = BARE_GROUND
+) -> Landscape:
+    """The landscape with a fuel code that does not burn in all cells that geometries touch.
+
+    Lines are closed to spread in any direction, since their cells are joined by sides. Of polygons
+    the outline counts as well, so that a river narrower than a cell holds as a line does.
+
+    Raises FireModelError if the code burns.
+    """
+    if code not in NON_BURNABLE:
+        known = ", ".join(map(str, NON_BURNABLE))
+        raise FireModelError(f"barriers: fuel code {code} burns; give one of {known}")
+    shapes = list(geometries)
+    outlines = [part.boundary for part in _parts(shapes) if part.geom_type == "Polygon"]
+    fuel = landscape.fuel_model.copy()
+    fuel[tuple(cells_of([*shapes, *outlines], landscape).T)] = code
+    return replace(landscape, fuel_model=fuel)
+
+
+def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
+    """Points, lines and polygons, out of collections too."""
+    for geometry in geometries:
+        if hasattr(geometry, "geoms"):
+            yield from _parts(geometry.geoms)
+        elif not geometry.is_empty:
+            yield geometry
+
+
+def _col_row(geometry: BaseGeometry, landscape: Landscape) -> Floats:
+    """Vertices (n, 2) as column and row from the grid's corner, so that their floor is the cell."""
+    x_m, y_m = shapely.get_coordinates(geometry).T
+    row, col = landscape.row_col_of(x_m, y_m)
+    return np.stack([col + 0.5, row + 0.5], axis=1)
+
+
+def _mark(col_row: Floats, touched: NDArray[np.bool_]) -> None:
+    col, row = np.floor(col_row).astype(np.int64).T
+    on = (row >= 0) & (row < touched.shape[0]) & (col >= 0) & (col < touched.shape[1])
+    touched[row[on], col[on]] = True
+
+
+def _mark_polygon(polygon: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
+    from rasterio import Affine
+    from rasterio.features import rasterize
+
+    vertices = _col_row(polygon, landscape)
+    size = touched.shape[::-1]
+    west, north = np.clip(np.floor(vertices.min(axis=0)).astype(int), 0, size)
+    east, south = np.clip(np.ceil(vertices.max(axis=0)).astype(int), 0, size)
+    if west == east or north == south:
+        return  # off the grid
+    cell_m = landscape.cell_size_m
+    west_m, north_m = landscape.west_m + west * cell_m, landscape.north_m - north * cell_m
+    inside = rasterize(
+        [polygon],
+        out_shape=(south - north, east - west),
+        transform=Affine(cell_m, 0.0, west_m, 0.0, -cell_m, north_m),
+        dtype=np.uint8,
+    )
+    touched[north:south, west:east] |= inside > 0
+    if not inside.any():
+        _mark(_col_row(polygon.representative_point(), landscape), touched)
+
+
+def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
+    """The cells of every segment, and those that join two which meet in a corner only."""
+    rows, cols = touched.shape
+    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # spares walking far off the grid
+    for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
+        vertices = shapely.get_coordinates(part)
+        chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
+        joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # a side neighbour of both
+        _mark(chain, touched)
+        _mark(joints, touched)
+
+
+def _steps(vertices: Floats) -> Floats:
+    """A point in each cell along segments (n, 2), in order, all vertices among them (m, 2).
+
+    The lines between columns and rows cut each segment into pieces; each lies in one cell. The
+    vertices are there so that lines which share one share its cell, even where it lies on an edge.
+    """
+    start, way = vertices[:-1], np.diff(vertices, axis=0)
+    numbers = np.arange(len(way))
+    segment = [numbers, numbers]
+    at = [np.zeros(len(way)), np.ones(len(way))]
+    for axis in (0, 1):
+        low, high = np.sort(np.stack([vertices[:-1, axis], vertices[1:, axis]]), axis=0)
+        first = np.floor(low) + 1.0
+        count = np.maximum(np.ceil(high) - first, 0.0).astype(np.int64)
+        of = np.repeat(numbers, count)
+        edge = first[of] + np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+        segment.append(of)
+        at.append((edge - start[of, axis]) / way[of, axis])
+    segments, cuts = np.concatenate(segment), np.concatenate(at)
+    order = np.lexsort((cuts, segments))
+    segments, cuts = segments[order], cuts[order]
+    pieces = (segments[1:] == segments[:-1]) & (np.diff(cuts) > SHORTEST)
+    of, middle = segments[:-1][pieces], ((cuts[:-1] + cuts[1:]) / 2.0)[pieces]
+    points = np.concatenate([start, start[of] + middle[:, None] * way[of], vertices[1:]])
+    place = np.concatenate([np.full(len(way), -1.0), middle, np.full(len(way), 2.0)])
+    return points[np.lexsort((place, np.concatenate([numbers, of, numbers])))]

@@ -1,0 +1,245 @@
+"""One band of a raster file: what its header says, its values, and what is wrong with either."""
+
+import math
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape, check_crs, crs_label
+from firemodel.landscape.readers.formats import OFFLINE, raster_driver
+
+Mask = NDArray[np.bool_]
+
+LCP_NODATA = -9999.0  # the format's own; its header has no place for another
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Where the cells of a raster lie; the corner is the outer one of cell (0, 0)."""
+
+    crs: str
+    shape: tuple[int, int]
+    west_m: float
+    north_m: float
+    cell_size_m: float
+
+    def difference(self, other: "Grid") -> str:
+        """What is different about another grid; empty if nothing is (to 1/1000 of a cell)."""
+        if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
+            return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
+        if self.shape != other.shape:
+            return f"{other.shape} cells are not the {self.shape}"
+        tolerance_m = 1e-3 * self.cell_size_m
+        if abs(self.cell_size_m - other.cell_size_m) * max(self.shape) > tolerance_m:
+            return f"cell size {other.cell_size_m} m is not the {self.cell_size_m} m"
+        offset_m = max(abs(self.west_m - other.west_m), abs(self.north_m - other.north_m))
+        if offset_m > tolerance_m:
+            return (
+                f"corner ({other.west_m}, {other.north_m}) is not the "
+                f"({self.west_m}, {self.north_m})"
+            )
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """What a file's header says of one band, as it stands there and not yet checked."""
+
+    path: Path
+    number: int  # from 1
+    count: int  # of the file's bands
+    driver: str
+    description: str
+    dtype: str
+    shape: tuple[int, int]
+    crs: str | None
+    transform: Any  # affine.Affine from (column, row) of cell corners to x, y
+    nodata: float | None
+    masked: bool  # whether the file has a mask besides
+    unit: str  # as written, empty if not
+    scale: float
+    offset: float
+    tags: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        """How errors call it."""
+        return f"{self.path}" if self.count == 1 else f"{self.path} band {self.number}"
+
+
+def check_file(path: Path) -> None:
+    """Raise FireModelError if there is no such file."""
+    if not path.is_file():
+        folder = path.is_dir()
+        raise FireModelError(f"{path}: {'is a folder; give a file' if folder else 'no such file'}")
+
+
+def bands_of(path: Path) -> tuple[Band, ...]:
+    """The bands of a raster file. Raises FireModelError if it cannot be read as one."""
+    import rasterio
+    from rasterio.enums import MaskFlags
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    check_file(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # told by ``grid_problem``
+            with rasterio.Env(**OFFLINE), rasterio.open(path, driver=raster_driver(path)) as file:
+                crs = file.crs.to_string() if file.crs else None  # slow: looks for a code
+                return tuple(
+                    Band(
+                        path,
+                        number,
+                        file.count,
+                        file.driver,
+                        file.descriptions[number - 1] or "",
+                        file.dtypes[number - 1],
+                        file.shape,
+                        crs,
+                        file.transform,
+                        _nodata(file.driver, file.nodatavals[number - 1]),
+                        MaskFlags.per_dataset in file.mask_flag_enums[number - 1],
+                        _unit(file.units[number - 1], file.tags(number)),
+                        file.scales[number - 1],
+                        file.offsets[number - 1],
+                        {**file.tags(), **file.tags(number)},
+                    )
+                    for number in file.indexes
+                )
+    except RasterioError as error:
+        raise FireModelError(f"{path}: cannot be read as a raster ({_line(error)})") from None
+
+
+def _nodata(driver: str, declared: float | None) -> float | None:
+    return LCP_NODATA if declared is None and driver == "LCP" else declared
+
+
+def _unit(declared: str | None, tags: dict[str, str]) -> str:
+    """The band's unit as GDAL has it: of its own, or as in the header of an .lcp."""
+    named = (value for key, value in tags.items() if key.endswith("_UNIT_NAME"))
+    return declared or next(named, "")
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def band_of(source: Path | tuple[Path, int]) -> Band:
+    """The band a file or (file, number from 1) names. Raises FireModelError if there is none."""
+    path, number = source if isinstance(source, tuple) else (source, 0)
+    bands = bands_of(path)
+    if number == 0 and len(bands) != 1:
+        raise FireModelError(
+            f"{path}: has {len(bands)} bands; give a file with one, or (file, band)"
+        )
+    if not 0 <= number <= len(bands):
+        raise FireModelError(f"{path}: has no band {number}; its bands are 1 to {len(bands)}")
+    return bands[max(number - 1, 0)]
+
+
+def values_of(band: Band) -> NDArray[Any]:
+    """The band (y, x) in the type it has in the file. Raises FireModelError if it is damaged."""
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    try:
+        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
+            values: NDArray[Any] = file.read(band.number)
+    except RasterioError as error:
+        raise FireModelError(f"{band.path}: cannot be read as a raster ({_line(error)})") from None
+    return values
+
+
+def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
+    """Cells (y, x) without a value: NaN, the file's nodata value or mask, or ``nodata``."""
+    import rasterio
+
+    if np.issubdtype(values.dtype, np.floating):
+        missing: Mask = ~np.isfinite(values)
+    else:
+        missing = np.zeros(values.shape, dtype=np.bool_)
+    for value in (band.nodata, nodata):
+        if value is not None and not math.isnan(value):
+            missing |= values == values.dtype.type(value) if _fits(value, values) else False
+    if band.masked:
+        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
+            missing |= file.read_masks(band.number) == 0
+    return missing
+
+
+def _fits(value: float, values: NDArray[Any]) -> bool:
+    """Whether the array's type can hold a value; float32 files round theirs."""
+    if np.issubdtype(values.dtype, np.floating):
+        return abs(value) <= float(np.finfo(values.dtype).max)
+    kind = np.iinfo(values.dtype)
+    return kind.min <= value <= kind.max and value == int(value)
+
+
+def cells_with(bad: Mask, values: NDArray[Any]) -> str:
+    """Words for the first of some cells: value, row, column and how many there are."""
+    row, col = divmod(int(np.argmax(bad)), bad.shape[1])
+    return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
+
+
+def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
+    """Each thing that keeps a band's header from being a north-up grid of squares in metres.
+
+    ``crs`` is that of files which have none.
+    """
+    transform, found = band.transform, band.crs or crs
+    if found is None:
+        yield (
+            f"{band.path}: has no CRS; assign the projection it was made in to the file, or give "
+            "it as crs"
+        )
+    else:
+        try:
+            check_crs(found, str(band.path))
+            check_crs(crs or found, f"{band.path}: given as crs")
+            if crs is not None and CRS.from_user_input(found) != CRS.from_user_input(crs):
+                yield (
+                    f"{band.path}: CRS {crs_label(found)} is not the {crs_label(crs)} given as "
+                    "crs; leave crs out, or correct the file's"
+                )
+        except FireModelError as error:
+            yield str(error)
+    if band.tags.get("LINEAR_UNIT", "Meters") != "Meters":
+        yield f"{band.path}: its cells are in {band.tags['LINEAR_UNIT']}; warp it to metres"
+    if transform.b or transform.d or transform.a <= 0 or transform.e >= 0:
+        yield f"{band.path}: is not north-up; warp it onto an unrotated grid"
+    elif abs(transform.a + transform.e) > 1e-6 * transform.a:
+        yield (
+            f"{band.path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
+        )
+    if band.dtype.startswith("complex"):
+        yield f"{band.name}: holds complex numbers; write real ones"
+    if (band.scale, band.offset) != (1.0, 0.0):
+        yield (
+            f"{band.name}: values have scale {band.scale} and offset {band.offset}; write them "
+            "unscaled (gdal_translate -unscale)"
+        )
+
+
+def grid_of(band: Band, crs: str | None = None) -> Grid:
+    """Where a band's cells lie. Raises FireModelError with the first of ``grid_problems``."""
+    refuse(grid_problems(band, crs))
+    west_m, north_m = band.transform.c, band.transform.f
+    return Grid(str(band.crs or crs), band.shape, west_m, north_m, band.transform.a)
+
+
+def grid_of_landscape(land: Landscape) -> Grid:
+    """Where a landscape's cells lie."""
+    return Grid(land.crs, land.shape, land.west_m, land.north_m, land.cell_size_m)
+
+
+def refuse(problems: Iterable[str]) -> None:
+    """Raise FireModelError with the first problem, if there is one."""
+    for problem in problems:
+        raise FireModelError(problem)

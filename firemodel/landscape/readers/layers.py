@@ -1,0 +1,243 @@
+"""What the layers of a landscape are called in files, and which units they come in."""
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import LARGEST_M, STEEPEST, TALLEST_TREE_M
+from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
+from firemodel.physics.fuels import check_codes
+
+LAYERS = (
+    "fuel",
+    "elevation",
+    "slope",
+    "aspect",
+    "canopy_cover",
+    "canopy_height",
+    "canopy_base",
+)
+# How much of a metre, or of one, is in a unit.
+FACTORS = {
+    "m": 1.0,
+    "m*10": 0.1,
+    "ft": 0.3048,
+    "ft*10": 0.03048,
+    "percent": 0.01,
+    "fraction": 1.0,
+}
+_HEIGHTS = ("m", "m*10", "ft", "ft*10")
+UNITS = {
+    "fuel": (),
+    "elevation": ("m", "ft"),
+    "slope": ("degrees", "percent"),
+    "aspect": ("degrees",),
+    "canopy_cover": ("percent", "fraction", "class"),
+    "canopy_height": _HEIGHTS,
+    "canopy_base": _HEIGHTS,
+}
+# What all programs write; everything else has to be said.
+USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
+# Share of the sky in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
+COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)
+
+_WRITTEN_UNITS = {
+    "meters": "m",
+    "metres": "m",
+    "meter": "m",
+    "metre": "m",
+    "feet": "ft",
+    "foot": "ft",
+    "meters x 10": "m*10",
+    "feet x 10": "ft*10",
+    "%": "percent",
+    "deg": "degrees",
+    "degree": "degrees",
+    "azimuth degrees": "degrees",
+    "categories (0-4)": "class",
+}
+_DESCRIPTIONS = {
+    "fuel models": "fuel",
+    "fuel model": "fuel",
+    "canopy base height": "canopy_base",
+}
+# LANDFIRE's layer names stand for one unit each (its data dictionary).
+_LANDFIRE = {
+    "f13": ("fuel", ""),
+    "f40": ("fuel", ""),
+    "fbfm13": ("fuel", ""),
+    "fbfm40": ("fuel", ""),
+    "elev": ("elevation", "m"),
+    "dem": ("elevation", "m"),
+    "slpd": ("slope", "degrees"),
+    "slpp": ("slope", "percent"),
+    "asp": ("aspect", "degrees"),
+    "cc": ("canopy_cover", "percent"),
+    "ch": ("canopy_height", "m*10"),
+    "cbh": ("canopy_base", "m*10"),
+}
+_LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)")
+
+
+def layer_of(description: str) -> tuple[str, str]:
+    """(layer, unit) that a band's description names; empty where it names none.
+
+    Known are the words of .lcp files, those of this package, and LANDFIRE's layer names
+    (``LC20_SlpD_220``), which stand for a unit.
+    """
+    words = description.strip().lower()
+    known = _DESCRIPTIONS.get(words, words.replace(" ", "_"))
+    if known in LAYERS:
+        return known, ""
+    found = _LANDFIRE_NAME.search(words.replace(" ", "_"))
+    return _LANDFIRE[found[1]] if found else ("", "")
+
+
+def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
+    """Which bands of a file are which layers, by their descriptions.
+
+    Raises FireModelError if none is named or two are the same layer.
+    """
+    bands = bands_of(path)
+    found: dict[str, tuple[Path, int]] = {}
+    for band in bands:
+        layer, _ = layer_of(band.description)
+        if layer in found:
+            raise FireModelError(
+                f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; say which "
+                f"to take by numbers of bands ({layer} = {band.number}, ...)"
+            )
+        if layer:
+            found[layer] = (path, band.number)
+    if not found:
+        raise FireModelError(
+            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); say which band "
+            "is which by numbers of bands (fuel = 1, ...)"
+        )
+    return found
+
+
+def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
+    """Units that are given for what is not there."""
+    for layer in units:
+        if layer not in LAYERS:
+            yield f"units: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
+        elif layer not in layers:
+            yield f"units: {layer} has one, but no band is that layer; leave it out"
+        elif not UNITS[layer]:
+            yield f"units: {layer} has none; leave it out"
+
+
+def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
+    """The unit a layer's values are in: as given, else as the file says; never a guess.
+
+    Raises FireModelError if neither does, or if it is not one of ``UNITS``.
+    """
+    choices = UNITS[layer]
+    if not choices:
+        return ""
+    written = given.get(layer) or band.unit or layer_of(band.description)[1]
+    words = written.strip().lower()
+    unit = _WRITTEN_UNITS.get(words, words) or USUAL_UNITS.get(layer, "")
+    if unit in choices:
+        return unit
+    what = f"unit {written!r} of {layer} is not known" if written else f"unit of {layer} unknown"
+    raise FireModelError(
+        f"{band.name}: {what}; give it in units ({layer} = ...), one of {', '.join(choices)}"
+    )
+
+
+def limits(layer: str, unit: str) -> tuple[float, float]:
+    """Least and largest value that can be, in the unit of the file."""
+    if unit == "degrees":
+        return (-1.0, 360.0) if layer == "aspect" else (0.0, 89.9)
+    if unit == "class":
+        return 0.0, 4.0
+    least, most = {
+        "elevation": (-LARGEST_M, LARGEST_M),
+        "slope": (0.0, STEEPEST),
+        "canopy_cover": (0.0, 1.0),
+    }.get(layer, (0.0, TALLEST_TREE_M))
+    return least / FACTORS[unit], most / FACTORS[unit]
+
+
+def value_problems(
+    layer: str, unit: str, band: Band, values: NDArray[Any], missing: Mask
+) -> Iterator[str]:
+    """Each thing wrong with a layer's values (y, x) in the unit of the file."""
+    if layer == "fuel":
+        yield from _fuel_problems(band, values, missing)
+        return
+    least, most = limits(layer, unit)
+    bad = (values < least) | (values > most)
+    if unit == "class":
+        bad |= values != np.round(values)
+    bad &= ~missing
+    if bad.any():
+        yield (
+            f"{band.name}: {layer} is {cells_with(bad, values)}; in {unit} it must be from "
+            f"{least:g} to {most:g}: correct it, declare it as nodata, or give another unit"
+        )
+
+
+def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[str]:
+    if int(band.tags.get("FUEL_MODEL_OPTION", 0)) >= 2:
+        yield (
+            f"{band.name}: its header says that a conversion file belongs to its fuel codes; "
+            "write the converted codes"
+        )
+    if np.issubdtype(values.dtype, np.floating):
+        if band.driver != "AAIGrid":  # which has no types
+            yield (
+                f"{band.name}: fuel codes must be integers, the file holds {values.dtype}; "
+                "write it as int16"
+            )
+            return
+        broken = (values != np.round(values)) & ~missing
+        if broken.any():
+            yield (
+                f"{band.name}: fuel code {cells_with(broken, values)} is not a whole number; "
+                "resample fuel by the nearest cell only"
+            )
+            return
+    try:
+        check_codes(np.where(missing, values.dtype.type(99), values), band.name)
+    except FireModelError as error:
+        yield f"{error}; a code that stands for no data can be given as nodata"
+
+
+def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDArray[np.float32]:
+    """Metres, degrees, or a share of one, from the file's values; 0 where missing (y, x).
+
+    Slope becomes rise over run, whatever its unit.
+    """
+    present = np.where(missing, 0, values)  # a nodata value may be beyond float32
+    if unit == "class":
+        return COVER_OF_CLASS[present.astype(np.int8)]
+    found = present.astype(np.float32)
+    if layer == "slope" and unit == "degrees":
+        np.tan(np.deg2rad(found, out=found), out=found)
+    elif unit in FACTORS:
+        found *= np.float32(FACTORS[unit])
+    return found
+
+
+def to_gradient(
+    slope_tan: NDArray[np.float32], aspect_deg: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
+
+    Aspect is where the ground falls to, clockwise from north; -1 is level ground, as LANDFIRE
+    writes it.
+    """
+    gradient = np.empty((2, *slope_tan.shape), dtype=np.float32)
+    falls = np.deg2rad(aspect_deg)
+    np.multiply(-slope_tan, np.cos(falls), out=gradient[0])
+    np.multiply(-slope_tan, np.sin(falls), out=gradient[1])
+    gradient[:, aspect_deg < 0.0] = 0.0
+    return gradient

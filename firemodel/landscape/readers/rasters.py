@@ -1,0 +1,191 @@
+"""Landscapes and arrival times from rasters: GeoTIFF, FARSITE .lcp, ESRI ASCII grid."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.bands import (
+    Band,
+    Grid,
+    Mask,
+    band_of,
+    cells_with,
+    grid_of,
+    grid_of_landscape,
+    missing_in,
+    refuse,
+    values_of,
+)
+from firemodel.landscape.readers.layers import (
+    LAYERS,
+    layers_of,
+    to_gradient,
+    to_layer,
+    unit_of,
+    unit_problems,
+    value_problems,
+)
+
+Source = Path | tuple[Path, int]  # a file of one band, or a file and its band, from 1
+Sources = Path | Mapping[str, Source]
+
+NO_DATA_FUEL = 99  # bare ground
+SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
+
+
+def read_landscape(
+    files: Sources,
+    *,
+    units: Mapping[str, str] | None = None,
+    missing: Literal["refuse", "unburnable"] = "refuse",
+    crs: str | None = None,
+    nodata: float | None = None,
+) -> Landscape:
+    """Read a landscape from rasters that lie on one north-up grid of square cells in metres.
+
+    ``files`` is one file whose bands say which layers they are (an .lcp, or a GeoTIFF with band
+    descriptions), or a file, or (file, band from 1), for each of ``layers.LAYERS``: fuel is
+    needed, and elevation or slope with aspect or all three; the canopy is not. Where slope and
+    aspect are given they make the gradient, not the elevation.
+
+    Elevation is in metres and aspect in degrees clockwise from north unless the file says
+    otherwise; the ``units`` of slope and canopy (``layers.UNITS``) come from the file or must be
+    given, and what is given wins. ``crs`` is that of files which have none; ``nodata`` stands for
+    no data besides what the files declare. Cells without a value in any layer are refused, or made
+    bare ground (99), level or of the nearest elevation, without trees.
+
+    Raises FireModelError naming file, band, cell and value, and what to do.
+    """
+    if missing not in ("refuse", "unburnable"):
+        raise FireModelError(f'missing = {missing!r} must be "refuse" or "unburnable"')
+    bands = bands_for(files)
+    grid = grid_of(bands["fuel"], crs)
+    for band in bands.values():
+        refuse(misfits(band, grid_of(band, crs), grid, str(bands["fuel"].path)))
+    refuse(unit_problems(bands, units or {}))
+    kinds = {layer: unit_of(layer, band, units or {}) for layer, band in bands.items()}
+
+    layers: dict[str, NDArray[Any]] = {}
+    gone: Mask = np.zeros(grid.shape, dtype=np.bool_)
+    for layer, band in bands.items():
+        values = values_of(band)
+        without = missing_in(band, values, nodata)
+        if missing == "refuse":
+            refuse(gaps(band, values, without))
+        refuse(value_problems(layer, kinds[layer], band, values, without))
+        if layer == "fuel":
+            layers[layer] = np.where(without, NO_DATA_FUEL, values).astype(np.int16)
+        else:
+            layers[layer] = to_layer(layer, kinds[layer], values, without)
+        if layer == "elevation" and without.any():
+            layers[layer] = _filled(band, layers[layer], without)
+        gone |= without
+    if gone.all():
+        raise FireModelError(f"{bands['fuel'].path}: no cell has a value in every layer")
+    for layer, values in layers.items():
+        if layer not in ("elevation", "aspect"):
+            values[gone] = NO_DATA_FUEL if layer == "fuel" else 0
+    gradient = None
+    if "slope" in layers:
+        gradient = to_gradient(layers.pop("slope"), layers.pop("aspect"))
+    return Landscape(
+        grid.crs,
+        grid.west_m,
+        grid.north_m,
+        grid.cell_size_m,
+        layers["fuel"],
+        layers.get("elevation"),
+        gradient,  # type: ignore[arg-type]  # None is filled in
+        layers.get("canopy_cover"),
+        layers.get("canopy_height"),
+        layers.get("canopy_base"),
+    )
+
+
+def bands_for(files: Sources) -> dict[str, Band]:
+    """The band of each layer, in the order of ``layers.LAYERS``.
+
+    Raises FireModelError if a layer is unknown, or one that is needed is not there.
+    """
+    sources = layers_of(files) if isinstance(files, Path) else files
+    where = str(files) if isinstance(files, Path) else "landscape"
+    for layer in sources:
+        if layer not in LAYERS:
+            raise FireModelError(
+                f"{where}: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
+            )
+    if "fuel" not in sources:
+        raise FireModelError(f"{where}: no fuel layer; give one")
+    if ("slope" in sources) != ("aspect" in sources):
+        raise FireModelError(
+            f"{where}: slope and aspect belong together; give both, or elevation alone"
+        )
+    if "slope" not in sources and "elevation" not in sources:
+        raise FireModelError(f"{where}: no elevation, nor slope and aspect; give them")
+    return {layer: band_of(sources[layer]) for layer in LAYERS if layer in sources}
+
+
+def misfits(band: Band, grid: Grid, other: Grid, name: str) -> Iterator[str]:
+    """What keeps a band from lying on another file's grid."""
+    differs = other.difference(grid)
+    if differs:
+        yield f"{band.path}: {differs} of {name}; bring both rasters onto one grid"
+
+
+def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
+    """That a band has cells without a value."""
+    if without.any():
+        yield (
+            f"{band.name}: no data: value {cells_with(without, values)}; fill or crop them, or "
+            'take them as bare ground (missing = "unburnable")'
+        )
+
+
+def _filled(band: Band, heights_m: NDArray[Any], without: Mask) -> NDArray[Any]:
+    """Elevation (y, x) with that of the nearest cell where there is none."""
+    from scipy import ndimage
+
+    if without.all():
+        raise FireModelError(f"{band.name}: no cell has a value")
+    nearest = ndimage.distance_transform_edt(without, return_distances=False, return_indices=True)
+    return np.asarray(heights_m[tuple(nearest)])
+
+
+def read_arrival(
+    file: Source,
+    landscape: Landscape,
+    *,
+    unit: Literal["seconds", "minutes", "hours", "days"] = "seconds",
+    crs: str | None = None,
+    nodata: float | None = None,
+) -> NDArray[np.float64]:
+    """When a fire reached each cell: seconds, float64 (y, x), infinity where it has not.
+
+    The raster lies on the landscape's grid; cells without a value have not burned. ``unit`` is
+    that of its values, ``crs`` and ``nodata`` are as in ``read_landscape``.
+
+    Raises FireModelError naming file, cell and value.
+    """
+    if unit not in SECONDS:
+        raise FireModelError(f"arrival: unit {unit!r} must be one of {', '.join(SECONDS)}")
+    band = band_of(file)
+    refuse(misfits(band, grid_of(band, crs), grid_of_landscape(landscape), "the landscape"))
+    values = values_of(band)
+    unburned = missing_in(band, values, nodata)
+    bad = (values < 0) & ~unburned
+    if bad.any():
+        raise FireModelError(
+            f"{band.name}: arrival is {cells_with(bad, values)}; it must be 0 or later: if that "
+            "stands for unburned, declare it as nodata"
+        )
+    if unburned.all():
+        raise FireModelError(f"{band.name}: no cell has a value, so nothing burns; check the band")
+    arrival_s: NDArray[np.float64] = values.astype(np.float64)
+    arrival_s *= SECONDS[unit]
+    arrival_s[unburned] = np.inf
+    return arrival_s

@@ -1,0 +1,236 @@
+"""Points, lines and polygons from GeoJSON, KML and Shapefiles, in a landscape's CRS."""
+
+import json
+import math
+import warnings
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape, crs_label
+from firemodel.landscape.readers.bands import check_file, refuse
+from firemodel.landscape.readers.formats import OFFLINE, check_shapes
+
+Record = dict[str, Any]
+
+
+def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> list[BaseGeometry]:
+    """The geometries of a file's features, in its order, in the landscape's CRS and without z.
+
+    GeoJSON, KML, KMZ, Shapefile (zipped or not) and what else GDAL reads. GeoJSON is longitude and
+    latitude (RFC 7946) unless it has a ``crs`` member, as older files do. ``crs`` is that of files
+    which have none.
+
+    Raises FireModelError naming file and feature (from 1): no CRS or one not known, no features,
+    or one that is empty, not valid, or nowhere on the landscape.
+    """
+    shapes, found = features_of(path)
+    refuse(crs_problems(path, found, crs))
+    if not shapes:
+        raise FireModelError(f"{path}: has no features; give a file with at least one")
+    their_crs = str(found or crs)
+    moved = []
+    for number, shape in enumerate(shapes, start=1):
+        refuse(shape_problems(path, number, shape, their_crs))
+        moved.append(into_crs(shape, their_crs, landscape.crs))
+        refuse(place_problems(path, number, moved[-1], landscape))
+    return moved
+
+
+def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
+    """Geometries of all layers as they are in a file, empty where there is none, and their CRS.
+
+    Raises FireModelError if it cannot be read as shapes.
+    """
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
+
+    check_file(path)
+    if path.suffix.lower() == ".shp" and not _beside(path, ".shx"):
+        raise FireModelError(
+            f"{path}: the .shx file that belongs to it is missing; copy all files of the "
+            "Shapefile (.shp, .shx, .dbf, .prj) into one folder"
+        )
+    check_shapes(path)
+    pyogrio.set_gdal_config_options(OFFLINE)
+    shapes: list[BaseGeometry] = []
+    names: set[str | None] = set()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of geometries that are refused below
+            for layer, _ in pyogrio.list_layers(path):
+                if pyogrio.read_info(path, layer=layer)["driver"] == "GeoJSON":
+                    _check_crs_member(path)
+                meta, _, geometries, _ = pyogrio.raw.read(
+                    path, layer=layer, columns=[], force_2d=True
+                )
+                if geometries is None:
+                    raise FireModelError(f"{path}: holds no geometries but a table; draw some")
+                names.add(meta["crs"])
+                for wkb in geometries:
+                    shapes.append(_from_wkb(path, len(shapes) + 1, wkb))
+    except (DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
+        raise FireModelError(f"{path}: cannot be read as shapes ({_first_line(error)})") from None
+    if len(names) > 1:
+        raise FireModelError(f"{path}: its layers differ in CRS; write each into a file of its own")
+    return shapes, next(iter(names), None)
+
+
+def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
+    """Geometries, CRS and attributes of a zipped Shapefile in memory, one of each a feature.
+
+    Dates are numpy.datetime64. Raises FireModelError if it cannot be read.
+    """
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
+
+    path = Path(name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of odd dates and geometries
+            meta, _, geometries, columns = pyogrio.raw.read(data, force_2d=True)
+    except (
+        DataSourceError,
+        DataLayerError,
+        FeatureError,
+        GeometryError,
+        ValueError,
+        LookupError,  # pyogrio 0.13 has these two for some files that are damaged
+        NameError,
+    ) as error:
+        raise FireModelError(f"{name}: cannot be read as shapes ({_first_line(error)})") from None
+    if geometries is None:
+        raise FireModelError(f"{name}: holds no geometries but a table; draw some")
+    shapes = [_from_wkb(path, number, wkb) for number, wkb in enumerate(geometries, start=1)]
+    fields = [str(field) for field in meta["fields"]]
+    records = [dict(zip(fields, values, strict=True)) for values in zip(*columns, strict=True)]
+    return shapes, meta["crs"], records or [{} for _ in shapes]
+
+
+def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
+    try:
+        return shapely.Point() if wkb is None else shapely.from_wkb(wkb)
+    except shapely.errors.ShapelyError as error:
+        raise FireModelError(
+            f"{path}: feature {number} is not a geometry ({error}); draw it anew"
+        ) from None
+
+
+def _first_line(error: Exception) -> str:
+    """Without pyogrio's advice on drivers."""
+    return " ".join(str(error).split(".;")[0].split())
+
+
+def _beside(path: Path, suffix: str) -> bool:
+    return any(path.with_suffix(end).is_file() for end in (suffix, suffix.upper()))
+
+
+def _check_crs_member(path: Path) -> None:
+    """GDAL takes a GeoJSON for longitude and latitude if it does not understand its ``crs``."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except ValueError as error:
+        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it anew") from None
+    if "crs" not in content:
+        return
+    member = content["crs"]
+    try:
+        CRS.from_user_input(member["properties"]["name"])
+    except (TypeError, KeyError, CRSError):
+        raise FireModelError(
+            f"{path}: its crs member is not understood ({json.dumps(member)[:80]}); write the "
+            "file in longitude and latitude, without that member (RFC 7946)"
+        ) from None
+
+
+def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
+    """What is wrong with the CRS of a file of shapes, or with the one given for it."""
+    if found is None and given is None:
+        lost = "has no .prj file beside it" if path.suffix.lower() == ".shp" else "has no CRS"
+        yield f"{path}: {lost}; add the projection it was made in, or give it as crs"
+        return
+    for name in (found, given):
+        try:
+            CRS.from_user_input(name or "EPSG:4326")
+        except CRSError as error:
+            yield f"{path}: CRS {name!r} is not known: {error}"
+            return
+    if found and given and CRS.from_user_input(found) != CRS.from_user_input(given):
+        yield (
+            f"{path}: CRS {crs_label(found)} is not the {crs_label(given)} given as crs; leave "
+            "crs out, or correct the file's"
+        )
+
+
+def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
+    """What is wrong with one feature's geometry by itself."""
+    where = f"{path}: feature {number}"
+    if shape.is_empty:
+        yield f"{where} is empty; delete or draw it"
+        return
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        yield f"{where} has a coordinate that is not a number; draw it anew"
+        return
+    if not shape.is_valid:
+        reason = shapely.is_valid_reason(shape)
+        yield f"{where} is not a valid {shape.geom_type} ({reason}); repair it, as with QGIS"
+    west, south, east, north = shape.bounds
+    if (
+        crs is not None
+        and CRS.from_user_input(crs).is_geographic
+        and (max(-west, east) > 360.0 or max(-south, north) > 90.0)
+    ):
+        yield (
+            f"{where} reaches from ({west:g}, {south:g}) to ({east:g}, {north:g}), which are not "
+            "longitude and latitude in degrees; reproject the file, or swap its axes"
+        )
+
+
+def place_problems(
+    path: Path, number: int, shape: BaseGeometry, landscape: Landscape
+) -> Iterator[str]:
+    """That a geometry in the landscape's CRS is nowhere on the landscape."""
+    if not all(map(math.isfinite, shape.bounds)):
+        yield f"{path}: feature {number} is too far off to be projected onto the landscape"
+    elif not shape.intersects(box_of(landscape)):
+        x_m, y_m = shape.representative_point().coords[0]
+        lat, lon = landscape.lat_lon_of(x_m, y_m)
+        rows, cols = landscape.shape
+        mid_lat, mid_lon = landscape.lat_lon_of(*landscape.xy_of((rows - 1) / 2, (cols - 1) / 2))
+        yield (
+            f"{path}: feature {number} (at lat {lat:.4f}, lon {lon:.4f}) lies outside the "
+            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or take a "
+            "larger landscape"
+        )
+
+
+def box_of(landscape: Landscape) -> BaseGeometry:
+    """The landscape's outline in its CRS."""
+    rows, cols = landscape.shape
+    west_m, north_m, cell_m = landscape.west_m, landscape.north_m, landscape.cell_size_m
+    return shapely.box(west_m, north_m - rows * cell_m, west_m + cols * cell_m, north_m)
+
+
+def into_crs(shape: BaseGeometry, crs: str, to_crs: str) -> BaseGeometry:
+    """A geometry in another CRS, vertex by vertex; x is the east or the longitude in both."""
+    transformer = _transformer(crs, to_crs)
+
+    def moved(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.stack(transformer.transform(*xy.T), axis=1)
+
+    found: BaseGeometry = shapely.transform(shape, moved)
+    return found
+
+
+@lru_cache(maxsize=8)
+def _transformer(crs: str, to_crs: str) -> Any:
+    return Transformer.from_crs(CRS.from_user_input(crs).to_2d(), to_crs, always_xy=True)

@@ -1,0 +1,1 @@
+"""Rothermel 1972: fuels, moistures, weather, rate of spread."""

@@ -1,0 +1,318 @@
+"""Rothermel's surface fire spread model, one function per equation.
+
+Rothermel 1972 (INT-115), with Albini's 1976 revisions, as set out by Andrews 2018
+(RMRS-GTR-371), and, where these leave a choice, as the Forest Service's `behave` does it. The
+equations are in their published units (feet, minutes, pounds, Btu); the functions at the end give
+metres and seconds.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.physics.fuels import FuelModel
+
+MINERAL_CONTENT = 0.0555
+SILICA_FREE_MINERAL_CONTENT = 0.010
+PARTICLE_DENSITY_LB_FT3 = 32.0
+M_PER_FT = 0.3048
+FT_MIN_PER_M_S = 60.0 / M_PER_FT
+M_S_PER_MPH = 0.44704
+# As in the Forest Service's `behave`; the International Table Btu would give 3.4615.
+KW_M_PER_BTU_FT_S = 3.464140419
+# Upper bounds of the size classes by which net loads are weighted (Albini 1976, p. 15).
+SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
+# Places of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
+DEAD, LIVE = slice(0, 4), slice(4, 6)
+LARGEST_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Moisture:
+    """Fuel moisture as fractions of the oven-dry weight."""
+
+    dead_1h: float
+    dead_10h: float
+    dead_100h: float
+    live_herb: float
+    live_woody: float
+
+    @property
+    def classes(self) -> tuple[float, float, float, float, float]:
+        """In the order of a fuel model's classes."""
+        return self.dead_1h, self.dead_10h, self.dead_100h, self.live_herb, self.live_woody
+
+
+@dataclass(frozen=True, slots=True)
+class FuelBed:
+    """What the spread equations need of one fuel model at one moisture.
+
+    ``no_wind_rate_ft_min`` is R0; the wind factor is ``wind_c * U**wind_b`` with U in ft/min (the
+    packing ratio's part is in ``wind_c``), the slope factor ``slope_k * tan(slope)**2``, which is
+    never above ``wind_limit_ft_min`` (see ``slope_factor``).
+    """
+
+    no_wind_rate_ft_min: float
+    reaction_intensity_btu_ft2_min: float
+    sav_1_ft: float
+    wind_b: float
+    wind_c: float
+    slope_k: float
+
+
+def mineral_damping() -> float:
+    """η_s, no unit: 0.4174 for the silica-free minerals of all fuels (Rothermel 1972, eq. 30)."""
+    return min(0.174 * math.pow(SILICA_FREE_MINERAL_CONTENT, -0.19), 1.0)
+
+
+def moisture_damping(moisture: float, extinction: float) -> float:
+    """η_M of dead or live fuel, no unit; moistures are fractions (Rothermel 1972, eq. 29)."""
+    if moisture >= extinction:
+        return 0.0
+    ratio = moisture / extinction
+    return 1.0 - 2.59 * ratio + 5.11 * ratio**2 - 3.52 * ratio**3
+
+
+def optimum_packing_ratio(sav_1_ft: float) -> float:
+    """β_op, no unit, from σ in 1/ft (Rothermel 1972, eq. 37)."""
+    return 3.348 * math.pow(sav_1_ft, -0.8189)
+
+
+def optimum_reaction_velocity_1_min(sav_1_ft: float, relative_packing: float) -> float:
+    """Γ' in 1/min from σ in 1/ft and β/β_op (Rothermel 1972, eqs. 36, 38; A by Albini 1976)."""
+    largest = 1.0 / (0.0594 + 495.0 * math.pow(sav_1_ft, -1.5))
+    a = 133.0 * math.pow(sav_1_ft, -0.7913)
+    return largest * math.pow(relative_packing, a) * math.exp(a * (1.0 - relative_packing))
+
+
+def propagating_flux_ratio(sav_1_ft: float, packing: float) -> float:
+    """ξ, no unit, from σ in 1/ft and β (Rothermel 1972, eq. 42)."""
+    return math.exp((0.792 + 0.681 * math.sqrt(sav_1_ft)) * (packing + 0.1)) / (
+        192.0 + 0.2595 * sav_1_ft
+    )
+
+
+def heat_of_preignition_btu_lb(moisture: float) -> float:
+    """Q_ig in Btu/lb; moisture is a fraction (Rothermel 1972, eq. 12)."""
+    return 250.0 + 1116.0 * moisture
+
+
+def effective_heating_number(sav_1_ft: float) -> float:
+    """ε, no unit, from σ in 1/ft (Rothermel 1972, eq. 14)."""
+    return math.exp(-138.0 / sav_1_ft)
+
+
+def wind_coefficients(sav_1_ft: float, relative_packing: float) -> tuple[float, float]:
+    """(B, C·(β/β_op)^-E) of the wind factor for wind in ft/min (Rothermel 1972, eqs. 47-50)."""
+    c = 7.47 * math.exp(-0.133 * math.pow(sav_1_ft, 0.55))
+    b = 0.02526 * math.pow(sav_1_ft, 0.54)
+    e = 0.715 * math.exp(-3.59e-4 * sav_1_ft)
+    return b, c * math.pow(relative_packing, -e)
+
+
+def slope_coefficient(packing: float) -> float:
+    """5.275 β^-0.3 of the slope factor, no unit (Rothermel 1972, eq. 51)."""
+    return 5.275 * math.pow(packing, -0.3)
+
+
+def cured_fraction(live_herb_moisture: float) -> float:
+    """Part of a dynamic model's herbaceous load that is dead, no unit; moisture is a fraction.
+
+    All below 30 %, none above 120 % (Scott & Burgan 2005), in `behave`'s rounding of the line
+    between: at exactly 120 % a thousandth is dead.
+    """
+    if live_herb_moisture < 0.30:
+        return 1.0
+    return 1.333 - 1.11 * live_herb_moisture if live_herb_moisture <= 1.20 else 0.0
+
+
+def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, Floats]:
+    """Loads (lb/ft²), SAVs (1/ft) and moistures of the six classes, ``DEAD`` before ``LIVE``.
+
+    Cured herbaceous fuel is a dead class of its own, as fine as the live and as wet as the 1-h
+    fuel (Andrews 2018; Burgan 1979, INT-226).
+    """
+    cured = cured_fraction(moisture.live_herb) if fuel.dynamic else 0.0
+    one, ten, hundred, herb, woody = fuel.loads_lb_ft2
+    loads = np.array([one, ten, hundred, cured * herb, (1.0 - cured) * herb, woody])
+    savs = np.array([*fuel.savs_1_ft[:3], fuel.sav_herb, fuel.sav_herb, fuel.sav_woody])
+    wet = moisture.classes
+    return loads, savs, np.array([*wet[:3], moisture.dead_1h, *wet[3:]])
+
+
+def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
+    """M_x of the live fuel, a fraction (Albini 1976, p. 16; Andrews 2018).
+
+    It falls with the moisture of the dead fuel and is never below M_x of the dead fuel.
+    """
+    loads, savs, moistures = size_classes(fuel, moisture)
+    dead = loads[DEAD] * np.exp(-138.0 / savs[DEAD])
+    live = loads[LIVE] * np.exp(-500.0 / savs[LIVE])
+    if live.sum() == 0.0:
+        return fuel.extinction_moisture
+    fine_moisture = (dead * moistures[DEAD]).sum() / dead.sum()
+    ratio = dead.sum() / live.sum()
+    found = 2.9 * ratio * (1.0 - fine_moisture / fuel.extinction_moisture) - 0.226
+    return max(float(found), fuel.extinction_moisture)
+
+
+def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
+    """g_ij, no unit: a class counts with the area of all classes of its size (Albini 1976, p. 15).
+
+    ``shares`` are the classes' parts of the surface area of the dead, or of the live, fuel.
+    """
+    sizes = (savs_1_ft[:, None] < SIZE_CLASS_SAV_1_FT).sum(axis=1)
+    return np.array(
+        [shares[sizes == size].sum() if size < len(SIZE_CLASS_SAV_1_FT) else 0.0 for size in sizes]
+    )
+
+
+def reaction_part_lb_ft2(
+    loads_lb_ft2: Floats, savs_1_ft: Floats, shares: Floats, moistures: Floats, extinction: float
+) -> float:
+    """w_n η_M η_s of the dead, or of the live, fuel in lb/ft² (Albini 1976, p. 15).
+
+    Times Γ' and the heat content it is that fuel's part of the reaction intensity.
+    """
+    net_load = (net_load_weights(shares, savs_1_ft) * loads_lb_ft2).sum() * (1.0 - MINERAL_CONTENT)
+    damping = moisture_damping(float((shares * moistures).sum()), extinction) * mineral_damping()
+    return float(net_load) * damping
+
+
+def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> float:
+    """Σ f_ij ε Q_ig of the dead, or of the live, fuel in Btu/lb (Rothermel 1972, eq. 77)."""
+    return sum(
+        float(share) * effective_heating_number(float(sav)) * heat_of_preignition_btu_lb(float(wet))
+        for share, sav, wet in zip(shares, savs_1_ft, moistures, strict=True)
+    )
+
+
+def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
+    """The spread equations' terms for one fuel model at one moisture (Rothermel 1972, eq. 52)."""
+    loads, savs, moistures = size_classes(fuel, moisture)
+    areas = savs * loads / PARTICLE_DENSITY_LB_FT3
+    extinctions = (fuel.extinction_moisture, live_extinction_moisture(fuel, moisture))
+    sav = reacting = heat_to_ignite = 0.0
+    for part, extinction in zip((DEAD, LIVE), extinctions, strict=True):
+        area = areas[part].sum()
+        if area == 0.0:
+            continue
+        shares = areas[part] / area
+        weight = float(area / areas.sum())
+        sav += weight * float((shares * savs[part]).sum())
+        reacting += reaction_part_lb_ft2(
+            loads[part], savs[part], shares, moistures[part], extinction
+        )
+        heat_to_ignite += weight * heat_part_btu_lb(savs[part], shares, moistures[part])
+    bulk_density_lb_ft3 = float(loads.sum()) / fuel.depth_ft
+    packing = bulk_density_lb_ft3 / PARTICLE_DENSITY_LB_FT3
+    relative_packing = packing / optimum_packing_ratio(sav)
+    velocity = optimum_reaction_velocity_1_min(sav, relative_packing)
+    reaction = velocity * reacting * fuel.heat_btu_lb
+    rate = reaction * propagating_flux_ratio(sav, packing) / (bulk_density_lb_ft3 * heat_to_ignite)
+    b, c = wind_coefficients(sav, relative_packing)
+    return FuelBed(rate, reaction, sav, b, c, slope_coefficient(packing))
+
+
+def wind_factor(bed: FuelBed, wind_ft_min: float | Floats) -> float | Floats:
+    """φ_w (Rothermel 1972, eq. 47); midflame wind."""
+    return bed.wind_c * np.power(wind_ft_min, bed.wind_b)
+
+
+def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
+    """The strongest effective wind that still adds to the spread (Rothermel 1972, eq. 87)."""
+    return 0.9 * reaction_intensity_btu_ft2_min
+
+
+def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
+    """φ_s (Rothermel 1972, eq. 51).
+
+    Never above the number of the wind limit in ft/min, an oddity of `behave` that is felt only on
+    steep slopes when the fuel is about to be too wet to burn.
+    """
+    limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
+    return np.minimum(bed.slope_k * np.square(slope_tan), limit)
+
+
+def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
+    """The wind that alone would give this combined wind and slope factor (Albini 1976, p. 88)."""
+    return np.power(np.asarray(factor) / bed.wind_c, 1.0 / bed.wind_b) / FT_MIN_PER_M_S
+
+
+def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
+    """Length over width of the ellipse (Anderson 1983, INT-305), at most 8 as in `behave`.
+
+    Anderson's 0.2566 and 0.1548 per m/s, as `behave` rounds them: 0.1147 and 0.0692 per mph.
+    """
+    wind_mph = effective_wind_m_s / M_S_PER_MPH
+    ratio = 0.936 * np.exp(0.1147 * wind_mph) + 0.461 * np.exp(-0.0692 * wind_mph) - 0.397
+    return np.minimum(np.maximum(ratio, 1.0), LARGEST_LENGTH_TO_BREADTH)
+
+
+def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
+    """e of an ellipse of this length over width."""
+    return np.sqrt(np.square(length_to_breadth) - 1.0) / length_to_breadth
+
+
+def rate_towards(
+    largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float | Floats
+) -> float | Floats:
+    """R(γ) = R_max (1 - e)/(1 - e cos γ), γ from the direction of fastest spread."""
+    return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * np.cos(off_heading_rad))
+
+
+def flanking_rate(
+    largest_rate: float | Floats, length_to_breadth: float | Floats
+) -> float | Floats:
+    """Speed at which the ellipse widens to one side: half its width per time."""
+    backing = rate_towards(largest_rate, eccentricity(length_to_breadth), math.pi)
+    return (largest_rate + backing) / (2.0 * length_to_breadth)
+
+
+def heat_per_area_btu_ft2(bed: FuelBed) -> float:
+    """Reaction intensity times residence time 384/σ (Anderson 1969)."""
+    return bed.reaction_intensity_btu_ft2_min * 384.0 / bed.sav_1_ft
+
+
+def fireline_intensity_kw_m(bed: FuelBed, rate_m_s: float | Floats) -> float | Floats:
+    """Byram's intensity (Andrews 2018)."""
+    rate_ft_s = np.asarray(rate_m_s) / M_PER_FT
+    return heat_per_area_btu_ft2(bed) * rate_ft_s * KW_M_PER_BTU_FT_S
+
+
+def flame_length_m(intensity_kw_m: float | Floats) -> float | Floats:
+    """Byram 1959: 0.45 I^0.46 in feet and Btu/ft/s."""
+    return 0.45 * np.power(np.asarray(intensity_kw_m) / KW_M_PER_BTU_FT_S, 0.46) * M_PER_FT
+
+
+def fastest_spread(
+    bed: FuelBed,
+    midflame_wind_m_s: float | Floats,
+    wind_toward_deg: float | Floats,
+    slope_tan: Floats,
+    upslope_deg: Floats,
+    wind_limit: bool = False,
+) -> tuple[Floats, Floats, Floats]:
+    """Fastest spread with wind and slope from any two directions, added as vectors.
+
+    Arrays of one shape (the wind may be the same for all); directions clockwise from north. With
+    ``wind_limit`` the effective wind, and the rate with it, stops at ``wind_limit_ft_min``.
+    Returns (rate along the slope m/s, direction deg, effective wind m/s). Andrews 2018.
+    """
+    still = bed.no_wind_rate_ft_min
+    by_wind = np.asarray(wind_factor(bed, np.asarray(midflame_wind_m_s) * FT_MIN_PER_M_S))
+    by_slope = np.asarray(slope_factor(bed, slope_tan))
+    wind, up = np.deg2rad(wind_toward_deg), np.deg2rad(upslope_deg)
+    north = by_wind * np.cos(wind) + by_slope * np.cos(up)
+    east = by_wind * np.sin(wind) + by_slope * np.sin(up)
+    factor = np.hypot(north, east)
+    if wind_limit:
+        limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
+        factor = np.minimum(factor, wind_factor(bed, limit))
+    rate_m_s = still * (1.0 + factor) / FT_MIN_PER_M_S
+    effective = effective_wind_m_s(bed, factor) if still > 0.0 else np.zeros_like(factor)
+    return rate_m_s, np.rad2deg(np.arctan2(east, north)) % 360.0, np.asarray(effective)

@@ -1,0 +1,176 @@
+"""Weather in steps: each entry holds from its time until the next one's."""
+
+import bisect
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.physics.rothermel import M_PER_FT, Floats, Moisture
+
+WIND_10M_OVER_20FT = 1.15
+Numbers = float | NDArray[np.floating]
+
+
+@dataclass(frozen=True, slots=True)
+class Weather:
+    """Conditions from ``at_s`` on.
+
+    Wind is 6.1 m (20 ft) above the vegetation and named by where it comes from, degrees clockwise
+    from north. Moistures are percent of the oven-dry weight.
+    """
+
+    at_s: float
+    wind_speed_m_s: float
+    wind_from_deg: float
+    dead_1h_pct: float
+    dead_10h_pct: float
+    dead_100h_pct: float
+    live_herb_pct: float
+    live_woody_pct: float
+
+    @property
+    def moisture(self) -> Moisture:
+        """As fractions."""
+        return Moisture(
+            self.dead_1h_pct / 100.0,
+            self.dead_10h_pct / 100.0,
+            self.dead_100h_pct / 100.0,
+            self.live_herb_pct / 100.0,
+            self.live_woody_pct / 100.0,
+        )
+
+
+class WeatherStream:
+    """Entries in order of time, the first at 0 s or earlier."""
+
+    def __init__(self, entries: Sequence[Weather]) -> None:
+        """Raises FireModelError naming the entry and the value that cannot be."""
+        if not entries:
+            raise FireModelError("weather: no entries; give at least one, at 0 s")
+        for number, entry in enumerate(entries):
+            _check(number, entry)
+            if number and not entry.at_s > entries[number - 1].at_s:
+                raise FireModelError(
+                    f"weather entry {number}: at_s = {entry.at_s} is not later than the one "
+                    f"before ({entries[number - 1].at_s}); sort the entries by time"
+                )
+        if entries[0].at_s > 0.0:
+            raise FireModelError(
+                f"weather entry 0: at_s = {entries[0].at_s}, so the weather before it is unknown; "
+                "the first entry must be at 0 s or earlier"
+            )
+        self.entries = tuple(entries)
+        self._times = [entry.at_s for entry in entries]
+
+    def index_at(self, time_s: float) -> int:
+        """Index of the entry that holds at a time."""
+        return max(bisect.bisect_right(self._times, time_s) - 1, 0)
+
+    def at(self, time_s: float) -> Weather:
+        """The entry that holds at a time."""
+        return self.entries[self.index_at(time_s)]
+
+    def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
+        """The same with this wind from a time on, whatever was forecast for then."""
+        entry = replace(
+            self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
+        )
+        return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
+
+    def since(self, time_s: float) -> "WeatherStream":
+        """The stream from a time on; the entry that holds then also covers earlier times."""
+        first, *later = self.entries[self.index_at(time_s) :]
+        return WeatherStream((replace(first, at_s=min(first.at_s, 0.0)), *later))
+
+    def change_times(self) -> tuple[float, ...]:
+        """When the weather changes."""
+        return tuple(self._times[1:])
+
+    def changes(self) -> tuple[Weather, ...]:
+        """The first entry and those that are not like the one before."""
+        pairs = zip(self.entries[1:], self.entries[:-1], strict=True)
+        others = [new for new, old in pairs if replace(new, at_s=0.0) != replace(old, at_s=0.0)]
+        return (self.entries[0], *others)
+
+
+def _check(number: int, entry: Weather) -> None:
+    for field in fields(entry):
+        value = getattr(entry, field.name)
+        if not math.isfinite(value):
+            raise FireModelError(f"weather entry {number}: {field.name} = {value} is not a number")
+        if field.name != "at_s" and value < 0.0:
+            raise FireModelError(
+                f"weather entry {number}: {field.name} = {value} must not be negative"
+            )
+    if entry.wind_from_deg > 360.0:
+        raise FireModelError(
+            f"weather entry {number}: wind_from_deg = {entry.wind_from_deg} must be 0 to 360, "
+            "clockwise from north"
+        )
+
+
+def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
+    """Wind 20 ft (6.1 m) above the vegetation from that 10 m above it, in the same unit.
+
+    Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
+    """
+    return wind_10m / WIND_10M_OVER_20FT
+
+
+def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> Floats:
+    """Part of the trees' height that is crown, no unit, 0 where there are no trees."""
+    height_m = np.asarray(canopy_height_m, dtype=np.float64)
+    some = np.where(height_m > 0.0, height_m, 1.0)
+    ratio = np.where(height_m > 0.0, 1.0 - np.asarray(canopy_base_m) / some, 0.0)
+    return np.clip(ratio, 0.0, 1.0)
+
+
+def unsheltered_factor(depth_ft: Floats) -> Floats:
+    """Wind adjustment factor of fuel not under trees, 0 where there is no fuel.
+
+    The mean wind between the top of the fuel and twice its depth (Andrews 2012, after Albini &
+    Baughman 1979, INT-221).
+    """
+    some = np.where(depth_ft > 0.0, depth_ft, 1.0)
+    return np.where(depth_ft > 0.0, 1.83 / np.log((20.0 + 0.36 * some) / (0.13 * some)), 0.0)
+
+
+def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
+    """Wind adjustment factor below a canopy (Andrews 2012, after Albini & Baughman 1979).
+
+    ``crown_fill`` is the part of the volume below the tree tops that crowns fill.
+    """
+    profile = np.log((20.0 + 0.36 * canopy_height_ft) / (0.13 * canopy_height_ft))
+    return 0.555 / (np.sqrt(crown_fill * canopy_height_ft) * profile)
+
+
+def wind_adjustment_factor(
+    depth_ft: Numbers,
+    canopy_cover: Numbers = 0.0,
+    canopy_height_m: Numbers = 0.0,
+    crown_ratio: Numbers = 0.0,
+) -> float | Floats:
+    """Midflame wind over wind 20 ft above the vegetation, no unit (Andrews 2012, RMRS-GTR-266).
+
+    Fuel depth in ft; canopy cover and crown ratio are fractions. Numbers, or arrays of one shape.
+    Fuel is sheltered where crowns (cones: cover times crown ratio over 3) fill at least 5 % of the
+    volume and, as in `behave`, the canopy is at least 6 ft high.
+    Raises FireModelError for a cover or ratio that is no fraction.
+    """
+    for name, part in (("canopy_cover", canopy_cover), ("crown_ratio", crown_ratio)):
+        wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))
+        if wrong.any():
+            value = np.asarray(part)[wrong][0]
+            raise FireModelError(f"{name} = {value}: give a fraction from 0 to 1, not percent")
+    fill = np.asarray(canopy_cover) * crown_ratio / 3.0
+    height_ft = np.asarray(canopy_height_m) / M_PER_FT
+    sheltered = (fill >= 0.05) & (height_ft >= 6.0)
+    below = sheltered_factor(np.where(sheltered, fill, 1.0), np.where(sheltered, height_ft, 6.0))
+    factor: Floats = np.where(
+        sheltered, below, unsheltered_factor(np.asarray(depth_ft, dtype=np.float64))
+    )
+    return factor[()]

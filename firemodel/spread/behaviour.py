@@ -1,0 +1,85 @@
+"""How fire burned where and when it came: spread rate, direction, intensity, flame length."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled
+from firemodel.physics import rothermel
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.spread.fire import Fire
+from firemodel.spread.local_spread import (
+    burnable_codes,
+    head_of,
+    slowness_of,
+    tables_of,
+    terrain_of,
+)
+
+Floats = NDArray[np.float64]
+
+
+class Behaviour(NamedTuple):
+    """Of the front as it came to each cell, float32 (y, x), NaN where it has not come."""
+
+    spread_rate_m_s: NDArray[np.float32]  # along the slope
+    toward_deg: NDArray[np.float32]  # which way the front moved, clockwise from true north
+    intensity_kw_m: NDArray[np.float32]  # Byram's
+    flame_length_m: NDArray[np.float32]
+
+
+def behaviour_of(fire: Fire) -> Behaviour:
+    """Rates are those of the front, across it, from the ellipse of the cell and the way fire took.
+
+    Where fire was lit, they are those of the head.
+    """
+    land, entries = fire.landscape, fire.weather.changes()
+    terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
+    heat = np.empty((len(entries), len(burnable_codes(land))))
+    for number, entry in enumerate(entries):
+        for place, code in enumerate(burnable_codes(land)):
+            bed = rothermel.fuel_bed(FUEL_MODELS[code], entry.moisture)
+            heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
+    began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
+    way = fire.ways().reshape(2, -1)
+    rate, toward_deg, intensity = _behaviour(arrival_s, way, began_s, heat, terrain, tables)
+    toward_deg = (toward_deg + land.grid_convergence_deg) % 360.0
+    flame_m = rothermel.flame_length_m(intensity)
+    found = (rate, toward_deg, intensity, flame_m)
+    return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))
+
+
+@compiled
+def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
+    found = np.full((3, arrival_s.size), np.nan, dtype=np.float32)
+    for cell in range(arrival_s.size):
+        if arrival_s[cell] == np.inf:
+            continue
+        # Fire that comes at the very moment of a change has burned under the weather before it.
+        entry = max(np.searchsorted(began_s, arrival_s[cell]) - 1, 0)
+        a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
+        if a == 0.0:
+            found[0, cell] = found[2, cell] = 0.0
+            continue
+        rise_north = np.float64(terrain.gradient[0, cell])
+        rise_east = np.float64(terrain.gradient[1, cell])
+        north, east = way[0, cell], way[1, cell]
+        if north == 0.0 and east == 0.0:
+            rate, north, east, _ = head_of(cell, entry, terrain, tables)
+        else:
+            # The front lies across the gradient of the time A |v| - B v.
+            up = rise_north * north + rise_east * east
+            length = math.sqrt(north * north + east * east + up * up)
+            to_north = a * (north + up * rise_north) / length - b_north
+            to_east = a * (east + up * rise_east) / length - b_east
+            slowness = math.sqrt(to_north * to_north + to_east * to_east)
+            north, east = to_north / slowness, to_east / slowness
+            up = rise_north * north + rise_east * east
+            rate = math.sqrt(1.0 + up * up) / slowness
+        found[0, cell] = rate
+        found[1, cell] = math.degrees(math.atan2(east, north)) % 360.0
+        found[2, cell] = rate * heat[entry, terrain.fuel[cell]]
+    return found

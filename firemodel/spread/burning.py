@@ -1,0 +1,77 @@
+"""A fire that is already there: from a mapped perimeter, or from arrival times."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import cells_of
+from firemodel.spread.fire import Burning, check_shape
+from firemodel.spread.front import front_polygons
+
+APART_CELLS = 0.5  # points on a front, at most
+EDGE_CELLS = 1e-6  # what runs along the edge of the grid is no front
+
+Floats = NDArray[np.float64]
+
+
+def burning_from_perimeter(
+    polygons: Iterable[BaseGeometry], landscape: Landscape, at_s: float
+) -> Burning:
+    """The fire whose burned area at a time is that of polygons in the landscape's CRS.
+
+    Cells (y, x) whose centre is inside count as burned at that time, and of a polygon that holds no
+    centre the cell it lies in. The front is on all outlines, those of unburned islands among them,
+    where they are on the grid; where polygons meet there is none. Raises FireModelError if no front
+    is on the grid.
+    """
+    area = shapely.union_all(list(polygons))
+    front = _front_on(area, landscape)
+    if front.size == 0:
+        raise FireModelError(
+            "burning: no outline of the perimeter is on the landscape; check the CRS, or take a "
+            "larger landscape"
+        )
+    arrival_s = np.full(landscape.shape, np.inf)
+    arrival_s[tuple(cells_of([area], landscape).T)] = at_s
+    return Burning(at_s, arrival_s, front, area)
+
+
+def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
+    """The fire as it was at a time, from arrival times (y, x; infinity where it never came).
+
+    Later arrivals say only where between two cells the front was (``front.front_polygons``). Raises
+    FireModelError if nothing had burned by then, or everything.
+    """
+    check_shape(arrival_s, landscape)
+    burned = arrival_s <= at_s
+    if not burned.any():
+        raise FireModelError(
+            f"burning: no cell has an arrival by {at_s} s (the first is at {arrival_s.min()} s); "
+            "take a later time"
+        )
+    if burned.all():
+        raise FireModelError(
+            f"burning: every cell has an arrival by {at_s} s; take an earlier time, and leave "
+            "unburned cells without a value"
+        )
+    area = front_polygons(arrival_s, at_s, landscape)
+    extended = shapely.MultiPolygon([part for part in area.geoms if part.area > 0.0])
+    return Burning(at_s, np.where(burned, arrival_s, np.inf), _front_on(area, landscape), extended)
+
+
+def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:
+    """Points (k, 2) on all rings, as float (row, column), of which those on the grid."""
+    rings = shapely.get_parts(area.boundary)
+    drawn = shapely.length(rings) > 0.0  # the rest are points: cells that burn since just now
+    rings[drawn] = shapely.segmentize(rings[drawn], APART_CELLS * landscape.cell_size_m)
+    x_m, y_m = shapely.get_coordinates(rings).T
+    row, col = landscape.row_col_of(x_m, y_m)
+    rows, cols = landscape.shape
+    low, high_row, high_col = EDGE_CELLS - 0.5, rows - 0.5 - EDGE_CELLS, cols - 0.5 - EDGE_CELLS
+    on = (row > low) & (row < high_row) & (col > low) & (col < high_col)
+    return np.stack([row[on], col[on]], axis=1)

@@ -1,0 +1,135 @@
+"""From burned cells to the fire's front: an ordered loop of cells, or polygons."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import Landscape
+
+SMALLEST_S = 1e-6  # on the far side of a front that has only just come to a cell
+Floats = NDArray[np.float64]
+# Neighbours clockwise from west, as (row, col) steps.
+_AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
+
+
+def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The largest burned region that hangs together by sides or corners (y, x)."""
+    from scipy import ndimage
+
+    labels, count = ndimage.label(burned, structure=np.ones((3, 3)))
+    if count == 0:
+        return np.zeros_like(burned)
+    sizes = np.bincount(labels.ravel())[1:]
+    return np.asarray(labels == int(np.argmax(sizes)) + 1)
+
+
+def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Outer boundary cells of the largest burned region, (n, 2) as (row, col).
+
+    An ordered closed loop, anticlockwise on a north-up map; consecutive cells are neighbours (8),
+    and a tail one cell wide is passed on both ways. Moore tracing, ended when the first step is
+    about to be taken again (Jacob's criterion).
+    """
+    region = np.pad(largest_region(burned), 1)
+    if not region.any():
+        return np.empty((0, 2), dtype=np.int32)
+    row, col = (int(value) for value in np.argwhere(region)[0])
+    start, loop, came_from = (row, col), [(row, col)], 0
+    first_step: tuple[int, int] | None = None
+    while True:
+        for turn in range(1, 9):
+            side = (came_from + turn) % 8
+            step = _AROUND[side]
+            if region[row + step[0], col + step[1]]:
+                break
+        else:
+            break  # a single cell
+        if (row, col) == start:
+            if first_step == step:
+                break
+            first_step = first_step or step
+        row, col = row + step[0], col + step[1]
+        loop.append((row, col))
+        # Go on from the empty cell looked at just before, seen from the new cell.
+        before = _AROUND[(side - 1) % 8]
+        back = (before[0] - step[0], before[1] - step[1])
+        came_from = _AROUND.index(back)
+    if len(loop) > 1:
+        loop.pop()  # the start again
+    return np.array(loop[::-1], dtype=np.int32) - 1
+
+
+def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which cells (y, x) have one of these among their eight neighbours."""
+    padded = np.pad(cells, 1)
+    rows, cols = cells.shape
+    found = np.zeros_like(cells)
+    for row, col in _AROUND:
+        found |= padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
+    return found
+
+
+def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
+    """Which of the eight neighbours burned first, as steps (rows, columns), each (y, x).
+
+    (0, 0) where none burned before the cell itself.
+    """
+    padded = np.pad(arrival_s, 1, constant_values=np.inf)
+    rows, cols = arrival_s.shape
+    first, step_row, step_col = arrival_s.copy(), np.zeros((rows, cols)), np.zeros((rows, cols))
+    for row, col in _AROUND:
+        beside = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
+        earlier = beside < first
+        first[earlier], step_row[earlier], step_col[earlier] = beside[earlier], row, col
+    return step_row, step_col
+
+
+def multipolygon(area: Any) -> Any:
+    """The polygons of a shapely geometry as one MultiPolygon."""
+    from shapely import get_parts
+    from shapely.geometry import MultiPolygon
+
+    return MultiPolygon([part for part in get_parts(area) if part.geom_type == "Polygon"])
+
+
+def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
+    """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
+
+    The edge is where the time between two cells' centres, drawn straight, is the one asked for;
+    at most halfway to a cell that fire does not come to, and to the edge of the landscape.
+    """
+    from contourpy import FillType, contour_generator
+    from shapely.geometry import MultiPolygon, Polygon
+
+    burned = expected_s <= time_s
+    if not burned.any():
+        return MultiPolygon()
+    in_rows, in_cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
+    window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
+    ahead_s = _ahead(np.pad(expected_s, 1, constant_values=np.inf), window, time_s)
+    generator = contour_generator(z=ahead_s, fill_type=FillType.OuterOffset)
+    found = []
+    for points, starts in zip(*generator.filled(ahead_s.min() - 1.0, 0.0), strict=True):
+        x_m, y_m = landscape.xy_of(points[:, 1] + in_rows[0] - 1, points[:, 0] + in_cols[0] - 1)
+        rings = np.split(np.stack([x_m, y_m], axis=1), starts[1:-1])
+        found.append(Polygon(rings[0], rings[1:]))
+    return MultiPolygon(found)
+
+
+def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
+    """How long after a time fire comes, in a window and the cells around it.
+
+    Where it never comes, as long as it is ago at most in the cells beside, so that the edge lies
+    halfway and never further.
+    """
+    wider = slice(window[0].start, window[0].stop + 2), slice(window[1].start, window[1].stop + 2)
+    ahead_s = padded_s[wider] - time_s
+    inside = np.pad(ahead_s <= 0.0, 1)
+    ago_s = np.where(inside, -np.pad(ahead_s, 1), 0.0)
+    rows, cols = ahead_s.shape
+    longest_s = np.full((rows, cols), SMALLEST_S)
+    for row, col in _AROUND:
+        beside = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
+        np.maximum(longest_s, ago_s[beside], out=longest_s)
+    return np.where(np.isfinite(ahead_s), ahead_s, longest_s)

@@ -1,0 +1,94 @@
+"""How fast a front moves outwards: the spread of straight pieces of it across themselves."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.local_spread import Tables, slowness_of, tables_of, terrain_of
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class FrontRates:
+    """Spread of fronts on a landscape, under its weather or under a measured wind."""
+
+    def __init__(
+        self, landscape: Landscape, weather: WeatherStream, wind_limit: bool = False
+    ) -> None:
+        self._landscape = landscape
+        self._weather = weather
+        self._terrain = terrain_of(landscape)
+        self._tables = tables_of(landscape, weather.entries, wind_limit)
+
+    def at(
+        self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
+    ) -> Floats:
+        """Speed in m/s, over the ground, at which the front in each cell moves across itself.
+
+        Args:
+            rows, cols: the cells (n).
+            north, east: where the front faces there (n), unit vectors on the grid.
+            at_s: the weather is the one that holds at this time.
+
+        0 where nothing burns. The furthest that fire comes in one second towards (north, east)
+        from anywhere on a straight front: the support of the ellipse A |v| - B v = 1, |v| taken on
+        the slope (Huygens; ``local_spread`` has A and B).
+        """
+        entry = self._weather.index_at(at_s)
+        return self._of(self._tables, entry, rows, cols, north, east)
+
+    def under_wind(
+        self,
+        rows: Integers,
+        cols: Integers,
+        north: Floats,
+        east: Floats,
+        at_s: float,
+        wind: tuple[float, float],
+    ) -> Floats:
+        """As ``at``, but under a wind (speed at 20 ft in m/s, degrees it is from)."""
+        entry = self._weather.index_at(at_s)
+        toward = np.deg2rad(wind[1] + 180.0 - self._landscape.grid_convergence_deg)
+        blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])
+        tables = Tables(self._tables.terms[entry : entry + 1], blowing)
+        return self._of(tables, 0, rows, cols, north, east)
+
+    def _of(
+        self,
+        tables: Tables,
+        entry: int,
+        rows: Integers,
+        cols: Integers,
+        north: Floats,
+        east: Floats,
+    ) -> Floats:
+        cells = rows * self._landscape.shape[1] + cols
+        rates: Floats = _rates(cells, north, east, entry, self._terrain, tables)
+        return rates
+
+
+@compiled
+def _rates(cells, north, east, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    found = np.zeros(cells.size)
+    for place in range(cells.size):
+        cell = cells[place]
+        a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
+        if a == 0.0:
+            continue
+        rise_north = np.float64(terrain.gradient[0, cell])
+        rise_east = np.float64(terrain.gradient[1, cell])
+        # (v - c)' M (v - c) = 1 + B c with M = A² G - B B', G the length on the slope, M c = B.
+        m_nn = a * a * (1.0 + rise_north * rise_north) - b_north * b_north
+        m_ee = a * a * (1.0 + rise_east * rise_east) - b_east * b_east
+        m_ne = a * a * rise_north * rise_east - b_north * b_east
+        det = m_nn * m_ee - m_ne * m_ne
+        c_north = (m_ee * b_north - m_ne * b_east) / det
+        c_east = (m_nn * b_east - m_ne * b_north) / det
+        n, e = north[place], east[place]
+        across = (m_ee * n * n - 2.0 * m_ne * n * e + m_nn * e * e) / det
+        radius = 1.0 + b_north * c_north + b_east * c_east
+        found[place] = n * c_north + e * c_east + np.sqrt(radius * across)
+    return found

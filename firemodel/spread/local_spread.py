@@ -1,0 +1,189 @@
+"""Rothermel in every cell of a landscape: how fast, which way and how thinly fire leaves it.
+
+The equations are those of ``rothermel``, compiled to run cell by cell: the terms of each fuel come
+from ``rothermel.fuel_bed``, once for each entry of the weather, and only wind and slope are left
+for the cell.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled, kernel
+from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
+from firemodel.physics import rothermel
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed
+from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
+
+Floats = NDArray[np.float64]
+
+_length_to_breadth = kernel(rothermel.length_to_breadth)
+_eccentricity = kernel(rothermel.eccentricity)
+
+
+class Terrain(NamedTuple):
+    """What a cell's spread depends on and time does not change; cells in one row (n)."""
+
+    fuel: NDArray[np.int16]  # (n) place in the tables, -1 where nothing burns
+    gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
+    midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
+
+
+class Tables(NamedTuple):
+    """What it depends on besides, for each entry of the weather."""
+
+    terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
+    wind: Floats  # (entries, 3): speed m/s at 20 ft, where it blows to (grid north, east; unit)
+
+
+def terrain_of(landscape: Landscape) -> Terrain:
+    """The landscape's cells in one row."""
+    codes = burnable_codes(landscape)
+    place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
+    place[codes] = np.arange(len(codes))
+    midflame = _midflame(landscape, codes).ravel()
+    cells = landscape.fuel_model.ravel()
+    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame)
+
+
+def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
+    """Midflame wind over wind at 20 ft (y, x), below trees where there are any."""
+    depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
+    depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
+    cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
+    if cover is None or height_m is None:
+        factor = np.asarray(wind_adjustment_factor(depth_ft)).astype(np.float32)
+        return np.asarray(factor[landscape.fuel_model])
+    base_m = np.zeros(1, np.float32) if landscape.canopy_base_m is None else landscape.canopy_base_m
+    base_m = np.broadcast_to(base_m, landscape.shape)
+    found = np.empty(landscape.shape, dtype=np.float32)
+    for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # to stay small
+        rows = slice(top, top + ROWS_AT_ONCE)
+        ratio = crown_ratio_from_base(height_m[rows], base_m[rows])
+        depths = depth_ft[landscape.fuel_model[rows]]
+        found[rows] = np.asarray(wind_adjustment_factor(depths, cover[rows], height_m[rows], ratio))
+    return found
+
+
+def burnable_codes(landscape: Landscape) -> list[int]:
+    """Codes of the fuels that are there, in rising order."""
+    present = np.bincount(landscape.fuel_model.ravel()).nonzero()[0]
+    return [int(code) for code in present if int(code) in FUEL_MODELS]
+
+
+def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
+    """The terms of the landscape's fuels under each entry; ``wind_limit`` as in ``rothermel``.
+
+    The wind, given from true north, is turned to the grid's.
+    """
+    codes = burnable_codes(landscape)
+    terms = np.empty((len(entries), len(codes), 6))
+    wind = np.empty((len(entries), 3))
+    for number, entry in enumerate(entries):
+        toward = math.radians(entry.wind_from_deg + 180.0 - landscape.grid_convergence_deg)
+        wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
+        for place, code in enumerate(codes):
+            bed = fuel_bed(FUEL_MODELS[code], entry.moisture)
+            limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
+            terms[number, place] = (
+                bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
+                bed.wind_b,
+                bed.wind_c * FT_MIN_PER_M_S**bed.wind_b,
+                bed.slope_k,
+                limit_ft_min,
+                rothermel.wind_factor(bed, limit_ft_min) if wind_limit else math.inf,
+            )
+    return Tables(terms, wind)
+
+
+def perturbed(
+    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
+) -> Tables:
+    """Tables up to an entry, then that entry again and all after it with other wind and rates.
+
+    ``turn_deg`` is clockwise.
+    """
+    terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
+    wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
+    terms[entry + 1 :, :, 0] *= spread_factor
+    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    speed, north, east = tables.wind[entry:].T
+    wind[entry + 1 :] = np.stack(
+        [speed * wind_factor, north * cos - east * sin, east * cos + north * sin], axis=1
+    )
+    return Tables(terms, wind)
+
+
+@kernel
+def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    """Fastest spread from a cell: (rate m/s along the slope, north, east (unit), eccentricity).
+
+    Wind and slope are added as vectors (``rothermel.fastest_spread``).
+    """
+    terms, fuel = tables.terms, terrain.fuel[cell]
+    b, c = terms[entry, fuel, 1], terms[entry, fuel, 2]
+    rise_north = np.float64(terrain.gradient[0, cell])
+    rise_east = np.float64(terrain.gradient[1, cell])
+    slope = math.sqrt(rise_north * rise_north + rise_east * rise_east)
+    wind = tables.wind[entry, 0] * terrain.midflame[cell]
+    by_wind = c * wind**b if wind > 0.0 else 0.0
+    north = by_wind * tables.wind[entry, 1]
+    east = by_wind * tables.wind[entry, 2]
+    if slope > 0.0:
+        by_slope = min(terms[entry, fuel, 3] * slope * slope, terms[entry, fuel, 4])
+        north += by_slope * rise_north / slope
+        east += by_slope * rise_east / slope
+    factor = math.sqrt(north * north + east * east)
+    rate = terms[entry, fuel, 0]
+    if factor == 0.0 or rate == 0.0:
+        return rate, 1.0, 0.0, 0.0
+    north, east = north / factor, east / factor
+    factor = min(factor, terms[entry, fuel, 5])
+    effective_m_s = (factor / c) ** (1.0 / b)
+    e = _eccentricity(_length_to_breadth(effective_m_s))
+    return rate * (1.0 + factor), north, east, e
+
+
+@kernel
+def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    """(A, B north, B east) in s/m: fire needs A |v| - B v for a horizontal vector v.
+
+    |v| is the length on the plane in the slope, B horizontal. In that plane the ellipse with the
+    ignition in a focus gives A = 1/(R (1 - e)) and a B of e A towards the fastest spread R, which
+    is here brought down to the horizontal. A is 0 where nothing spreads.
+    """
+    if terrain.fuel[cell] < 0:
+        return 0.0, 0.0, 0.0
+    rate, to_north, to_east, e = head_of(cell, entry, terrain, tables)
+    if rate <= 0.0:
+        return 0.0, 0.0, 0.0
+    rise_north = np.float64(terrain.gradient[0, cell])
+    rise_east = np.float64(terrain.gradient[1, cell])
+    a = 1.0 / (rate * (1.0 - e))
+    up = rise_north * to_north + rise_east * to_east
+    b = e * a / math.sqrt(1.0 + up * up)
+    return a, b * (to_north + up * rise_north), b * (to_east + up * rise_east)
+
+
+@compiled
+def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
+    found = np.zeros((4, terrain.fuel.size))
+    for cell in range(terrain.fuel.size):
+        if terrain.fuel[cell] >= 0:
+            rate, north, east, e = head_of(cell, entry, terrain, tables)
+            found[0, cell], found[1, cell], found[2, cell], found[3, cell] = rate, north, east, e
+    return found
+
+
+def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Floats, Floats]:
+    """Of each cell (y, x): fastest spread (m/s), its direction (rad), eccentricity.
+
+    The direction is clockwise from the grid's north. Cells that do not burn have rate 0.
+    """
+    tables = tables_of(landscape, [weather])
+    rate, north, east, e = _heads(0, terrain_of(landscape), tables).reshape(4, *landscape.shape)
+    return rate, np.arctan2(east, north) % (2.0 * np.pi), e

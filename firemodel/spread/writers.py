@@ -1,0 +1,125 @@
+"""Results as files that other programs read."""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.behaviour import behaviour_of
+from firemodel.spread.fire import Fire
+
+M2_PER_ACRE = 4046.8564224
+SMALLEST_DEG, DECIMALS = 1e-7, 7  # a centimetre
+
+
+def write_geotiff(
+    path: Path, values: NDArray[Any], landscape: Landscape, nodata: float | None = None
+) -> None:
+    """Write an array (y, x) of the landscape's shape as one band on its grid."""
+    import rasterio
+
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        height=landscape.shape[0],
+        width=landscape.shape[1],
+        count=1,
+        dtype=values.dtype,
+        crs=landscape.crs,
+        transform=landscape.transform(),
+        nodata=nodata,
+        compress="deflate",
+    ) as file:
+        file.write(values, 1)
+
+
+def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
+    """Polygons in the landscape's CRS as a MultiPolygon of RFC 7946.
+
+    WGS84 longitude and latitude to a centimetre, outer rings anticlockwise, as rows of [lon, lat].
+    """
+    from shapely import get_parts, set_precision, transform
+    from shapely.geometry.polygon import orient
+
+    def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(*xy_m.T)
+        return np.stack([lon, lat], axis=1)
+
+    rounded = set_precision(transform(area, to_lon_lat), SMALLEST_DEG)
+    shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
+    # Not as shapely's mapping has it: what is whole in 1e-7 degrees is no longer so in floats.
+    return {
+        "type": "MultiPolygon",
+        "coordinates": [
+            [
+                np.round(np.asarray(ring.coords), DECIMALS).tolist()
+                for ring in (shape.exterior, *shape.interiors)
+            ]
+            for shape in shapes
+        ],
+    }
+
+
+def fronts_geojson(
+    fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
+) -> dict[str, Any]:
+    """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
+
+    Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
+    the status says that nobody approved them. ``time_zero`` is 0 s by the calendar, if known.
+    Raises FireModelError for a time that the fire has not come to.
+    """
+    features = []
+    for time_s in times_s:
+        area = fire.front(time_s)
+        properties = {
+            "IncidentName": name,
+            "FeatureCategory": "Wildfire Daily Fire Perimeter",
+            "MapMethod": "Modeled",
+            "FeatureStatus": "Proposed",
+            "GISAcres": round(area.area / M2_PER_ACRE, 2),
+            "area_ha": round(area.area / 1e4, 2),
+            "time_s": time_s,
+        }
+        if time_zero is not None:
+            properties["PolygonDateTime"] = round((time_zero.timestamp() + time_s) * 1000)
+        geometry = area_geometry(area, fire.landscape)
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
+
+
+def write_fronts(
+    path: Path,
+    fire: Fire,
+    times_s: Sequence[float],
+    name: str,
+    time_zero: datetime | None = None,
+) -> None:
+    """Write ``fronts_geojson`` to a file."""
+    found = fronts_geojson(fire, times_s, name, time_zero)
+    path.write_text(json.dumps(found) + "\n", encoding="utf-8")
+
+
+def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
+    """Write when and how the fire came to each cell as GeoTIFFs, -1 where it did not."""
+    found = behaviour_of(fire)
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
+    layers = {
+        "arrival_time_s": arrival_s,
+        "spread_rate_m_s": found.spread_rate_m_s,
+        "spread_toward_deg": found.toward_deg,
+        "flame_length_m": found.flame_length_m,
+        "fireline_intensity_kw_m": found.intensity_kw_m,
+    }
+    paths = {}
+    for name, values in layers.items():
+        paths[name] = folder / f"{name}.tif"
+        filled = np.where(np.isnan(values), -1.0, values).astype(np.float32)
+        write_geotiff(paths[name], filled, fire.landscape, nodata=-1.0)
+    return paths
