@@ -2,7 +2,7 @@
 
 Numba alone looks only at the file a function is in, so that a function would go on with old code of
 another file that it calls. Here the cache's folder is named after the content of all files of this
-package and of the function's own folder: kernels call none from anywhere else.
+package, of the function's own folder, and of all modules of its package that compile functions.
 """
 
 import hashlib

@@ -527,7 +527,7 @@ class MavsdkVehicle:
     async def _made_current(
         self, seq: int, wire_items: Items, before: Onboard, stack: Stack
     ) -> TransferResult:
-        """Begin the mission on board: see ``begin.py``."""
+        """Begin the mission on board: see ``vehicle/begin.py``."""
         address = Address(MAVSDK_IDS, self._target)
         later = range(seq, len(wire_items))
         shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)

@@ -7,7 +7,7 @@ be NaN for "unknown" (``UNKNOWN``) are decoded as such.
 Sources: common.xml of MAVLink for units and unknowns; latitude, longitude and angles by definition;
 heights from the Dead Sea (-430 m) to twice the ceiling of any aircraft here; speeds of air from
 the fastest gust measured (113 m/s, Barrow Island 1996, WMO), of aircraft below half of sound's;
-numbers of items from the longest list of either stack (``stacks.py``).
+numbers of items from the longest list of either stack (``stacks/stacks.py``).
 """
 
 import math

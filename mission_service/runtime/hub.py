@@ -52,7 +52,9 @@ class Hub:
         self.journal_path = journal_path
         self.not_ready: dict[str, str] = {}  # what is still missing, and why
         self.stopping = False
-        self.gauges: dict[str, Callable[[], float]] = {}  # what only an interface knows: metrics.py
+        self.gauges: dict[
+            str, Callable[[], float]
+        ] = {}  # what only an interface knows: interfaces/metrics.py
         self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
         self._bell = asyncio.Event()
 

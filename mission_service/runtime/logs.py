@@ -1,7 +1,7 @@
 """The service's log on stderr: text for people, or a JSON object a line for machines.
 
 Every line goes through one filter at the very end, tracebacks too: what must not be written
-(``hidden.py``) never is.
+(``redaction.py``) never is.
 """
 
 import asyncio

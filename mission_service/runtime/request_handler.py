@@ -34,8 +34,8 @@ class Desk:
     ) -> None:
         """``tell`` handles an event, and returns what was said in answer to it.
 
-        ``words`` are what may be asked for in this scenario (``requests.py``). ``burned_ha`` is the
-        area burned now, where corrections change it: they are answered with old and new area.
+        ``words``: the requests of this scenario (``core/requests.py``). ``burned_ha``: the area
+        burned now, where corrections change it; their replies have the old and the new area.
         """
         self._tell = tell
         self._status = status

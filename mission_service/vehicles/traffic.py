@@ -1,4 +1,4 @@
-"""Who of a scenario's vehicles must keep clear of whom, now: ``separation.py`` has the rules."""
+"""Which vehicles must give way to which, now, by the rules of ``missions/separation.py``."""
 
 import math
 from dataclasses import dataclass, replace

@@ -214,6 +214,6 @@ def test_the_planner_never_reads_the_true_fire(run: Run, tmp_path: Path) -> None
     path = tmp_path / "copy.jsonl"
     shutil.copy(run.journal, path)
     assert verify(path).difference is None
-    source = (Path(__file__).parents[2] / "mission_service" / "core.py").read_text("utf-8")
+    source = (Path(__file__).parents[2] / "mission_service" / "core/core.py").read_text("utf-8")
     assert "devs8" not in source
     assert "world" not in source

@@ -1,6 +1,6 @@
 """The second lock on drops: folds what happened on its own, and says why a drop must not go out.
 
-It knows nothing of the leader that orders drops (burn_flight.py), and shares no decision with it: a
+It knows nothing of the leader that orders drops (controller.py), and shares no decision with it: a
 mistake there does not open this. Whatever it does not know is a reason to refuse. Pure.
 """
 

@@ -1,7 +1,7 @@
 """uvicorn inside the daemon: its tasks and signals are the daemon's, and so is its end.
 
 Of uvicorn there is the protocol (h11) and the loop around it. What is ours: the listening socket,
-TLS, timeouts, which connection is closed when there are too many (``callers.py``), and the end.
+TLS, timeouts, the connection to close when there are too many (``access/callers.py``), the end.
 That reaches into uvicorn, so pyproject.toml names the versions it was written for.
 """
 
