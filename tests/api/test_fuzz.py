@@ -29,7 +29,6 @@ CHECKS = [
 EXAMPLES = 2
 FEW = settings(
     max_examples=EXAMPLES,
-    deadline=None,
     database=None,
     derandomize=True,
     phases=[Phase.generate],

@@ -69,7 +69,7 @@ def test_a_false_start_does_not_cost_the_frames_it_claims() -> None:
 noise = st.binary(max_size=40) | st.binary(max_size=9).map(lambda tail: b"\xfd\x30\x00" + tail)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(noise, min_size=1, max_size=6), st.integers(1, 90), st.booleans())
 def test_noise_between_frames_costs_no_frame(gaps: list[bytes], cut: int, old: bool) -> None:
     frames = [(mavlink_1 if old else text)(f"number {index}") for index in range(len(gaps))]

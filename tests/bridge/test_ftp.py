@@ -175,7 +175,7 @@ def pieces_of_an_upload() -> list[Packet]:
 PIECES = pieces_of_an_upload()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.sampled_from(PIECES), max_size=14))
 def test_whichever_pieces_arrived_in_whatever_order_the_mission_is_old_or_new(
     arrived: list[Packet],
@@ -189,7 +189,7 @@ def test_whichever_pieces_arrived_in_whatever_order_the_mission_is_old_or_new(
 
 
 @given(st.permutations(PIECES))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_pieces_may_arrive_in_any_order(arrived: list[Packet]) -> None:
     bench = holding()
     bench.ask(replace(THEIRS, session=1, data=b"@MISSION/mission.dat", size=20))

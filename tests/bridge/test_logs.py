@@ -302,7 +302,7 @@ def test_a_log_cut_at_any_byte_tells_all_up_to_there(
     assert log.messages >= messages - 2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_noise_in_a_log_costs_what_it_covers_and_is_told(
     written: tuple[Path, bytes, Any], data: st.DataObject

@@ -244,7 +244,7 @@ def test_over_those_bad_links_every_kind_of_message_was_lost() -> None:
     } <= LOST
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(STACKS), links, links)
 def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
     stack: Stack, up: dict[str, Any], down: dict[str, Any]

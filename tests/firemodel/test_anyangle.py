@@ -208,7 +208,7 @@ def mixed(seed: int, size: int = 40) -> Landscape:
     return landscape(codes, heights)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.integers(0, 1000),
     st.lists(st.floats(1.0, 40_000.0), max_size=8),

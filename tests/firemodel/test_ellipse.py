@@ -223,7 +223,7 @@ def fires(draw: st.DrawFn) -> tuple[EllipseFire, Floats]:
 
 
 @given(fires())
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 def test_what_is_left_out_is_never_first(case: tuple[EllipseFire, Floats]) -> None:
     fire, points = case
     all_s = every_pair(fire, points)

@@ -57,7 +57,7 @@ def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
     assert "vehicle 2 (kite), ardupilot plane" in result.output
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0, exclude_max=True), change=st.integers(1, 255))
 def test_a_changed_byte_costs_its_line_and_is_told(
     folder: Path, tmp_path: Path, place: float, change: int
@@ -77,7 +77,7 @@ def test_a_changed_byte_costs_its_line_and_is_told(
     assert lines - 6 <= told < lines
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0))
 def test_a_journal_cut_at_any_byte_tells_all_up_to_there(
     folder: Path, tmp_path: Path, place: float

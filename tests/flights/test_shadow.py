@@ -322,7 +322,7 @@ def test_the_journal_of_a_run_is_not_written_over(log: Path, tmp_path: Path) -> 
     assert rest
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(share=st.floats(0.0, 1.0))
 def test_a_log_cut_at_any_byte_is_replayed_up_to_there(tmp_path: Path, share: float) -> None:
     whole = round_flight(end_s=40.0)

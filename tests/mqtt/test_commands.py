@@ -246,7 +246,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.sampled_from([*TAKEN, "approve", "x"]),
     st.binary() | JSON.map(lambda value: json.dumps(value).encode()),
@@ -259,7 +259,7 @@ def test_no_message_does_harm(name: str, payload: bytes, retained: bool) -> None
     assert name == "abort" or not door.desk.asked
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.sampled_from(TAKEN),
     st.dictionaries(st.sampled_from(["by", "station", "vehicle", "points", "hash", "x"]), JSON),

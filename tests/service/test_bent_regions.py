@@ -122,7 +122,7 @@ def act(regions: Regions, air: Air, seat: int, draw: Draw) -> Regions:
     return regions
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.randoms(use_true_random=False), st.integers(1, 6), st.integers(6, 60))
 def test_every_cell_has_one_owner_whatever_happens(random, uavs: int, cells: int) -> None:  # type: ignore[no-untyped-def]
     def draw(below: int) -> int:
@@ -137,7 +137,7 @@ def test_every_cell_has_one_owner_whatever_happens(random, uavs: int, cells: int
         check(regions)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.randoms(use_true_random=False))
 def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ignore[no-untyped-def]
     def draw(below: int) -> int:

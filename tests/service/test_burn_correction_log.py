@@ -89,7 +89,7 @@ def model(events: list[Corrected | Erased | Undone | Redone]) -> list[tuple[Corr
     return seen
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 2**32))
 def test_any_order_of_them_is_as_a_naive_model_has_it(seed: int) -> None:
     chance = random.Random(seed)

@@ -572,7 +572,7 @@ ELSEWHERE = tuple((lat_deg + 1.0, lon_deg) for lat_deg, lon_deg in CORNERS)
 SECTIONS = (BURN, burn(spheres=1), burn(most_drops_per_min=1.0, drop_spacing_m=300.0))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.integers(0, 2**32))
 def test_nothing_goes_out_that_a_look_at_all_that_happened_does_not_allow(seed: int) -> None:
     for number in range(10):

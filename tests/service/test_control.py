@@ -252,7 +252,7 @@ def scrambled(chance: random.Random) -> Any:
     return request
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(0, 2**32))
 def test_any_request_is_an_event_that_can_be_journalled_or_is_refused(seed: int) -> None:
     chance = random.Random(seed)

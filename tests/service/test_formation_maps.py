@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
@@ -29,7 +29,6 @@ def distance_m(fire: np.ndarray, cell_m: float) -> np.ndarray:
     return far
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(CELLS, CELLS), max_size=8),
     st.sampled_from([(10.0, 160.0, 652.8), (30.0, 160.0, 300.0), (7.0, 0.0, 63.0)]),

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_service.guidance.formation.grid import Grid
@@ -33,7 +33,6 @@ def in_view(view: tuple[float, float, float, float, float], slack_m: float = 0.0
     return found
 
 
-@settings(deadline=None)
 @given(VIEWS)
 def test_cells_in_view_are_those_with_centres_in_the_rectangle(
     view: tuple[float, float, float, float, float],
@@ -56,7 +55,6 @@ def test_centres_on_an_edge_are_in_view() -> None:
         assert len(cells) == 11 * 5
 
 
-@settings(deadline=None)
 @given(VIEWS)
 def test_a_look_tells_what_differs_from_what_is_known(
     view: tuple[float, float, float, float, float],

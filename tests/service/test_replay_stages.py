@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mission_service.replay.fire_stage as replay_fire
@@ -112,7 +112,7 @@ def is_named(path: Path, data: bytes, at: int, stages: tuple[str, ...]) -> None:
         assert found.stage("file").counts["altered"] >= 1
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=300)
 @given(data=st.data())
 def test_a_changed_byte_anywhere_is_found_and_named(
     data: st.DataObject, small: Path, tmp_path_factory: pytest.TempPathFactory
@@ -124,7 +124,7 @@ def test_a_changed_byte_anywhere_is_found_and_named(
     is_named(path, whole, at, ("file",))
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100)
 @given(data=st.data())
 def test_no_stage_breaks_on_a_changed_byte(
     data: st.DataObject, small: Path, tmp_path_factory: pytest.TempPathFactory
@@ -137,7 +137,7 @@ def test_no_stage_breaks_on_a_changed_byte(
     assert [each.name for each in verify(path).stages] == ["file", "fire", "planner", "core"]
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100)
 @given(data=st.data())
 def test_a_journal_cut_anywhere_is_verified_up_to_there(
     data: st.DataObject, small: Path, tmp_path_factory: pytest.TempPathFactory

@@ -275,7 +275,7 @@ SIGHTS = st.tuples(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.one_of(SIGHTS, st.integers(0, 2**30)), max_size=40))
 def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
     schedule: list[tuple[int, np.ndarray, np.ndarray] | int],
