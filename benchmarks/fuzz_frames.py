@@ -25,8 +25,8 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import V2, Framer, checksum, field_at, message_id_of
 from autopilot_bridge.links.signing import Key, Signing, Timestamps
 from autopilot_bridge.mock.autopilot import MockAutopilot

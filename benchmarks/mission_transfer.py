@@ -11,8 +11,8 @@ import sys
 import time
 from typing import Protocol
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.missions.download import MissionDownload
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, next_session

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 
 PATHS = ("/", "/healthz", "/api/v1/state", "/api/v1/wind", "/api/v1/live?since=x", "/metrics")
 COMMANDS = ("hold", "status", "wind", "correct", "..", "x" * 200)  # an abort is taken as it comes

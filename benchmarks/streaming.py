@@ -18,7 +18,7 @@ from contextlib import AsyncExitStack
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection, Peer
 from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.fleet import FleetLink

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import parse_link
 from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
 from autopilot_bridge.links.tlog import Tlog

@@ -31,8 +31,8 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.links.framing import (
     SIGNATURE_BYTES,
     SIGNED,

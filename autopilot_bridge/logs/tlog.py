@@ -13,9 +13,9 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message, item_of
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec, Message, item_of
 from autopilot_bridge.links.framing import STARTS, frame_length, is_known, message_id_of, source_of
 from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.entries import (

@@ -5,9 +5,9 @@ import json
 import logging
 from typing import Any, NamedTuple
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, MissionItem, jumps_moved
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.missions.transfer import Holds, TransferResult
 from autopilot_bridge.stacks.stacks import Stack

@@ -18,9 +18,9 @@ from typing import Any, Literal, Self, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, jumps_moved
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Counts, Signing

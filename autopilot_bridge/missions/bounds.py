@@ -14,8 +14,8 @@ import math
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.items import NO_POSITION, MissionItem, has_degrees
+from autopilot_bridge.links.codec import Message
 
 MOST_ITEMS = 5000
 GUST_M_S = 115.0

@@ -6,8 +6,8 @@ every question is repeated on timeout
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message, item_of
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message, item_of
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
 
 # More tries for each item: with a fifth of the messages lost each way, a download of fifty items

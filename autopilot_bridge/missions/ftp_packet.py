@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 
 _HEAD = struct.Struct("<H5BxI")
 _PAYLOAD_BYTES = 251

@@ -5,8 +5,8 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message
 
 Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded", "cancelled"]
 # What the vehicle holds after a transfer, in words that programs can compare.

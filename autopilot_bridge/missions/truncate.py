@@ -8,8 +8,8 @@ reading it back.
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message, item_message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message, item_message
 from autopilot_bridge.missions.download import Asking
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
 

@@ -16,8 +16,8 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message, item_message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message, item_message
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
 
 IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE

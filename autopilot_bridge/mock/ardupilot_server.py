@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.mock.ardupilot_items import fence_fault, judge
 from autopilot_bridge.mock.mission_server import (

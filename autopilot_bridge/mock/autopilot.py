@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import waypoint
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.commands import CommandServer, asked_of
 from autopilot_bridge.mock.flight import Flight

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.course_of_items import DEFAULT_RADIUS_M
 from autopilot_bridge.mock.flight import Flight, Mode
 from autopilot_bridge.mock.intervals import Intervals

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_TYPE_MISSION
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of
 from autopilot_bridge.missions.mission_file import (

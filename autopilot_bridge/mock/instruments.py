@@ -4,7 +4,7 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.course_of_items import LANDINGS
 from autopilot_bridge.mock.flight import Flight
 from autopilot_bridge.mock.kinematics import GRAVITY_M_S2

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Peer
 from autopilot_bridge.links.framing import frames_of
 from autopilot_bridge.links.signing import Key, is_secret

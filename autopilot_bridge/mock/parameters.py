@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.parameters import REAL32, decoded_value, encoded_value
 

@@ -5,8 +5,8 @@ import struct
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.mission_server import ACCEPTED, ERROR, FENCE, MISSION, VERTICES
 from autopilot_bridge.stacks.rules import FENCE_COMMANDS, RALLY_POINT, rules_of
 from autopilot_bridge.stacks.stacks import Stack

@@ -5,8 +5,8 @@ from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import Items, waypoint
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.faults import Faults, Span

@@ -2,7 +2,7 @@
 
 import struct
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 
 
 def with_extension(message: Message, *ids: int) -> Message:

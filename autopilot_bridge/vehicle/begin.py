@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.command import RESULTS, command_message

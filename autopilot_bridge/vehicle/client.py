@@ -9,9 +9,9 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import Kind, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import orders

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.parameters import ParameterSet

@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_of
 from autopilot_bridge.vehicle.client import HEARTBEAT_EVERY_US, VehicleClient, gcs_heartbeat

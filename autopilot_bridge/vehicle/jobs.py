@@ -18,8 +18,8 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_ERROR
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.items import MissionItem, jumps_moved
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.download import MissionClear, MissionDownload
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
 from autopilot_bridge.missions.plan_id import mission_id_of

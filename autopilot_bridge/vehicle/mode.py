@@ -10,7 +10,7 @@ behind another: a mode that the autopilot selects in between is seen, and not ov
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.command import RESULTS

@@ -15,8 +15,8 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 
 LONGEST_NAME = 16

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import ARM, Stack
 from autopilot_bridge.vehicle.asked_modes import AskedModes, modes_asked

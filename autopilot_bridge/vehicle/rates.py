@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.stacks.stacks import Stack
 
 RatesHz = Mapping[int, float]

@@ -16,7 +16,7 @@ Which flags of the position estimate count, by their use in the stacks (read: Ar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.vehicle.client_events import (
     EstimatorStatus,
     FenceStatus,

@@ -6,7 +6,7 @@ from typing import get_args
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Message
+from autopilot_bridge.links.codec import Message
 from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Battery,

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message
 from autopilot_bridge.items import MissionItem, takeoff, waypoint
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, stack_named

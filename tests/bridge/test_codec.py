@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message, item_message
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec, Message, item_message
 from autopilot_bridge.missions.plan_id import mission_id_of
 from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.stacks.stacks import stack_named

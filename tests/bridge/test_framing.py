@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import Framer
 
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp import leaves_old_tail, next_session
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of

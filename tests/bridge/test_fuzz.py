@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import frames_of
 from benchmarks.fuzz_frames import (
     MUTATIONS,

@@ -6,8 +6,8 @@ from random import Random
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import takeoff
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.asked_modes import AskedModes

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import item_message
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import item_message
 from autopilot_bridge.missions.mission_file import (
     decode_mission_file,
     encode_mission_file,

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client import VehicleClient

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.faults import Faults, parse_faults
 from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.mock.troubled import GROUND, SECOND_GROUND, Troubled

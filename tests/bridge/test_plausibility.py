@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.missions.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
 from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import (

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock import instruments
 from autopilot_bridge.mock.kinematics import Wind as Breeze

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import MissionProgress, Text
 from autopilot_bridge.vehicle.watch import Watch

@@ -13,9 +13,9 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Plan
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import other_end
 from autopilot_bridge.links.tlog import Tlog

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming

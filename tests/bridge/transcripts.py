@@ -13,7 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.px4_server import Px4Server
 from tests.bridge.helpers import SECOND

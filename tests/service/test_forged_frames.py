@@ -16,7 +16,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec, Message
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import V2
 from mission_service.replay.verification import verify
 from tests.service.test_live import free_port, mock, process

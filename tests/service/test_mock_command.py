@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.codec import Codec
+from autopilot_bridge.links.codec import Codec
 from mission_service.simulation.mocks import Surroundings, by_hand, listening, read_wind
 from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
