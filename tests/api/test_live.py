@@ -218,7 +218,9 @@ def test_there_are_so_many_streams_and_no_more(flying: World) -> None:
     asyncio.run(go())
 
 
-def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(flying: World) -> None:
+def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     took_s = []
 
     async def go() -> None:
@@ -235,8 +237,9 @@ def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(flying: World) -> 
                 await asyncio.sleep(0.002)
             writer.close()
 
+    monkeypatch.setattr(live, "TOLD_EVERY_S", 2 * PATIENCE_S)
     asyncio.run(go())
-    assert sorted(took_s)[len(took_s) // 2] < live.TOLD_EVERY_S / 2  # benchmarks.load has the time
+    assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load has the time
 
 
 def test_who_does_not_read_is_cut_off_and_holds_no_memory(

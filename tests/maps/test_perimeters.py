@@ -3,7 +3,6 @@
 import io
 import json
 import struct
-import time
 import tracemalloc
 import zipfile
 from datetime import UTC, datetime
@@ -322,12 +321,10 @@ def test_files_that_are_too_large_are_told_what_to_do(
     ],
 )  # fmt: skip
 def test_malformed_and_hostile_files_are_one_line(data: bytes, message: str) -> None:
-    begun_s = time.process_time()
     with pytest.raises(FireModelError, match=message) as error:
         read(data)
     assert len(str(error.value).splitlines()) == 1
     assert len(str(error.value)) < 400
-    assert time.process_time() - begun_s < 3.0
 
 
 def test_a_bomb_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
