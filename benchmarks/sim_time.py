@@ -14,10 +14,10 @@ from mission_service.config.scenario import load_scenario
 from mission_service.simulation.sim import simulate
 
 PARTS = {
-    "planner and core": "core/core.py:handle",
-    "camera and fire": "runtime/engine.py:_look",
+    "planner and core": "core.py:handle",
+    "camera and fire": "engine.py:_look",
     "mock autopilot": "autopilot.py:handle_timer",
-    "decoding and client": "vehicle/client.py:receive_data",
+    "decoding and client": "client.py:receive_data",
     "journal": "journal.py:_write",
 }
 

@@ -137,7 +137,7 @@ def cluster(workers: int) -> Iterator[str]:
     """A Dask scheduler and worker processes on this machine; its address."""
     address = f"tcp://127.0.0.1:{free_port()}"
     dask = [sys.executable, "-m", "dask"]
-    there = {**os.environ, "PYTHONPATH": str(Path(formation.__file__).parents[2])}
+    there = {**os.environ, "PYTHONPATH": str(Path(formation.__file__).parents[3])}
     port = address.rpartition(":")[2]
     commands = [["scheduler", "--host", "127.0.0.1", "--port", port]]
     commands += [["worker", address, "--nthreads", "1", "--no-nanny"]] * workers
