@@ -1,8 +1,9 @@
 """pymavlink's own waypoint code (mavwp, mavftp, mavutil) on the mock, as its examples use it."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from tests.bridge.mock_process import mock_process, short_mission
 mavlink = mavutil.mavlink
 SPEEDUP = 20.0
 TIMEOUT_S = 15.0
+TRIES = 4
 
 
 @contextmanager
@@ -36,6 +38,16 @@ def heard(connection: Any, *kinds: str) -> Any:
     return message
 
 
+def asked(connection: Any, ask: Callable[[], Any], *kinds: str) -> Any:
+    """The answer to a message, which is sent again if a full socket buffer dropped either."""
+    for _ in range(TRIES):
+        ask()
+        message = connection.recv_match(type=list(kinds), blocking=True, timeout=TIMEOUT_S)
+        if message is not None:
+            return message
+    raise AssertionError(f"no {' or '.join(kinds)}")
+
+
 def loader_of(items: Items) -> mavwp.MAVWPLoader:
     """The waypoints as pymavlink keeps them: floats in degrees."""
     loader = mavwp.MAVWPLoader(1, 1)
@@ -52,32 +64,33 @@ def loader_of(items: Items) -> mavwp.MAVWPLoader:
 
 def uploaded(connection: Any, loader: mavwp.MAVWPLoader, as_int: bool) -> int:
     """The classic loop; returns the ACK."""
-    connection.waypoint_clear_all_send()
-    assert heard(connection, "MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
-    connection.waypoint_count_send(loader.count())
+    cleared = asked(connection, connection.waypoint_clear_all_send, "MISSION_ACK")
+    assert cleared.type == mavlink.MAV_MISSION_ACCEPTED
+    send = partial(connection.waypoint_count_send, loader.count())
     while True:
-        message = heard(connection, "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK")
+        message = asked(connection, send, "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK")
         if message.get_type() == "MISSION_ACK":
             return int(message.type)
         item = loader.wp(message.seq)
-        connection.mav.send(
+        send = partial(
+            connection.mav.send,
             mavutil.mavlink.MAVLink_mission_item_int_message(
                 *(1, 1, item.seq, item.frame, item.command, item.current, item.autocontinue),
                 *(item.param1, item.param2, item.param3, item.param4),
                 *(round(item.x * 1e7), round(item.y * 1e7), item.z),
             )
             if as_int
-            else item
+            else item,
         )
 
 
 def downloaded(connection: Any) -> mavwp.MAVWPLoader:
     """The classic loop the other way, with MISSION_REQUEST and floats."""
     loader = mavwp.MAVWPLoader(1, 1)
-    connection.waypoint_request_list_send()
-    for seq in range(heard(connection, "MISSION_COUNT").count):
-        connection.waypoint_request_send(seq)
-        loader.add(heard(connection, "MISSION_ITEM"))
+    listed = asked(connection, connection.waypoint_request_list_send, "MISSION_COUNT")
+    for seq in range(listed.count):
+        request = partial(connection.waypoint_request_send, seq)
+        loader.add(asked(connection, request, "MISSION_ITEM"))
     connection.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED)
     return loader
 
@@ -100,15 +113,15 @@ def expected(items: Items, stack: Stack) -> list[tuple[int, ...]]:
 def start(connection: Any, stack: Stack) -> None:
     for command, params, _ in stack.start:
         values = [*params, *[0.0] * (7 - len(params))]
-        connection.mav.command_long_send(1, 1, command, 0, *values)
-        ack = heard(connection, "COMMAND_ACK")
+        send = partial(connection.mav.command_long_send, 1, 1, command, 0, *values)
+        ack = asked(connection, send, "COMMAND_ACK")
         assert (ack.command, ack.result) == (command, mavlink.MAV_RESULT_ACCEPTED)
 
 
 def until_current(connection: Any, seq: int) -> list[int]:
     """The items told of as current up to this one, each once."""
     told: list[int] = []
-    end = time.monotonic() + TIMEOUT_S
+    end = time.monotonic() + TRIES * TIMEOUT_S
     while not told or told[-1] != seq:
         assert time.monotonic() < end, f"item {seq} was never current, but {told} were"
         current = heard(connection, "MISSION_CURRENT").seq
@@ -139,10 +152,12 @@ def test_the_classic_waypoint_loop_uploads_downloads_flies_and_clears(
         connection.waypoint_set_current_send(hidden + 1)
         assert until_current(connection, hidden + 1)
         command, params, _ = stack.set_mode(stack.rtl_mode)
-        connection.mav.command_long_send(1, 1, command, 0, *params, *[0.0] * (7 - len(params)))
-        assert heard(connection, "COMMAND_ACK").result == mavlink.MAV_RESULT_ACCEPTED
-        connection.waypoint_clear_all_send()
-        assert heard(connection, "MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
+        values = [*params, *[0.0] * (7 - len(params))]
+        send = partial(connection.mav.command_long_send, 1, 1, command, 0, *values)
+        ack = asked(connection, send, "COMMAND_ACK")
+        assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+        cleared = asked(connection, connection.waypoint_clear_all_send, "MISSION_ACK")
+        assert cleared.type == mavlink.MAV_MISSION_ACCEPTED
         assert downloaded(connection).count() == 0
 
 
