@@ -152,7 +152,7 @@ def test_mcap_has_all_logs_on_one_clock(logs: list[Path], out: Path) -> None:
     assert counts["/hawk-1/pose", "foxglove.PoseInFrame"] == 40
     assert counts["/hawk-1/mission", "foxglove.GeoJSON"] == 1
     assert counts["/hawk-1/speeds", "mission_service.speeds"] == 40
-    assert counts["/hawk-1/outputs", "mission_service.runtime.outputs"] == 2
+    assert counts["/hawk-1/outputs", "mission_service.outputs"] == 2
     assert counts["/kite-3/location", "foxglove.LocationFix"] == 40
     assert counts["/kite-3/log", "foxglove.Log"] > 2
     kite = [each for each in found if each[0] == "/kite-3/location"]
