@@ -32,6 +32,7 @@ UNSTABLE = ("crc", "created", "packages", "mission_service")  # of a journal's l
 SHOWN = 5
 PROCESSES = 2
 TIMEOUT_S = 3600.0
+OVERRIDES = {"sitl": ("--set", "duration_s=7200")}  # it has no end of its own
 
 
 def record(folder: Path, wanted: list[str]) -> None:
@@ -74,7 +75,7 @@ def _service(*arguments: str) -> str:
 
 def _sim(name: str, into: Path) -> None:
     with tempfile.TemporaryDirectory() as out:
-        printed = _service("sim", name, "--out", out, "--json")
+        printed = _service("sim", name, "--out", out, "--json", *OVERRIDES.get(name, ()))
         lines = (Path(out) / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     into.mkdir(parents=True, exist_ok=True)
     _write(into / "summary.json", json.loads(printed))
