@@ -21,7 +21,7 @@ from mission_service.runtime.hub import Hub
 PREFIX = "mission_service_"
 # Name without the prefix: help, labels. Those that end in _total only grow.
 FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "info": ("Version, scenario and rule of this service; always 1.", ("version", "scenario", "rule")),
+    "info": ("Version, scenario and rule; always 1.", ("version", "scenario", "rule")),
     "ready": ("1 while /readyz answers 200.", ()),
     "mission_time_seconds": ("Mission time.", ()),
     "vehicles": ("Vehicles that this process flies.", ()),
