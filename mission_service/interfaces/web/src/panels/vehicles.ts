@@ -149,7 +149,7 @@ export class VehiclesPanel {
       ["Height", here ? `${metres(here.height_agl_m)} above ground` : "–"],
       ["Motion", here ? `${speed(here.ground_speed_m_s)}, heading ${here.heading_deg.toFixed(0)}°` : "–"],
       // In a replay nothing is sent: it flew what it flew.
-      [store.state?.replay ? "Would fly" : "On board", missionWords(mission?.on_board ?? null, vehicle)],
+      [store.state?.replay ? "Simulated mission" : "On board", missionWords(mission?.on_board ?? null, vehicle)],
       ["In transfer", mission?.sending ? missionWords(mission.sending, null) : null],
       [
         "Last reversal",
