@@ -234,7 +234,7 @@ def run(
     "faults",
     multiple=True,
     metavar="FAULT",
-    help="Something to go wrong (repeatable), e.g. reboot@30; see the README.",
+    help="Something to go wrong (repeatable), e.g. reboot@30; see docs/autopilots.md.",
 )
 @click.option(
     "--param",
