@@ -12,7 +12,8 @@ import time
 
 import numpy as np
 
-from mission_service.guidance.formation import intent, peers
+from mission_service.guidance.formation import intent_avoidance as intent
+from mission_service.guidance.formation import peer_table as peers
 from tests.service.formation_worlds import (
     AVOIDANCES,
     SETTINGS,

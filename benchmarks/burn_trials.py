@@ -11,8 +11,8 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
-from mission_service.guidance.burn.lines import only_areas
-from mission_service.guidance.burn.planner import LinePlan, Situation
+from mission_service.guidance.burn.ignition_lines import only_areas
+from mission_service.guidance.burn.line_planner import LinePlan, Situation
 from mission_service.guidance.burn.unit import Person, Unit
 
 Floats = NDArray[np.float64]

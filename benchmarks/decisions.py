@@ -23,8 +23,8 @@ from mission_service.experiments.islam_hu import perimeter_planner
 from mission_service.experiments.predictive_flight import predictive_planner
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import LATER_PLANNERS, bent_rule
-from mission_service.guidance.team.bent import PLANNERS as BENT_PLANNERS
+from mission_service.guidance.team.bent_rules import LATER_PLANNERS, bent_rule
+from mission_service.guidance.team.bent_rules import PLANNERS as BENT_PLANNERS
 from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
 
 SIZES = (500, 1000, 2000, 4000)  # cells of the front

@@ -15,12 +15,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.camera_footprint import look, mark
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import MapMessage, SharedMap
-from mission_service.guidance.formation.sight import look, mark
 from mission_service.peer_messages import Digest, FireUpdate
 
 GRID = Grid(500, 500, 10.0, 0.0, 5000.0)

@@ -37,9 +37,9 @@ from mission_service.experiments.formation_world import FormationWorld, Rules, f
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.formation.controller import FormationFlight
-from mission_service.guidance.formation.grid import grid_of
-from mission_service.guidance.formation.monitoring import MonitoringArea
-from mission_service.guidance.formation.seats import settings_of
+from mission_service.guidance.formation.map_grid import grid_of
+from mission_service.guidance.formation.members import settings_of
+from mission_service.guidance.formation.monitoring_metrics import MonitoringArea
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 from mission_service.interfaces.control.client import Control

@@ -86,7 +86,7 @@ def burn() -> None:
 @JSON
 def status(out: Path, as_json: bool) -> None:
     """Show plan, approvals, GO list and vehicle."""
-    from mission_service.guidance.burn.figures import status_in_words
+    from mission_service.guidance.burn.plan_summary import status_in_words
     from mission_service.interfaces.control.client import Control
 
     with Control(out) as there:
@@ -102,7 +102,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 
     An approval holds only while somebody of its station is there.
     """
-    from mission_service.guidance.burn.figures import status_in_words
+    from mission_service.guidance.burn.plan_summary import status_in_words
     from mission_service.interfaces.control.client import Control
 
     with Control(out) as there:
@@ -146,7 +146,7 @@ def plan(
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
     """Approve the plan HASH (at least its first 8 digits): it shows what that is, and asks."""
     from mission_service.errors import RequestError
-    from mission_service.guidance.burn.figures import plan_in_words
+    from mission_service.guidance.burn.plan_summary import plan_in_words
     from mission_service.interfaces.control.client import Control
 
     with Control(out) as there:

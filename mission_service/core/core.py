@@ -48,7 +48,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.front.controller import FrontFlight
-from mission_service.guidance.front.unwatched import FrontWatch
+from mission_service.guidance.front.unmonitored import FrontWatch
 from mission_service.guidance.protocol import Decision, Leader
 from mission_service.guidance.registry import planners_of
 from mission_service.missions.landing import Landing
@@ -93,7 +93,7 @@ class Core:
             self.spacing = Spacing(scenario, landscape, self.steering.presence)
         elif scenario.planner.rule == FORMATION:
             from mission_service.guidance.formation.controller import FormationFlight
-            from mission_service.guidance.formation.seats import Formation
+            from mission_service.guidance.formation.members import Formation
 
             formation = Formation(scenario, landscape)
             self.steering = Steering(scenario, landscape, formation.seats)

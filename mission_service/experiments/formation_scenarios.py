@@ -17,11 +17,11 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
 from mission_service.experiments.static_placement import coverage, weights_of
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import tie_rad
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.rollout import unroll
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.rollout_kernels import unroll
 from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 
 Floats = NDArray[np.float64]
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from firemodel.compiled import kernel
 from mission_service.experiments.formation_fires import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, Own
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.loiter import steered, wanted_heading_rad
-from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
-from mission_service.guidance.formation.rvo import clear_heading_rad, meets_after_s
+from mission_service.guidance.formation.camera_footprint import look, mark
+from mission_service.guidance.formation.loiter_kernels import steered, wanted_heading_rad
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
+from mission_service.guidance.formation.rvo_kernels import clear_heading_rad, meets_after_s
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.sight import look, mark
 from mission_service.peer_messages import AnyMessage, State
 
 Floats = NDArray[np.float64]

@@ -19,8 +19,12 @@ from mission_service.experiments.fires import (
 )
 from mission_service.experiments.ideal_flight import Flight, fly
 from mission_service.experiments.predictive_flight import fly_predictive
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings, Rule
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.perimeter_planner import (
+    PerimeterPlanner,
+    PerimeterSettings,
+    Rule,
+)
 from mission_service.guidance.protocol import Planner
 
 ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.map_grid import Grid
 from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]

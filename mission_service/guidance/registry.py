@@ -8,17 +8,17 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.fire.setup import fire_position, weather_of
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings
-from mission_service.guidance.front.predictive import (
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner, PerimeterSettings
+from mission_service.guidance.front.predictive_planner import (
     PredictivePlanner,
     PredictiveSettings,
     model_of,
 )
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.benchmarks import Bumper, Circling
-from mission_service.guidance.team.bent import LATER_PLANNERS, PLANNERS, bent_rule
+from mission_service.guidance.team.baselines import Bumper, Circling
+from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.ring import TeamRule
 from mission_service.guidance.team.team import Flyer, Team, TeamSettings
 

@@ -61,7 +61,7 @@ from mission_service.events import (
 from mission_service.fire.simulated import FireWorld, Window
 from mission_service.fire.watched import OF_FIRE, WatchedFire
 from mission_service.guidance.burn.interlock import Interlock
-from mission_service.guidance.burn.mission import has_drop
+from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.journal.journal import Journal, command_body, event_body
 from mission_service.journal.recording import Recording
 from mission_service.journal.snapshot import Known, copied

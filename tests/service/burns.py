@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
-from mission_service.guidance.burn.planner import Situation
+from mission_service.guidance.burn.line_planner import Situation
 from mission_service.guidance.burn.unit import Unit
 
 Floats = NDArray[np.float64]

@@ -15,8 +15,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from firemodel.compiled import NUMBA, cache_folder
-from mission_service.guidance.formation import intent, loiter, peers, phase, rvo
-from mission_service.guidance.formation.intent_kernels import NOTES, think
+from mission_service.guidance.formation import intent_avoidance as intent
+from mission_service.guidance.formation import loiter_kernels as loiter
+from mission_service.guidance.formation import orbit_phase_kernels as phase
+from mission_service.guidance.formation import peer_table as peers
+from mission_service.guidance.formation import rvo_kernels as rvo
+from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, think
 from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from mission_service.guidance.front.advice import AGAIN_S, Adviser, Wishes, advice
 from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.team_size_advice import AGAIN_S, Adviser, Wishes, advice
 
 # patrolling.md's example: 5 km, 0.5 m/s, 15 m/s.
 RING = Ring(np.full(100, 50.0), np.full(100, 0.5), np.zeros(100))

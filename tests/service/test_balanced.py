@@ -7,9 +7,9 @@ from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import SHORT_GRASS, burn, flat, of_one_fuel, wind
 from mission_service.experiments.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
-from mission_service.guidance.front.dead_reckoning import Heard, fleet_of
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import NEGOTIATIONS, PLANNERS, bent_rule
+from mission_service.guidance.team.bent_rules import NEGOTIATIONS, PLANNERS, bent_rule
+from mission_service.guidance.team.dead_reckoning import Heard, fleet_of
 from mission_service.guidance.team.ring import Fleet, Floats, Ring, TeamRule
 from mission_service.guidance.team.team_size import (
     best_split,

@@ -7,19 +7,19 @@ import pytest
 
 from mission_service.experiments.ring_flight import SEPARATION_M, fly_team
 from mission_service.experiments.ring_history import RingStep
-from mission_service.guidance.team.bent import (
-    LATER_NEGOTIATIONS,
-    LATER_PLANNERS,
-    NEGOTIATIONS,
-    PLANNERS,
-    bent_rule,
-)
 from mission_service.guidance.team.bent_back_and_forth import back_and_forth
 from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
 from mission_service.guidance.team.bent_highest_static import highest_static
 from mission_service.guidance.team.bent_predictive import predictive
 from mission_service.guidance.team.bent_predictive_kept import predictive_kept
 from mission_service.guidance.team.bent_region import Course, Region, back_into, lifted
+from mission_service.guidance.team.bent_rules import (
+    LATER_NEGOTIATIONS,
+    LATER_PLANNERS,
+    NEGOTIATIONS,
+    PLANNERS,
+    bent_rule,
+)
 from mission_service.guidance.team.bent_team import RegionTeam
 from mission_service.guidance.team.negotiation import Part, held_cells, offers, on_importance
 from mission_service.guidance.team.negotiation_arrival import on_arrival

@@ -4,7 +4,7 @@ import pytest
 
 from mission_service.config.sections import BurnSection, Station
 from mission_service.events import Approved, HostTime, Present, Resumed
-from mission_service.guidance.burn.approval import Approvals
+from mission_service.guidance.burn.plan_approval import Approvals
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
 BURN = BurnSection(

@@ -1,7 +1,7 @@
 """The account of spheres."""
 
 from mission_service.events import DropFinished
-from mission_service.guidance.burn.drops import Account, Sphere
+from mission_service.guidance.burn.sphere_account import Account, Sphere
 
 
 def ordered(account: Account, number: int) -> Sphere:

@@ -9,8 +9,8 @@ import pytest
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.flight import fastest_m_s
 from mission_service.guidance.burn.hazard import Floats, Margins, cell_for, hazard_of
+from mission_service.guidance.burn.line_flight import fastest_m_s
 from mission_service.guidance.burn.whole_burn import Together
 from tests.service.burns import Formula
 

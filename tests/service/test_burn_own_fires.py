@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from mission_service.guidance.burn.flight import OwnFires, Place, fly
-from mission_service.guidance.burn.planner import air_of, next_line, orders
+from mission_service.guidance.burn.line_flight import OwnFires, Place, fly
+from mission_service.guidance.burn.line_planner import air_of, next_line, orders
 from tests.service.burns import SETTINGS, lights, situation
 from tests.service.test_burn_planner import planned
 

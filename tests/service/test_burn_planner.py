@@ -12,8 +12,8 @@ from benchmarks.burn_check import faults
 from firemodel.ellipses.ellipse import EllipseFire, line_sources
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.flight import Place, fly
-from mission_service.guidance.burn.planner import (
+from mission_service.guidance.burn.line_flight import Place, fly
+from mission_service.guidance.burn.line_planner import (
     LinePlan,
     NoPlan,
     Situation,

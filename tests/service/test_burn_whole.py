@@ -10,7 +10,7 @@ import shapely
 from benchmarks.burn_check import faults
 from benchmarks.ignition_plans import trial
 from firemodel.ellipses.ellipse import EllipseFire
-from mission_service.guidance.burn.report import (
+from mission_service.guidance.burn.burn_report import (
     burn_json,
     draw_burn,
     fronts,

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.forces import (
+from mission_service.guidance.formation.rollout_kernels import unroll
+from mission_service.guidance.formation.settings import Constants, Settings
+from mission_service.guidance.formation.virtual_forces_kernels import (
     NAMES,
     as_array,
     from_array,
@@ -15,8 +17,6 @@ from mission_service.guidance.formation.forces import (
     tie_rad,
     velocity_of_forces,
 )
-from mission_service.guidance.formation.rollout import unroll
-from mission_service.guidance.formation.settings import Constants, Settings
 
 CELLS, CELL_M = 200, 10.0
 MIDDLE_M = CELLS * CELL_M / 2.0

@@ -9,8 +9,8 @@ from msgspec.structs import replace as with_fields
 
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.formation.agent import Agent, Own
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.peers import GOAL_X, GOAL_Y
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate, Leaving, State
 

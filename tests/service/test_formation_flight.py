@@ -35,9 +35,9 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.formation import seats as formation_seats
+from mission_service.guidance.formation import members as formation_seats
 from mission_service.guidance.formation.agent import Intention, Own
-from mission_service.guidance.formation.by_hand import Motion, expected_orbit
+from mission_service.guidance.formation.manual_control import Motion, expected_orbit
 from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
 from mission_service.position_fix import Here
 from mission_service.simulation.demo import write_plan

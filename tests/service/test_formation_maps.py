@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.fire_maps import AgentMaps, disc, no_counts
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
+from mission_service.guidance.formation.agent_maps import AgentMaps, disc, no_counts
+from mission_service.guidance.formation.camera_footprint import mark
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.sight import mark
 
 ROWS, COLS = 40, 55
 GRID = Grid(ROWS, COLS, 10.0, 1000.0, 5000.0)

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.camera_footprint import cells_in_view, look, mark
+from mission_service.guidance.formation.map_grid import Grid
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.sight import cells_in_view, look, mark
 
 GRID = Grid(30, 45, 10.0, -100.0, 700.0)
 X, Y = GRID.xy_of(*np.indices((30, 45)))

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import peers
-from mission_service.guidance.formation.intent import Choice, Flying, Orbit, Rules, choose, rules
+from mission_service.guidance.formation import peer_table as peers
+from mission_service.guidance.formation.intent_avoidance import (
+    Choice,
+    Flying,
+    Orbit,
+    Rules,
+    choose,
+    rules,
+)
 from mission_service.guidance.formation.settings import Settings
 from tests.service.formation_worlds import (
     deployment,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import loiter
+from mission_service.guidance.formation import loiter_kernels as loiter
 
 BANK = 0.7
 STEP_S = 0.25

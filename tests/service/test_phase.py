@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import loiter, peers, phase
+from mission_service.guidance.formation import loiter_kernels as loiter
+from mission_service.guidance.formation import orbit_phase_kernels as phase
+from mission_service.guidance.formation import peer_table as peers
 from mission_service.guidance.formation.settings import Airframe
 
 FRAME = Airframe()

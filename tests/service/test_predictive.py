@@ -15,10 +15,10 @@ from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.experiments.predictive_flight import fly_predictive, predictive_planner
 from mission_service.experiments.random_fires import mean_max_errors
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
-from mission_service.guidance.front.belief import Belief
+from mission_service.guidance.front.front_estimate import Belief
 from mission_service.guidance.front.front_shape import hull_of
-from mission_service.guidance.front.hedge import hedged
-from mission_service.guidance.front.predictive import PredictivePlanner, model_of
+from mission_service.guidance.front.predictive_planner import PredictivePlanner, model_of
+from mission_service.guidance.front.robust_front import hedged
 from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 from mission_service.replay.distance_error import TrueShape
 

@@ -11,7 +11,7 @@ from mission_service.experiments.ring_flight import (
     min_separation_m,
 )
 from mission_service.experiments.ring_history import RingStep
-from mission_service.guidance.team.benchmarks import Bumper, Circling
+from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.ring import Fleet, Integers, Ring
 
 CELL_M = 30.0

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.monitoring import inaccuracy_cells
-from mission_service.guidance.formation.shared_cells import CHECKSUM, TILE, mixed
+from mission_service.guidance.formation.camera_footprint import look
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.monitoring_metrics import inaccuracy_cells
 from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
-from mission_service.guidance.formation.sight import look
+from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, mixed
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
 SHAPE = (40, 50)  # 3 x 4 tiles, not all of them whole

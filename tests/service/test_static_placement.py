@@ -14,11 +14,11 @@ from mission_service.experiments.static_placement import (
     coverage,
     weights_of,
 )
+from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.coverage import Mover, next_errand, velocity
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import tie_rad
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.map_grid import Grid
 from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 
 SETTINGS = Settings()
 CELL_M = 20.0  # coarse, to be fast

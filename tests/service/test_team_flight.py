@@ -10,7 +10,7 @@ import pytest
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
-from mission_service.guidance.team.benchmarks import Bumper
+from mission_service.guidance.team.baselines import Bumper
 from mission_service.guidance.team.ring import Fleet, Ring
 from mission_service.guidance.team.team import Seat
 from mission_service.replay.decisions import decide

@@ -6,7 +6,7 @@ import pytest
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS
-from mission_service.guidance.front.following import PathSettings
+from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.registry import TEAM
 from mission_service.guidance.team.ring import Fleet, Integers, Ring
 from mission_service.guidance.team.team import Flyer, Seat, Team, TeamSettings

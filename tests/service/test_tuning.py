@@ -19,8 +19,8 @@ from mission_service.experiments import tuning
 from mission_service.experiments.formation_scenarios import KINDS, fitness, flown, scenarios
 from mission_service.experiments.tuning import Genes, on_cores, tune
 from mission_service.guidance import formation
-from mission_service.guidance.formation.forces import NAMES, as_array
 from mission_service.guidance.formation.settings import Constants
+from mission_service.guidance.formation.virtual_forces_kernels import NAMES, as_array
 from tests.service.test_live import free_port
 
 TUNED = Path(formation.__file__).parent / "tuned.json"

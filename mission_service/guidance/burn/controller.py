@@ -48,15 +48,15 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.burn.approval import Approvals
+from mission_service.guidance.burn.approved_plan import HIGH_SHARE, Flown, first_danger_s, flown_of
+from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.checklist import Checklist
-from mission_service.guidance.burn.dropping import drops_due
-from mission_service.guidance.burn.flown import HIGH_SHARE, Flown, first_danger_s, flown_of
-from mission_service.guidance.burn.mission import mission_items
-from mission_service.guidance.burn.planner import LinePlan, NoPlan
+from mission_service.guidance.burn.due_drops import drops_due
+from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
+from mission_service.guidance.burn.plan_approval import Approvals
+from mission_service.guidance.burn.plan_mission import mission_items
 from mission_service.guidance.burn.recheck import trouble
-from mission_service.guidance.burn.state import BurnState
-from mission_service.guidance.burn.watch import Wind, mean_wind, wind_differs
+from mission_service.guidance.burn.wind_change import Wind, mean_wind, wind_differs
 from mission_service.guidance.protocol import Decision
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here

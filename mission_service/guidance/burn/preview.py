@@ -9,9 +9,9 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import landscape_of, weather_of
-from mission_service.guidance.burn.planner import Situation, next_line
-from mission_service.guidance.burn.report import burn_json, draw_burn, totals
-from mission_service.guidance.burn.state import BurnState
+from mission_service.guidance.burn.burn_report import burn_json, draw_burn, totals
+from mission_service.guidance.burn.burn_state import BurnState
+from mission_service.guidance.burn.line_planner import Situation, next_line
 from mission_service.guidance.burn.whole_burn import whole_burn
 
 

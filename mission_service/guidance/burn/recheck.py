@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.flight import Air, OwnFires, Place, part_of
-from mission_service.guidance.burn.planner import LinePlan, Situation, air_of
+from mission_service.guidance.burn.line_flight import Air, OwnFires, Place, part_of
+from mission_service.guidance.burn.line_planner import LinePlan, Situation, air_of
 
 ROUNDED_S = 1e-6
 

@@ -17,8 +17,8 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.lines import only_areas
-from mission_service.guidance.burn.ways import Ways
+from mission_service.guidance.burn.ignition_lines import only_areas
+from mission_service.guidance.burn.visibility_graph import Ways
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg

@@ -10,8 +10,14 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.marks import Simulation
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.flight import Place
-from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
+from mission_service.guidance.burn.line_flight import Place
+from mission_service.guidance.burn.line_planner import (
+    LinePlan,
+    NoPlan,
+    Situation,
+    air_of,
+    next_line,
+)
 
 Floats = NDArray[np.float64]
 

@@ -12,16 +12,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.coverage import Mover
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import tie_rad
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.intent import Choice, Flying, Orbit, choose, rules
-from mission_service.guidance.formation.peers import GOAL_X, GOAL_Y, Peers, key_of
-from mission_service.guidance.formation.phase import airspeed_in_phase_m_s, is_on_orbit
+from mission_service.guidance.formation.intent_avoidance import Choice, Flying, Orbit, choose, rules
+from mission_service.guidance.formation.lost_peers import Silent
+from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.orbit_phase_kernels import (
+    airspeed_in_phase_m_s,
+    is_on_orbit,
+)
+from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, Peers, key_of
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import SharedMap
-from mission_service.guidance.formation.silent import Silent
+from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 from mission_service.peer_messages import AnyMessage, Leaving, State
 
 Floats = NDArray[np.float64]

@@ -37,7 +37,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.formation.agent import Intention
-from mission_service.guidance.formation.seats import Formation
+from mission_service.guidance.formation.members import Formation
 from mission_service.guidance.protocol import Decision
 from mission_service.missions.orbits import (
     CLIMBS_FIRST_M,

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
+from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.coverage_kernels import (
     crowding,
     extent,
@@ -32,10 +33,9 @@ from mission_service.guidance.formation.coverage_kernels import (
     weight_within,
     wider,
 )
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import as_array, velocity_of_forces
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.map_grid import Grid
 from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.virtual_forces_kernels import as_array, velocity_of_forces
 
 Floats = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.shared_cells import (
+from mission_service.guidance.formation.shared_map_kernels import (
     TILE,
     cells_of_runs,
     differing,

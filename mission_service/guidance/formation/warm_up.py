@@ -3,7 +3,7 @@
 import numpy as np
 
 from mission_service.guidance.formation.agent import Agent, Avoidance, Own
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.map_grid import Grid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate
 

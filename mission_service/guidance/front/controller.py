@@ -11,10 +11,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent
-from mission_service.guidance.front.advice import Adviser, Wishes
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision, Planner
 from mission_service.guidance.team.team import Seat
+from mission_service.guidance.team.team_size_advice import Adviser, Wishes
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import Here

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.guidance.fire_map import BEARINGS, FireMap
-from mission_service.guidance.front.following import centre_of_area, turned_deg
+from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
 MAX_SEEN = 10_000  # windows of a lap that are remembered: 20 minutes of four cameras, some 4 MB

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from mission_service.guidance.front.lookahead import (
+from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
     Floats,
@@ -23,7 +23,7 @@ from mission_service.guidance.front.lookahead import (
     improve,
     room_for,
 )
-from mission_service.guidance.front.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
+from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
 from mission_service.guidance.team.ring import Fleet, Ring
 
 NODES = 256  # at most, of the ring as plans are flown ahead on it

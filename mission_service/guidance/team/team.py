@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
-from mission_service.guidance.front.dead_reckoning import Heard, fleet_of
 from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
-from mission_service.guidance.front.following import (
+from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
     continued,
@@ -26,6 +25,7 @@ from mission_service.guidance.front.following import (
     reconstructed,
 )
 from mission_service.guidance.protocol import Decision, Phase
+from mission_service.guidance.team.dead_reckoning import Heard, fleet_of
 from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
 
 Floats = NDArray[np.float64]

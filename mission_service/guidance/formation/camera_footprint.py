@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.map_grid import Grid
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.planner import LinePlan, Situation
+from mission_service.guidance.burn.line_planner import LinePlan, Situation
 from mission_service.guidance.burn.recheck import trouble
 from mission_service.guidance.burn.release import Moving, landing
 

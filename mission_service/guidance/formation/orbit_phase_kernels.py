@@ -9,7 +9,7 @@ Who is not on its orbit does not count. Angles in radians anticlockwise; kernels
 import math
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.peers import (
+from mission_service.guidance.formation.peer_table import (
     AGE_S,
     KEY,
     ORBIT_X,

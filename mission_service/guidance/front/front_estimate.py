@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.front_rates import FrontRates
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED, taken_back
-from mission_service.guidance.front.belief_kernels import (
+from mission_service.guidance.front.front_estimate_kernels import (
     BASELINE_CELLS,
     BASELINE_S,
     PER_SECTOR,

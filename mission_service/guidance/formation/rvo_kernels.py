@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.peers import AGE_S, VX, VY, X, Y
+from mission_service.guidance.formation.peer_table import AGE_S, VX, VY, X, Y
 
 YAW_STEP_RAD = math.radians(2.0)
 

@@ -17,8 +17,12 @@ from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.setup import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, Own
-from mission_service.guidance.formation.by_hand import MEASURED_OVER_S, Motion, expected_orbit
-from mission_service.guidance.formation.grid import grid_of
+from mission_service.guidance.formation.manual_control import (
+    MEASURED_OVER_S,
+    Motion,
+    expected_orbit,
+)
+from mission_service.guidance.formation.map_grid import grid_of
 from mission_service.guidance.formation.settings import NEVER_M, Airframe, Camera, Settings
 from mission_service.guidance.protocol import Decision
 from mission_service.peer_messages import AnyMessage, Leaving, State

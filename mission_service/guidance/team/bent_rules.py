@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from mission_service.guidance.team.benchmarks import Bumper, Circling
+from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_back_and_forth import back_and_forth
 from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
 from mission_service.guidance.team.bent_highest_static import highest_static

@@ -21,15 +21,15 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front_rates import FrontRates
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
-from mission_service.guidance.front.belief import Belief, FrontModel
 from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
-from mission_service.guidance.front.following import (
+from mission_service.guidance.front.front_estimate import Belief, FrontModel
+from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
     continued,
     path_along,
 )
-from mission_service.guidance.front.hedge import hedged
+from mission_service.guidance.front.robust_front import hedged
 from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 from mission_service.guidance.protocol import Decision, Phase
 

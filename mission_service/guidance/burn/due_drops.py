@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.burn.drops import Place, Sphere
-from mission_service.guidance.burn.flown import Flown
+from mission_service.guidance.burn.approved_plan import Flown
+from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.release import Landing, Moving, is_due, landing
-from mission_service.guidance.burn.state import BurnState
+from mission_service.guidance.burn.sphere_account import Place, Sphere
 from mission_service.position_fix import Here
 
 TELEMETRY_S = 0.1

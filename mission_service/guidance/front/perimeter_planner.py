@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed, SettingsTold
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.front.cell_importance import ring_importance, window_importance
 from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
-from mission_service.guidance.front.following import (
+from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
     continued,
@@ -35,7 +36,6 @@ from mission_service.guidance.front.following import (
     reconstructed,
 )
 from mission_service.guidance.front.front_shape import ring_of_cells, steps_between
-from mission_service.guidance.front.importance import ring_importance, window_importance
 from mission_service.guidance.protocol import Decision, Phase
 
 Floats = NDArray[np.float64]

@@ -13,14 +13,20 @@ from firemodel.physics.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import PersonTold, PlanWanted, UnitTold
 from mission_service.fire.estimated import BelievedFire, toward
-from mission_service.guidance.burn.aim import aimed
-from mission_service.guidance.burn.drops import Account, Place
-from mission_service.guidance.burn.flight import Air
 from mission_service.guidance.burn.hazard import hazard_of
-from mission_service.guidance.burn.mission import plan_points
-from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
+from mission_service.guidance.burn.line_flight import Air
+from mission_service.guidance.burn.line_planner import (
+    LinePlan,
+    NoPlan,
+    Situation,
+    air_of,
+    next_line,
+)
+from mission_service.guidance.burn.plan_mission import plan_points
+from mission_service.guidance.burn.sphere_account import Account, Place
 from mission_service.guidance.burn.unit import Person, unit_of
-from mission_service.guidance.burn.watch import Wind
+from mission_service.guidance.burn.wind_change import Wind
+from mission_service.guidance.burn.wind_drift import aimed
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle

@@ -4,7 +4,7 @@ What tuning does ten thousands of times; the kernels of ``forces`` are the ones 
 """
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.forces import is_set, velocity_of_forces
+from mission_service.guidance.formation.virtual_forces_kernels import is_set, velocity_of_forces
 
 
 @kernel

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.guidance.burn.flight import Air, Place
+from mission_service.guidance.burn.line_flight import Air, Place
 from mission_service.guidance.burn.timetable import Timetable
 from mission_service.ignition_plan import IgnitionPlan
 

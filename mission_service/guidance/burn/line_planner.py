@@ -19,9 +19,8 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.ellipses.marks import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.flight import Air, Lights, Place, Trip, fly
 from mission_service.guidance.burn.hazard import hazard_of, margins_of
-from mission_service.guidance.burn.lines import (
+from mission_service.guidance.burn.ignition_lines import (
     Line,
     alignment_m,
     drop_points,
@@ -29,6 +28,7 @@ from mission_service.guidance.burn.lines import (
     stretch,
     upwind_of,
 )
+from mission_service.guidance.burn.line_flight import Air, Lights, Place, Trip, fly
 from mission_service.guidance.burn.unit import Unit
 
 Floats = NDArray[np.float64]

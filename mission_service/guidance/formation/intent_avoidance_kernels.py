@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.loiter import at_fork, predict, tightest_m
-from mission_service.guidance.formation.peers import (
+from mission_service.guidance.formation.loiter_kernels import at_fork, predict, tightest_m
+from mission_service.guidance.formation.peer_table import (
     AGE_S,
     AIRSPEED,
     ALTITUDE,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.front.lookahead import (
+from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
     Floats,

@@ -11,9 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.fire_maps import check_cells, disc, no_counts, stamp
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.sight import first_col_and_end, first_row_and_end, in_cells
+from mission_service.guidance.formation.agent_maps import check_cells, disc, no_counts, stamp
+from mission_service.guidance.formation.camera_footprint import (
+    first_col_and_end,
+    first_row_and_end,
+    in_cells,
+)
+from mission_service.guidance.formation.map_grid import Grid
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]

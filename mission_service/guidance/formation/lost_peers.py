@@ -8,7 +8,7 @@ import math
 
 from msgspec.structs import replace
 
-from mission_service.guidance.formation.peers import LOST_AFTER_S
+from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
 SILENT_US = 3_000_000  # a state comes twice a second: not by chance, even if a third is lost

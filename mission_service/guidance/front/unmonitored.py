@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
-from mission_service.guidance.front.following import bearing_deg
-from mission_service.guidance.front.perimeter import PerimeterPlanner
-from mission_service.guidance.front.predictive import PredictivePlanner
+from mission_service.guidance.front.front_path import bearing_deg
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
+from mission_service.guidance.front.predictive_planner import PredictivePlanner
 from mission_service.guidance.protocol import Steered
 from mission_service.guidance.team.team import Seat
 from mission_service.vehicles.availability import Presence

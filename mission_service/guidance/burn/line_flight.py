@@ -13,7 +13,7 @@ from firemodel.ellipses.marks import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
 from mission_service.guidance.burn.unit import Unit
-from mission_service.guidance.burn.ways import Ways
+from mission_service.guidance.burn.visibility_graph import Ways
 
 Floats = NDArray[np.float64]
 Lights = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the fire of them alone

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.intent_kernels import NOTES, think
+from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, think
 from mission_service.guidance.formation.settings import Airframe, Settings
 
 Floats = NDArray[np.float64]
