@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.guidance.burn.line_flight import Air, Place
-from mission_service.guidance.burn.timetable import Timetable
+from mission_service.guidance.burn.path_progress import Timetable
 from mission_service.ignition_plan import IgnitionPlan
 
 Floats = NDArray[np.float64]
