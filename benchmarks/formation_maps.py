@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.guidance.formation.agent_maps import AgentMaps
-from mission_service.guidance.formation.camera_footprint import look, mark
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.camera_footprint import changed_cells, mark_seen
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import MapMessage, SharedMap
 from mission_service.peer_messages import Digest, FireUpdate
 
-GRID = Grid(500, 500, 10.0, 0.0, 5000.0)
+GRID = MapGrid(500, 500, 10.0, 0.0, 5000.0)
 NONE = np.empty(0, dtype=np.int64)
 BATCHES = 10
 BURNING, NEW_S = 3000, 1.3  # cells at the beginning, and a second (experiments 2 and 3)
@@ -82,8 +82,8 @@ def steps(order: NDArray[np.int64]) -> dict[str, float]:
         "shared map: hear 10 new cells": each_us(shared.hear, heard),
         "shared map: hear them again": each_us(shared.hear, heard),
         "shared map: nothing to say": each_us(shared.messages, [(5,)] * 500),
-        "look": each_us(look, [(GRID, *view, arrival_s, at_s, known)] * 500),
-        "mark": each_us(mark, [(GRID, *view, seen_s, at_s)] * 500),
+        "look": each_us(changed_cells, [(GRID, *view, arrival_s, at_s, known)] * 500),
+        "mark": each_us(mark_seen, [(GRID, *view, seen_s, at_s)] * 500),
         "monitoring: 10 new cells": each_us(monitoring.add, [(ten,) for ten in tens]),
         "agent coverage of 8": each_us(monitoring.agent_coverage, [(agents_m, 302.8)] * 101),
         "seen coverage": each_us(monitoring.seen_coverage, [(seen_s, at_s)] * 101),

@@ -48,7 +48,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.front.controller import FrontFlight
-from mission_service.guidance.front.unmonitored import FrontWatch
+from mission_service.guidance.front.unmonitored import FrontMonitor
 from mission_service.guidance.protocol import Decision, Leader
 from mission_service.guidance.registry import planners_of
 from mission_service.missions.landing import Landing
@@ -113,7 +113,7 @@ class Core:
             )
             for section in scenario.flown
         }
-        self._watch = FrontWatch(self.steering.planners, landscape.cell_size_m)
+        self._watch = FrontMonitor(self.steering.planners, landscape.cell_size_m)
         self._orders = CrewOrders(
             scenario, self.steering, self.vehicles, self._start, self._approvals
         )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mission_service.experiments.fires import CELL_M
 from mission_service.experiments.ring_history import RingStep
-from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
 
 Floats = NDArray[np.float64]
 
@@ -97,8 +97,9 @@ def fly_team(
 
     They start at equal distances, seats 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
     (time in s, seat), done at the first step of the ring from then on; who joins comes in at the
-    cell that has waited longest. ``rule.decide`` is given one ``Ring`` a step and one ``Fleet`` as
-    long as the team is the same: their arrays are written on, so it copies what it keeps.
+    cell that has waited longest. ``rule.decide`` is given one ``FrontRing`` a step and one
+    ``ActiveFleet`` as long as the team is the same: their arrays are written on, so it copies what
+    it keeps.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -129,7 +130,7 @@ def _due(at_s: float, history: Sequence[RingStep], index: int) -> bool:
     return before_s < at_s <= history[index].at_s
 
 
-def _costs(ring: Ring, at_s: float) -> tuple[float, float, float]:
+def _costs(ring: FrontRing, at_s: float) -> tuple[float, float, float]:
     age_s = at_s - ring.visited_at_s
     linear = linear_importance(ring.spread_rate_m_s, age_s)
     exponential = exponential_importance(ring.spread_rate_m_s, age_s)
@@ -140,19 +141,19 @@ class _Team:
     """The vehicles in the air and the ring they fly on."""
 
     def __init__(self, rule: TeamRule, speed_m_s: float, cell_m: float) -> None:
-        self.ring: Ring
+        self.ring: FrontRing
         self.tracks: dict[int, list[tuple[float, float, float]]] = {}
         self.decisions = 0
         self._rule = rule
         self._speed_m_s = speed_m_s
         self._cell_m = cell_m
         self._vehicles: list[_Vehicle] = []
-        self._fleet = Fleet(*(np.array([], kind) for kind in (int, int, bool, float)))
+        self._fleet = ActiveFleet(*(np.array([], kind) for kind in (int, int, bool, float)))
 
     def on(self, step: RingStep, visited_at_s: Floats) -> None:
         """This is the ring from now on."""
         self._at_s = step.at_s
-        self.ring = Ring(step.step_m, step.spread_rate_m_s, visited_at_s)
+        self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
         # Lists: single items of arrays are slow.
         self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
         self._step_m: list[float] = step.step_m.tolist()
@@ -185,7 +186,7 @@ class _Team:
         heading = dict(zip(self._fleet.seat.tolist(), self._fleet.clockwise.tolist(), strict=True))
         cells = dict(zip(self._fleet.seat.tolist(), self._fleet.cell.tolist(), strict=True))
         self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.seat)
-        self._fleet = Fleet(
+        self._fleet = ActiveFleet(
             np.array([vehicle.seat for vehicle in self._vehicles], np.int64),
             np.array([cells.get(v.seat, v.goal) for v in self._vehicles], np.int64),
             np.array([heading.get(vehicle.seat, True) for vehicle in self._vehicles], np.bool_),

@@ -20,7 +20,7 @@ from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.ring import TeamRule
-from mission_service.guidance.team.team import Flyer, Team, TeamSettings
+from mission_service.guidance.team.team import MemberPerformance, Team, TeamSettings
 
 TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
 
@@ -141,7 +141,7 @@ def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
         path=_path_settings(scenario, landscape.cell_size_m),
     )
     flyers = {
-        section.name: Flyer(section.airspeed_m_s, turn_back_s(section))
+        section.name: MemberPerformance(section.airspeed_m_s, turn_back_s(section))
         for section in scenario.vehicles
     }
     team = Team(TEAM[rule](scenario), settings, flyers, landscape.shape, centre, burns_from_s)

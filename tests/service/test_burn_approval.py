@@ -4,7 +4,7 @@ import pytest
 
 from mission_service.config.sections import BurnSection, Station
 from mission_service.events import Approved, HostTime, Present, Resumed
-from mission_service.guidance.burn.plan_approval import Approvals
+from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
 BURN = BurnSection(
@@ -44,8 +44,8 @@ def approved(name: str, at_s: float = 1.0, station: str = "boss") -> Approved:
     return Approved(round(at_s * 1e6), "ada", station, name)
 
 
-def proposing() -> Approvals:
-    approvals = Approvals(BURN)
+def proposing() -> ApprovalTracker:
+    approvals = ApprovalTracker(BURN)
     approvals.propose(a_plan())
     approvals.heard(Present(0, "ada", "boss"))
     return approvals

@@ -11,7 +11,7 @@ from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.hazard import Floats, Margins, cell_for, hazard_of
 from mission_service.guidance.burn.line_flight import fastest_m_s
-from mission_service.guidance.burn.whole_burn import Together
+from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import Formula
 
 BOX = (0.0, 0.0, 60.0, 60.0)
@@ -118,7 +118,7 @@ def test_a_leg_is_in_danger_where_any_of_its_samples_is() -> None:
     assert hazard.leg_margin_s(30.0, 30.0, -3000.0, 30.0, 30.0, -2900.0) > 10.0
 
 
-@pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: Together([fire])])
+@pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: CombinedFires([fire])])
 def test_a_fire_smaller_than_a_cell_is_known_by_its_source(wrap: Callable[..., Any]) -> None:
     """Hardly alight for 200 s, until wind drives it to the corners of its cell at once."""
     slow, fast = Spread(0.0, 1e-4, 1e-4, 1e-4, 0.0), Spread(200.0, 5.0, 5.0, 5.0, 0.0)

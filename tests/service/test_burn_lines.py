@@ -10,11 +10,11 @@ from shapely.geometry.base import BaseGeometry
 from mission_service.guidance.burn.ignition_lines import (
     alignment_m,
     drop_points,
+    extent_across,
     line_across,
-    stretch,
     upwind_of,
 )
-from mission_service.guidance.burn.visibility_graph import Ways
+from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
@@ -47,10 +47,10 @@ def test_of_an_area_in_parts_with_holes() -> None:
     parts = shapely.MultiPolygon([shapely.box(0, 0, 10, 5), shapely.box(40, 30, 90, 80)])
     holed = parts.difference(shapely.box(60, 40, 70, 60))
     line = line_across(holed, SOUTH, 20.0)
-    assert stretch(holed, line) is None  # between the parts
+    assert extent_across(holed, line) is None  # between the parts
     left = upwind_of(holed, line)
     assert left.area == pytest.approx(50 * 50 - 10 * 20)
-    ends = stretch(left, line_across(left, SOUTH, 20.0))
+    ends = extent_across(left, line_across(left, SOUTH, 20.0))
     assert ends == pytest.approx((40.0, 90.0))
 
 
@@ -58,7 +58,7 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
     line = line_across(BOX, SOUTH, 40.0)
     area = upwind_of(BOX, line_across(BOX, SOUTH, 20.0))
     earlier = np.array([[7.0, 20.0], [46.0, 20.0], [61.0, 20.0], [50.0, -3.0]])
-    ends = stretch(area, line)
+    ends = extent_across(area, line)
     assert ends is not None
     # (50, -3) is nearer to the centre, but not at the remaining area.
     through = alignment_m(line, ends, earlier, area, 10.0)
@@ -75,7 +75,7 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
 
 def test_ways_bend_around_what_is_not_inside() -> None:
     ring = shapely.box(0, 0, 100, 100).difference(shapely.box(40, 20, 60, 80))
-    ways = Ways(ring)
+    ways = VisibilityGraph(ring)
     assert ways.way((5.0, 5.0), (95.0, 5.0)) == [(5.0, 5.0), (95.0, 5.0)]
     way = ways.way((5.0, 45.0), (95.0, 45.0))
     assert way is not None
@@ -85,9 +85,9 @@ def test_ways_bend_around_what_is_not_inside() -> None:
     shortest = 2 * math.hypot(35.0, 25.0) + 20.0
     assert shortest <= length < shortest + 4.0
     apart = shapely.MultiPolygon([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10)])
-    assert Ways(apart).way((5.0, 5.0), (25.0, 5.0)) is None
+    assert VisibilityGraph(apart).way((5.0, 5.0), (25.0, 5.0)) is None
     bent = shapely.Polygon([(0, 0), (10, 0), (10, 90), (50, 90), (50, 100), (0, 100)])
     both = shapely.MultiPolygon([bent, shapely.box(200, 0, 210, 10)])
-    found = Ways(both).way((5.0, 5.0), (45.0, 95.0))
+    found = VisibilityGraph(both).way((5.0, 5.0), (45.0, 95.0))
     assert found is not None
     assert both.covers(shapely.LineString(found))

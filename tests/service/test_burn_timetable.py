@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_service.guidance.burn.path_progress import Timetable
+from mission_service.guidance.burn.path_progress import PathProgress
 
 # Up 15 m, 100 m east, up to 60 m, 100 m back west (over the same ground).
 POINTS = np.array([(0, 0, 0), (0, 0, 15), (100, 0, 15), (100, 0, 60), (0, 0, 60)], dtype=float)
@@ -11,7 +11,7 @@ AFTER = np.array([0.0, 5.0, 25.0, 40.0, 60.0])
 
 
 def test_it_follows_a_vehicle_along_its_path() -> None:
-    table = Timetable(POINTS, AFTER)
+    table = PathProgress(POINTS, AFTER)
     for x_m in np.arange(0.0, 101.0, 2.5):
         off_m = table.moved(np.array([x_m, 1.0, 15.0]))
     assert off_m == pytest.approx(1.0)
@@ -20,7 +20,7 @@ def test_it_follows_a_vehicle_along_its_path() -> None:
 
 
 def test_ground_flown_over_twice_is_told_apart_by_height() -> None:
-    table = Timetable(POINTS, AFTER)
+    table = PathProgress(POINTS, AFTER)
     way = [
         *((x, 0.0, 15.0) for x in range(0, 101, 5)),
         *((100.0, 0.0, z) for z in range(15, 61, 5)),
@@ -33,19 +33,19 @@ def test_ground_flown_over_twice_is_told_apart_by_height() -> None:
 
 
 def test_it_never_goes_back() -> None:
-    table = Timetable(POINTS, AFTER)
+    table = PathProgress(POINTS, AFTER)
     for x_m in (10.0, 30.0, 50.0, 45.0, 40.0):
         table.moved(np.array([x_m, 0.0, 15.0]))
     assert table.come_m == pytest.approx(65.0)
 
 
 def test_a_vehicle_that_is_somewhere_else_is_off_its_path() -> None:
-    table = Timetable(POINTS, AFTER)
+    table = PathProgress(POINTS, AFTER)
     assert table.moved(np.array([0.0, 40.0, 15.0])) == pytest.approx(40.0)
 
 
 def test_what_is_ahead_is_as_late_as_the_vehicle_is() -> None:
-    table = Timetable(POINTS, AFTER)
+    table = PathProgress(POINTS, AFTER)
     for x_m in range(0, 51, 5):
         table.moved(np.array([float(x_m), 0.0, 15.0]))
     ahead = table.ahead(115.0)  # by its path it should be there 15 s after its begin

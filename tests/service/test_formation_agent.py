@@ -8,13 +8,13 @@ import pytest
 from msgspec.structs import replace as with_fields
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.agent import Agent, Own
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.agent import Agent, OwnState
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate, Leaving, State
 
-GRID = Grid(300, 300, 10.0, -1500.0, 1500.0)
+GRID = MapGrid(300, 300, 10.0, -1500.0, 1500.0)
 MIDDLE = 150 * 300 + 150
 SETTINGS = Settings()
 
@@ -24,10 +24,10 @@ def agent_of(name: str = "hawk", **options: object) -> Agent:
     return Agent(name, SETTINGS, GRID, np.array([MIDDLE]), 0, **options)  # type: ignore[arg-type]
 
 
-def own_at(at_s: float, x_m: float, y_m: float, **more: object) -> Own:
+def own_at(at_s: float, x_m: float, y_m: float, **more: object) -> OwnState:
     """Flying north at cruise."""
     speed = SETTINGS.airframe.cruise_m_s
-    return Own(round(at_s * 1e6), x_m, y_m, 300.0, 0.0, speed, speed, **more)  # type: ignore[arg-type]
+    return OwnState(round(at_s * 1e6), x_m, y_m, 300.0, 0.0, speed, speed, **more)  # type: ignore[arg-type]
 
 
 def state_of(name: str, at_s: float, x_m: float, y_m: float) -> State:

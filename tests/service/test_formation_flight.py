@@ -36,8 +36,8 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation import members as formation_seats
-from mission_service.guidance.formation.agent import Intention, Own
-from mission_service.guidance.formation.manual_control import Motion, expected_orbit
+from mission_service.guidance.formation.agent import Intention, OwnState
+from mission_service.guidance.formation.manual_control import ObservedMotion, expected_orbit
 from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
 from mission_service.position_fix import Here
 from mission_service.simulation.demo import write_plan
@@ -51,7 +51,7 @@ class Scripted:
     def __init__(self, name: str, settings: Any, *rest: Any) -> None:
         self.name, self.settings = name, settings
         self.means = Intention(0.0, 0.0, -150.0, 17.5, 0.0, False, 0.0, 0.0)
-        self.owns: list[Own] = []
+        self.owns: list[OwnState] = []
         self.heard: list[AnyMessage] = []
         self.seen: list[tuple[list[int], list[int]]] = []
         self.left: list[int] = []
@@ -64,7 +64,7 @@ class Scripted:
     def see(self, burning: Any, unburned: Any, at_us: int) -> None:
         self.seen.append((burning.tolist(), unburned.tolist()))
 
-    def step(self, own: Own) -> Intention:
+    def step(self, own: OwnState) -> Intention:
         self.owns.append(own)
         return self.means
 
@@ -438,7 +438,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
 
 @pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
 def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
-    def at(time_s: float) -> Motion:
+    def at(time_s: float) -> ObservedMotion:
         course = 1.0 + turn_rad_s * time_s
         place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # about 0, 0 at 20 m/s
         place = place if turn_rad_s > 0 else (-place[0], -place[1])
@@ -450,7 +450,7 @@ def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
 
 
 def test_who_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
-    still: Motion = (0.0, 10.0, 20.0, 0.2, 0.0)
+    still: ObservedMotion = (0.0, 10.0, 20.0, 0.2, 0.0)
     assert expected_orbit(still, (1.0, 10.0, 20.0, 0.0, 0.1), 150.0) == (10.0, 20.0, -150.0)
     ahead = expected_orbit((0.0, 0.0, 0.0, 15.0, 0.0), (1.0, 15.0, 0.0, 15.0, 0.1), 150.0)
     assert ahead == pytest.approx((15.0 + 900.0, 6.0, -150.0))

@@ -121,7 +121,7 @@ def synchronised_rad(
             )  # fmt: skip
             assert math.hypot(*wind) < airspeed_m_s <= FRAME.most_airspeed_m_s
             for _ in range(2):
-                state = loiter.flown(
+                state = loiter.orbit_step(
                     *state, *middles[number], -150.0, airspeed_m_s, *wind, 0.25, FRAME.bank_rad
                 )
             states[number] = state

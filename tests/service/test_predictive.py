@@ -15,11 +15,11 @@ from mission_service.experiments.measured_wind import MeasuredWind
 from mission_service.experiments.predictive_flight import fly_predictive, predictive_planner
 from mission_service.experiments.random_fires import mean_max_errors
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
-from mission_service.guidance.front.front_estimate import Belief
+from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.front.predictive_planner import PredictivePlanner, model_of
-from mission_service.guidance.front.robust_front import hedged
-from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
+from mission_service.guidance.front.robust_front import robust_front
+from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
 from mission_service.replay.distance_error import TrueShape
 
 Floats = NDArray[np.float64]
@@ -53,10 +53,10 @@ def turning() -> Burn:
     return brush_fire((0.0, 6.0, 180.0), (5400.0, 6.0, 60.0))
 
 
-def believed(fire: Burn, told: bool = True) -> Belief:
+def believed(fire: Burn, told: bool = True) -> FrontEstimate:
     """From the ignition on; the wind is told exactly, or only the first one."""
     model = model_of(fire.landscape, fire.weather.entries[0])
-    belief = Belief(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
+    belief = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
         now = fire.weather.at(at_s if told else 0.0)
         belief.wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
@@ -66,7 +66,7 @@ def believed(fire: Burn, told: bool = True) -> Belief:
 
 def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
     rate = ellipse_rate(0.012, 0.6)
-    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    belief = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
         belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
     frozen = belief.front.copy()
@@ -95,7 +95,7 @@ def test_wind_that_turns_turns_the_belief(turning: Burn) -> None:
 
 def test_two_looks_seconds_apart_teach_nothing() -> None:
     rate = ellipse_rate(0.01, 0.5)
-    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    belief = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
         belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
     known = belief.factors()
@@ -107,7 +107,7 @@ def test_two_looks_seconds_apart_teach_nothing() -> None:
 
 def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     rate = np.full(BEARINGS, 0.005)
-    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    belief = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     off, naive, before = [], [], 0.0
     for at_s in np.arange(3600.0, 9000.0, 150.0):
         window = burned_ellipse(rate, float(at_s))
@@ -123,14 +123,14 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
 def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
     fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
     true = TrueShape(fire.arrival_s, fire.ignition)
-    belief = Belief(
+    belief = FrontEstimate(
         SHAPE, CENTRE, model_of(fire.landscape, fire.weather.entries[0]), np.full(360, 0.5), 0
     )
     belief.wind(7.0, 225.0, 0.0)
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
         belief.see(0, 0, window, at_s)
-    unlearned = Belief(SHAPE, CENTRE, belief.model, belief.front, 7200.0)
+    unlearned = FrontEstimate(SHAPE, CENTRE, belief.model, belief.front, 7200.0)
     unlearned.wind(7.0, 225.0, 7200.0)
     for one in (belief, unlearned):
         one.advance(END_S)
@@ -139,15 +139,15 @@ def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
     assert learned_off.max() < 4.0
 
 
-def ring(hot: slice, growth: float = 10.0) -> Ring:
+def ring(hot: slice, growth: float = 10.0) -> CoarseRing:
     """A minute from node to node; one arc's error grows faster."""
-    values = Ring(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
+    values = CoarseRing(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
     values.growth[hot] *= growth
     values.error[hot] += 3.0
     return values
 
 
-def least_cost(values: Ring, clockwise: bool, turn_s: float) -> float:
+def least_cost(values: CoarseRing, clockwise: bool, turn_s: float) -> float:
     found = np.empty(len(PLANS))
     delay_s = 0.0 if clockwise else turn_s
     costs_of(PLANS, values, 36, clockwise, delay_s, turn_s, 2 * NODES * 60.0, found)
@@ -171,7 +171,7 @@ def test_an_even_front_is_circled() -> None:
 def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:
     values, node_of = ring(slice(0, 0)), np.zeros(BEARINGS, np.int64)
     even, none = np.full(BEARINGS, 40.0), np.zeros(BEARINGS)
-    length = ring_on(even, none, none, none, 0.6, np.array([0.0, 0.2]), node_of, values)
+    length = fill_ring(even, none, none, none, 0.6, np.array([0.0, 0.2]), node_of, values)
     assert length == pytest.approx(2 * np.pi * 40.0, rel=1e-3)
     assert values.ahead_s[node_of[0]] / values.back_s[node_of[0]] == pytest.approx(
         (0.6 - 0.2) / (0.6 + 0.2), rel=0.05
@@ -237,9 +237,9 @@ def test_hull_is_that_of_geometry_and_a_smooth_front_is_not_hedged() -> None:
         )
         expected = shapely.length(shapely.intersection(rays, hull))
         np.testing.assert_allclose(hull_of(shape), expected, rtol=1e-9)
-    np.testing.assert_allclose(hedged(np.full(BEARINGS, 30.0)), 30.0, atol=0.05)
+    np.testing.assert_allclose(robust_front(np.full(BEARINGS, 30.0)), 30.0, atol=0.05)
     leap = np.where(np.arange(BEARINGS) < 180, 20.0, 40.0)
-    assert hedged(leap)[179] == pytest.approx(30.0, abs=6.0)
+    assert robust_front(leap)[179] == pytest.approx(30.0, abs=6.0)
 
 
 @pytest.mark.parametrize("seed", [12])

@@ -12,7 +12,7 @@ from mission_service.experiments.ring_flight import (
 )
 from mission_service.experiments.ring_history import RingStep
 from mission_service.guidance.team.baselines import Bumper, Circling
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 CELL_M = 30.0
 SPEED_M_S = 15.0
@@ -58,7 +58,7 @@ def test_vehicles_that_bump_never_pass_each_other() -> None:
     class Watched(Bumper):
         order_of: list[list[int]]
 
-        def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
             around = np.argsort(fleet.cell, kind="stable")
             self.order_of.append(np.roll(around, -int(np.argmin(around))).tolist())
             return super().decide(ring, fleet, which, at_s)

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.camera_footprint import look
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.camera_footprint import changed_cells
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.monitoring_metrics import inaccuracy_cells
 from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
-from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, mixed
+from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, cell_checksum
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
 SHAPE = (40, 50)  # 3 x 4 tiles, not all of them whole
@@ -128,7 +128,7 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
     expected: dict[int, int] = defaultdict(int)
     for cell in np.flatnonzero(shared.stamps).tolist():
         tile = cell // 50 // TILE * 4 + cell % 50 // TILE
-        expected[tile] += int(mixed(cell, int(shared.stamps.ravel()[cell])))
+        expected[tile] += int(cell_checksum(cell, int(shared.stamps.ravel()[cell])))
     (digest,) = of_type(shared.messages(10 * S), Digest)
     assert isinstance(digest, Digest)
     assert dict(digest.tiles) == {tile: total & CHECKSUM for tile, total in expected.items()}
@@ -308,7 +308,7 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
     Returns the mean number of wrong cells in each second (duration_s).
     """
     rng = np.random.default_rng(7)
-    grid = Grid(160, 160, 10.0, 0.0, 1600.0)
+    grid = MapGrid(160, 160, 10.0, 0.0, 1600.0)
     x, y = grid.xy_of(*np.indices(grid.shape))
     noise_s = 190.0 * np.random.default_rng(5).random(grid.shape)
     arrival_s = (np.hypot(x - 800.0, y - 800.0) - 290.0) / 0.08 + noise_s
@@ -328,7 +328,7 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
                 east, north = 460.0 * math.cos(k * math.pi / 4), 460.0 * math.sin(k * math.pi / 4)
                 x_m, y_m = 800.0 + east + 150 * math.cos(way), 800.0 + north + 150 * math.sin(way)
                 view = (x_m, y_m, way + math.pi / 2, 152.0, 130.0)
-                shared.see(*look(grid, *view, arrival_s, at_s, shared.fire), at_us)
+                shared.see(*changed_cells(grid, *view, arrival_s, at_s, shared.fire), at_us)
             for message in shared.messages(at_us):
                 lost = rng.random(8) < (loss if at_s < lossy_until_s else 0.0)
                 under_way += [(i, message) for i in range(8) if i != k and not lost[i]]

@@ -11,8 +11,8 @@ from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.team.baselines import Bumper
-from mission_service.guidance.team.ring import Fleet, Ring
-from mission_service.guidance.team.team import Seat
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing
+from mission_service.guidance.team.team import TeamMember
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
 from mission_service.runtime.outputs import summary_of
@@ -57,7 +57,7 @@ class Noted(Bumper):
         super().__init__()
         self.seats: list[tuple[float, tuple[int, ...]]] = []
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         self.seats.append((at_s, tuple(int(seat) for seat in fleet.seat)))
         return super().decide(ring, fleet, which, at_s)
 
@@ -71,9 +71,9 @@ class Run:
     said: list[str] = field(default_factory=list)
 
     @property
-    def seat(self) -> Seat:
+    def seat(self) -> TeamMember:
         planner = self.cores[0].steering.planners["hawk"]
-        assert isinstance(planner, Seat)
+        assert isinstance(planner, TeamMember)
         return planner
 
 

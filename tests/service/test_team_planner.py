@@ -8,8 +8,8 @@ from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.registry import TEAM
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
-from mission_service.guidance.team.team import Flyer, Seat, Team, TeamSettings
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
+from mission_service.guidance.team.team import MemberPerformance, Team, TeamMember, TeamSettings
 
 CENTRE = 100.0
 RADIUS = 40.0
@@ -21,10 +21,10 @@ class Told:
 
     def __init__(self) -> None:
         self.clockwise: dict[int, bool] = {}
-        self.fleets: list[Fleet] = []
-        self.rings: list[Ring] = []
+        self.fleets: list[ActiveFleet] = []
+        self.rings: list[FrontRing] = []
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         self.fleets.append(fleet)
         self.rings.append(ring)
         return self.clockwise.get(int(fleet.seat[which]), bool(fleet.clockwise[which]))
@@ -36,7 +36,12 @@ class Told:
 def team_of(rule: Told, *names: str, ignition_known: bool = True, centre: float = CENTRE) -> Team:
     settings = TeamSettings(CELL_M, True, ignition_known, 300.0, 10, PathSettings(80.0, 5.0))
     return Team(
-        rule, settings, dict.fromkeys(names, Flyer(15.0, 20.0)), (200, 200), (centre, centre), 0.0
+        rule,
+        settings,
+        dict.fromkeys(names, MemberPerformance(15.0, 20.0)),
+        (200, 200),
+        (centre, centre),
+        0.0,
     )
 
 
@@ -46,7 +51,7 @@ def place(bearing_deg: float) -> tuple[float, float]:
     return CENTRE - RADIUS * float(np.cos(angle)), CENTRE + RADIUS * float(np.sin(angle))
 
 
-def look(seat: Seat, name: str, bearing_deg: float, at_s: float, reach: int = 6) -> None:
+def look(seat: TeamMember, name: str, bearing_deg: float, at_s: float, reach: int = 6) -> None:
     """Its camera sees a square of the round fire around it."""
     row, col = (round(value) for value in place(bearing_deg))
     rows, cols = np.mgrid[row - reach : row + reach + 1, col - reach : col + reach + 1]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.guidance.burn.line_flight import Air, Place
-from mission_service.guidance.burn.path_progress import Timetable
+from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint
+from mission_service.guidance.burn.path_progress import PathProgress
 from mission_service.ignition_plan import IgnitionPlan
 
 Floats = NDArray[np.float64]
@@ -19,24 +19,24 @@ OWN_SOON_S, OWN_SAMPLES_M, OWN_AROUND = 10.0, 5.0, 24
 
 
 @dataclass(slots=True)
-class Flown:
+class ApprovedPlan:
     """The plan that is approved, as it is flown."""
 
     plan: IgnitionPlan
-    table: Timetable  # in x, y and height above the ground
+    table: PathProgress  # in x, y and height above the ground
     targets_m: Floats  # (m, 2) of its drops
     next_drop: int = 0
     sent: bool = False
     looked_at_s: float = -math.inf
 
 
-def flown_of(plan: IgnitionPlan, landscape: Landscape) -> Flown:
+def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
     """A plan, not yet begun."""
     points = np.array([(point.height_m, point.after_s) for point in plan.path])
     places = _xy([(point.lat_deg, point.lon_deg) for point in plan.path], landscape)
-    table = Timetable(np.column_stack([places, points[:, 0]]), points[:, 1])
+    table = PathProgress(np.column_stack([places, points[:, 0]]), points[:, 1])
     targets = _xy([(drop.lat_deg, drop.lon_deg) for drop in plan.drops], landscape)
-    return Flown(plan, table, targets)
+    return ApprovedPlan(plan, table, targets)
 
 
 def _xy(places: list[tuple[float, float]], landscape: Landscape) -> Floats:
@@ -44,7 +44,7 @@ def _xy(places: list[tuple[float, float]], landscape: Landscape) -> Floats:
     return np.column_stack(landscape.xy_of_lat_lon(lat, lon))
 
 
-def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
+def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
     """When a vehicle on a path (n, 4) x, y, height, at_s first comes too near to fire.
 
     By the rules that plans are made by, but that nearly the safe height is safe as well: nothing
@@ -55,7 +55,7 @@ def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
     """
     safe_m = air.settings.safe_height_m
     places = [
-        Place(x_m, y_m, safe_m if height_m >= HIGH_SHARE * safe_m else height_m, at_s)
+        FlightPoint(x_m, y_m, safe_m if height_m >= HIGH_SHARE * safe_m else height_m, at_s)
         for x_m, y_m, height_m, at_s in path.tolist()
     ]
     soon_s = min(OWN_SOON_S, air.settings.ignition_delay_s / 3.0)
@@ -69,7 +69,9 @@ def first_danger_s(path: Floats, air: Air, own_sources: Floats) -> float | None:
     return None
 
 
-def _own_margin_s(leg: tuple[Place, Place], air: Air, own_sources: Floats) -> float:
+def _own_margin_s(
+    leg: tuple[FlightPoint, FlightPoint], air: FlightConstraints, own_sources: Floats
+) -> float:
     """The least time by which a leg is ahead of the fires of own spheres within reach.
 
     Of a sphere itself, and of its fire where it comes from outside over the edge of the reach.

@@ -44,7 +44,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
     return x.astype(np.float64), y.astype(np.float64), ignition_s
 
 
-def fronts(
+def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
     """What will have burned at each time, as polygons with holes; empty where nothing has."""
@@ -65,7 +65,7 @@ def fronts(
     return found
 
 
-def totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
+def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
     """A burn in figures, metric and in the units of those who burn."""
     plans = [line.plan for line in burn.lines]
     steps = [np.diff(plan.path[:, :2], axis=0) for plan in plans]
@@ -98,7 +98,7 @@ def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None
     """All of a burn as JSON: coordinates are the landscape's metres, times mission time."""
     times = slider_times_s(burn) if times_s is None else times_s
     return {
-        "totals": totals(burn, area),
+        "totals": burn_totals(burn, area),
         "assumptions": asdict(burn.assumptions),
         "lines": [
             {
@@ -116,7 +116,7 @@ def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None
         ],
         "fronts": [
             {"at_s": round(at_s, 1), "burned": shapely.geometry.mapping(front)}
-            for at_s, front in zip(times.tolist(), fronts(burn, area, times), strict=True)
+            for at_s, front in zip(times.tolist(), burned_areas(burn, area, times), strict=True)
         ],
     }
 
@@ -163,7 +163,7 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
         text.set_color(colour)
     axes.set_aspect("equal")
     axes.set(xlabel="east (m)", ylabel="north (m)")
-    found, assumed = totals(burn, area), burn.assumptions
+    found, assumed = burn_totals(burn, area), burn.assumptions
     axes.set_title(
         f"{title}\n{found['lines']} lines, {found['spheres']} spheres, {found['loads']} loads, "
         f"{found['duration_s'] / 60.0:.0f} min; {found['unit_ha']} ha ({found['unit_acres']} acres)"

@@ -14,19 +14,19 @@ from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import PersonTold, PlanWanted, UnitTold
 from mission_service.fire.estimated import BelievedFire, toward
 from mission_service.guidance.burn.hazard import hazard_of
-from mission_service.guidance.burn.line_flight import Air
+from mission_service.guidance.burn.line_flight import FlightConstraints
 from mission_service.guidance.burn.line_planner import (
     LinePlan,
     NoPlan,
     Situation,
-    air_of,
+    constraints_of,
     next_line,
 )
 from mission_service.guidance.burn.plan_mission import plan_points
-from mission_service.guidance.burn.sphere_account import Account, Place
-from mission_service.guidance.burn.unit import Person, unit_of
-from mission_service.guidance.burn.wind_change import Wind
-from mission_service.guidance.burn.wind_drift import aimed
+from mission_service.guidance.burn.sphere_account import PointXY, SphereAccount
+from mission_service.guidance.burn.unit import ExclusionCircle, burn_unit_of
+from mission_service.guidance.burn.wind_change import WindFrom
+from mission_service.guidance.burn.wind_drift import drift_compensated
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle
@@ -49,26 +49,28 @@ class BurnState:
     ) -> None:
         """Raises MissionServiceError for a unit, or a home, that cannot be."""
         self.burn, self.landscape = burn, landscape
-        self.unit = unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
+        self.unit = burn_unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
         self.fire = BelievedFire(burn, landscape, weather)
-        self.account = Account(burn.spheres)
+        self.account = SphereAccount(burn.spheres)
         self.area_left: Any = self.unit.area
         self.line = 1
         self._above_map_m = 0.0
-        self._air: tuple[int, Air] | None = None
+        self._air: tuple[int, FlightConstraints] | None = None
 
     # What is told -----------------------------------------------------------------------------
 
     def unit_told(self, event: PersonTold | UnitTold) -> None:
         """Another unit, or people in it. Raises MissionServiceError for one that cannot be."""
         if isinstance(event, UnitTold):
-            unit = unit_of(self.burn, self.landscape, corners=event.points)
+            unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
             self.unit = unit.with_people(self.unit.people)
             self.area_left = shapely.intersection(self.area_left, unit.area)
         else:
             place = self.landscape.xy_of_lat_lon(event.lat_deg, event.lon_deg)
             others = [each for each in self.unit.people if each.name != event.name]
-            there = [Person(event.name, *place, event.radius_m)] if event.radius_m > 0 else []
+            there = (
+                [ExclusionCircle(event.name, *place, event.radius_m)] if event.radius_m > 0 else []
+            )
             self.unit = self.unit.with_people((*others, *there))
         self._air = None
 
@@ -89,7 +91,7 @@ class BurnState:
 
     # What follows -----------------------------------------------------------------------------
 
-    def wind(self, at_s: float) -> Wind:
+    def wind(self, at_s: float) -> WindFrom:
         """Speed, and where from, as it is believed."""
         weather = self.fire.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
@@ -140,7 +142,7 @@ class BurnState:
         return self.situation_from(place_m, self.height_m(here), flown_s, vehicle.home_m, at_s)
 
     def situation_from(
-        self, place_m: Place, height_m: float, flown_s: float, home_m: Place, at_s: float
+        self, place_m: PointXY, height_m: float, flown_s: float, home_m: PointXY, at_s: float
     ) -> Situation:
         """The same for a vehicle at a place, that has been in the air for ``flown_s``."""
         east, north = self.wind_m_s(at_s)
@@ -161,10 +163,10 @@ class BurnState:
             home_m=home_m,
         )
 
-    def air(self, vehicle: Vehicle, here: Here, at_s: float) -> Air:
+    def air(self, vehicle: Vehicle, here: Here, at_s: float) -> FlightConstraints:
         """What a flight is checked against, as the fire is believed now."""
         if self._air is None or self._air[0] != self.fire.version:
-            air = air_of(self.situation(vehicle, here, at_s), self.burn)
+            air = constraints_of(self.situation(vehicle, here, at_s), self.burn)
             # Planned is over the unit only; what is flown is watched from home on.
             places = shapely.MultiPoint([vehicle.home_m, (here.x_m, here.y_m)])
             box = shapely.union(self.unit.area, places.buffer(AROUND_M)).bounds
@@ -184,7 +186,7 @@ class BurnState:
         found = next_line(situation, self.burn.model_copy(update=wider))
         if isinstance(found, NoPlan):
             return found
-        found = aimed(found, situation, self.burn)
+        found = drift_compensated(found, situation, self.burn)
         return found, self._as_data(found, vehicle.name, here.at_s, begin_s)
 
     def _as_data(self, found: LinePlan, name: str, at_s: float, begin_s: float) -> IgnitionPlan:

@@ -48,15 +48,20 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.burn.approved_plan import HIGH_SHARE, Flown, first_danger_s, flown_of
+from mission_service.guidance.burn.approved_plan import (
+    HIGH_SHARE,
+    ApprovedPlan,
+    approved_plan_of,
+    first_danger_s,
+)
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.checklist import Checklist
-from mission_service.guidance.burn.due_drops import drops_due
+from mission_service.guidance.burn.due_drops import due_drops
 from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
-from mission_service.guidance.burn.plan_approval import Approvals
+from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
-from mission_service.guidance.burn.recheck import trouble
-from mission_service.guidance.burn.wind_change import Wind, mean_wind, wind_differs
+from mission_service.guidance.burn.recheck import plan_problem
+from mission_service.guidance.burn.wind_change import WindFrom, mean_wind, wind_differs
 from mission_service.guidance.protocol import Decision
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here
@@ -82,7 +87,7 @@ class BurnFlight:
         burn, section = scenario.burn, scenario.vehicles[0]
         self.state = BurnState(burn, landscape, weather_of(scenario), section)
         self._refuse_stations_inside()
-        self.approvals = Approvals(burn)
+        self.approvals = ApprovalTracker(burn)
         self.checklist = Checklist(burn.go_items)
         self.phase: Phase = "planning"
         self.complete = False
@@ -90,13 +95,13 @@ class BurnFlight:
         self._vehicle: Vehicle | None = None
         self._name = section.name
         self._found: LinePlan | None = None
-        self._flown: Flown | None = None
+        self._flown: ApprovedPlan | None = None
         self._after_climb: Phase = "planning"
         self._mode, self._armed, self._fix_good, self._by_hand = "", False, True, False
         self._battery_pct: float | None = None
         self._climbed_at_s = self._looked_at_s = -math.inf
         self._reloads = False
-        self._winds: list[Wind] = []
+        self._winds: list[WindFrom] = []
 
     def _refuse_stations_inside(self) -> None:
         """Nobody approves fire from where it is to burn."""
@@ -212,7 +217,7 @@ class BurnFlight:
         here = vehicle.presence.here
         if flown is None or self.phase != "flying":
             begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
-            return trouble(self._found, begins, self.state.burn) or None
+            return plan_problem(self._found, begins, self.state.burn) or None
         path = flown.table.ahead(at_s)
         path[0, :3] = here.x_m, here.y_m, self.state.height_m(here)
         air = self.state.air(vehicle, here, at_s)
@@ -256,7 +261,7 @@ class BurnFlight:
         self._looked_at_s = at_s
         return self._why_void(at_s)
 
-    def _flies(self, vehicle: Vehicle, flown: Flown) -> bool:
+    def _flies(self, vehicle: Vehicle, flown: ApprovedPlan) -> bool:
         """Whether it flies the mission of the plan, by all that it told."""
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
@@ -287,7 +292,7 @@ class BurnFlight:
         why = self._why_void(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
-        self._flown = flown_of(plan, self.state.landscape)
+        self._flown = approved_plan_of(plan, self.state.landscape)
         self.phase, self._by_hand = "approved", False
         return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
@@ -377,7 +382,7 @@ class BurnFlight:
         """At the safe height."""
         return None if self._is_high(here) else self._climb(vehicle, here)
 
-    def _fly(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
+    def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
         off_m = flown.table.moved(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
         why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
         if why is not None:
@@ -387,10 +392,10 @@ class BurnFlight:
             commands += self._line_done(vehicle, flown)
         return commands
 
-    def _release(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
+    def _release(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
         """Let go of the next sphere if it would fall on its place now."""
         commands: list[AnyCommand] = []
-        for due in drops_due(self.state, flown, here):
+        for due in due_drops(self.state, flown, here):
             why_not = due.why_not or self._why_none()
             if why_not is None:
                 name = self.approvals.plan_hash
@@ -419,7 +424,7 @@ class BurnFlight:
         self.state.fire.hold((*sphere.falls_m, ignites_s))
         return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
 
-    def _line_done(self, vehicle: Vehicle, flown: Flown) -> list[AnyCommand]:
+    def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
         spheres = self.state.account.of(self.approvals.plan_hash)
         farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
         if self._found is not None:

@@ -6,10 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.burn.approved_plan import Flown
+from mission_service.guidance.burn.approved_plan import ApprovedPlan
 from mission_service.guidance.burn.burn_state import BurnState
-from mission_service.guidance.burn.release import Landing, Moving, is_due, landing
-from mission_service.guidance.burn.sphere_account import Place, Sphere
+from mission_service.guidance.burn.release import (
+    ImpactPoint,
+    VehicleMotion,
+    impact_point,
+    release_decision,
+)
+from mission_service.guidance.burn.sphere_account import PointXY, Sphere
 from mission_service.position_fix import Here
 
 TELEMETRY_S = 0.1
@@ -17,12 +22,12 @@ RELEASES_BEFORE_S = 6.0  # the time of a drop by the plan, it is looked whether 
 LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
 
 
-class Due(NamedTuple):
+class DueDrop(NamedTuple):
     """A drop whose moment is now, or was; ``why_not`` if it must be left out."""
 
     number: int
-    target_m: Place
-    falls_m: Place
+    target_m: PointXY
+    falls_m: PointXY
     why_not: str | None
 
     def sphere(self, plan_hash: str, at_us: int) -> Sphere:
@@ -30,29 +35,29 @@ class Due(NamedTuple):
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
-def drops_due(state: BurnState, flown: Flown, here: Here) -> Iterator[Due]:
+def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[DueDrop]:
     """Drops of a plan whose moment has come, in order; each is told once."""
     drops, comes_s = flown.plan.drops, flown.table.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or comes_s < drops[flown.next_drop].after_s:
         return
     height_m, dropper = state.height_m(here), state.burn.dropper
-    moving = Moving(here.x_m, here.y_m, height_m, here.east_m_s, here.north_m_s)
+    moving = VehicleMotion(here.x_m, here.y_m, height_m, here.east_m_s, here.north_m_s)
     wind_m_s = state.wind_m_s(here.at_s)
-    falls = landing(moving, wind_m_s, dropper.terminal_speed_m_s, dropper.delay_s)
+    falls = impact_point(moving, wind_m_s, dropper.terminal_speed_m_s, dropper.delay_s)
     too_high = height_m > HIGH_SHARE * flown.plan.drop_height_m
     while flown.next_drop < len(drops) and comes_s >= drops[flown.next_drop].after_s:
         x_m, y_m = flown.targets_m[flown.next_drop].tolist()
-        due = is_due(moving, falls, (x_m, y_m), TELEMETRY_S, state.burn.miss_m)
+        due = release_decision(moving, falls, (x_m, y_m), TELEMETRY_S, state.burn.miss_m)
         comes_down = too_high and flown.table.after_s < drops[flown.next_drop].after_s
         if due == "wait" or comes_down:
             return
         number, flown.next_drop = flown.next_drop, flown.next_drop + 1
         why_not = "it is behind" if due == "missed" else _why_not(state, flown, moving, falls, here)
-        yield Due(number, (x_m, y_m), (falls.x_m, falls.y_m), why_not)
+        yield DueDrop(number, (x_m, y_m), (falls.x_m, falls.y_m), why_not)
 
 
 def _why_not(
-    state: BurnState, flown: Flown, moving: Moving, falls: Landing, here: Here
+    state: BurnState, flown: ApprovedPlan, moving: VehicleMotion, falls: ImpactPoint, here: Here
 ) -> str | None:
     plan, burn, at_us = flown.plan, state.burn, round(here.at_s * 1e6)
     least_m, most_m = LOW_SHARE * plan.drop_height_m, HIGH_SHARE * plan.drop_height_m

@@ -18,7 +18,7 @@ SLIVER_M2 = 0.01  # what is left of an area by the rounding of a cut
 
 
 @dataclass(frozen=True)
-class Line:
+class IgnitionLine:
     """All places ``along_m`` downwind of the origin; the wind blows ``toward_rad``, from east."""
 
     toward_rad: float
@@ -44,14 +44,14 @@ class Line:
         return np.asarray(places_m @ self.left)
 
 
-def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> Line:
+def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> IgnitionLine:
     """``spacing_m`` upwind of the most downwind vertex of an area that is not empty (line 1)."""
-    flat = Line(toward_rad, 0.0)
+    flat = IgnitionLine(toward_rad, 0.0)
     most_m = float(np.max(shapely.get_coordinates(area) @ flat.downwind))
-    return Line(toward_rad, most_m - spacing_m)
+    return IgnitionLine(toward_rad, most_m - spacing_m)
 
 
-def upwind_of(area: BaseGeometry, line: Line) -> BaseGeometry:
+def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
     """What of an area lies upwind of a line: Polygon or MultiPolygon, empty if nothing does."""
     if area.is_empty:
         return area
@@ -77,7 +77,7 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 
-def stretch(area: BaseGeometry, line: Line) -> tuple[float, float] | None:
+def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
     """From where to where across a line is in an area, gaps included; None if it is outside."""
     corners = shapely.get_coordinates(area)
     across = corners @ line.left
@@ -90,7 +90,11 @@ def stretch(area: BaseGeometry, line: Line) -> tuple[float, float] | None:
 
 
 def alignment_m(
-    line: Line, ends_m: tuple[float, float], earlier_m: Floats, area: BaseGeometry, near_m: float
+    line: IgnitionLine,
+    ends_m: tuple[float, float],
+    earlier_m: Floats,
+    area: BaseGeometry,
+    near_m: float,
 ) -> float:
     """Where across a drop is to be: right upwind of an earlier one, the one closest to the centre.
 
@@ -106,7 +110,7 @@ def alignment_m(
 
 
 def drop_points(
-    line: Line, ends_m: tuple[float, float], through_m: float, spacing_m: float
+    line: IgnitionLine, ends_m: tuple[float, float], through_m: float, spacing_m: float
 ) -> Floats:
     """Places (n, 2) each ``spacing_m`` along a line between its ends, from right to left.
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from firemodel.ellipses.marks import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
-from mission_service.guidance.burn.unit import Unit
-from mission_service.guidance.burn.visibility_graph import Ways
+from mission_service.guidance.burn.unit import BurnUnit
+from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-Lights = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the fire of them alone
+FireOfSources = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the fire of them alone
 
 HIGH_M = 1e-6  # a height so little below the safe one is safe
 TOWARDS_M2 = 1e-3  # a leg that nears a drop by less (times its length) goes away from it
@@ -26,7 +26,7 @@ DOWN_SPARE_M = 1.0  # more than rasters are in doubt by
 ROUNDED_S = 1e-6
 
 
-class Place(NamedTuple):
+class FlightPoint(NamedTuple):
     """Of a flight: metres, above the ground, seconds of mission time."""
 
     x_m: float
@@ -35,21 +35,21 @@ class Place(NamedTuple):
     at_s: float
 
 
-Route = list[Place]  # from where the vehicle is; flown straight
+Route = list[FlightPoint]  # from where the vehicle is; flown straight
 
 
-def part_of(leg: tuple[Place, Place], part: float) -> Place:
+def point_on_leg(leg: tuple[FlightPoint, FlightPoint], part: float) -> FlightPoint:
     """Where on a leg the vehicle is after a part (0 to 1) of its time."""
     begin, end = leg
-    return Place(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
+    return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
 
 
-def _box(leg: tuple[Place, Place]) -> Box:
+def _box(leg: tuple[FlightPoint, FlightPoint]) -> Box:
     (x0, y0, *_), (x1, y1, *_) = leg
     return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
-def _away_m(leg: tuple[Place, Place], places_m: Floats) -> Floats:
+def _away_m(leg: tuple[FlightPoint, FlightPoint], places_m: Floats) -> Floats:
     """How far places (n, 2) are from a leg."""
     begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
     length2 = max(float(step @ step), 1e-12)
@@ -69,26 +69,26 @@ def fastest_m_s(fire: Simulation) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Air:
+class FlightConstraints:
     """What flights are checked against. ``home_m`` is where the vehicle lands."""
 
-    unit: Unit
+    unit: BurnUnit
     settings: BurnSection
     fire: Simulation
-    lights: Lights
+    lights: FireOfSources
     hazard: Hazard
-    low: Ways
-    high: Ways | None  # inside the fence
+    low: VisibilityGraph
+    high: VisibilityGraph | None  # inside the fence
     home_m: tuple[float, float]
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
-    def moved(self, here: Place, x_m: float, y_m: float, height_m: float) -> Place:
+    def moved(self, here: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
         """There, straight: level at speed, or straight up or down at their rates."""
         up_m = height_m - here.height_m
         rate = self.settings.climb_m_s if up_m > 0.0 else self.settings.sink_m_s
         level_m = math.hypot(x_m - here.x_m, y_m - here.y_m)
         taken_s = level_m / self.settings.speed_m_s + abs(up_m) / rate
-        return Place(x_m, y_m, height_m, here.at_s + taken_s)
+        return FlightPoint(x_m, y_m, height_m, here.at_s + taken_s)
 
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
         """A route and on at its height through places, the first of which is where it ends."""
@@ -96,18 +96,20 @@ class Air:
             route = [*route, self.moved(route[-1], x_m, y_m, route[-1].height_m)]
         return route
 
-    def straight_up(self, here: Place) -> Route:
+    def straight_up(self, here: FlightPoint) -> Route:
         """To the safe height where it is."""
         if here.height_m >= self.settings.safe_height_m:
             return [here]
         return [here, self.moved(here, here.x_m, here.y_m, self.settings.safe_height_m)]
 
-    def high_way(self, here: Place, x_m: float, y_m: float) -> list[tuple[float, float]] | None:
+    def high_way(
+        self, here: FlightPoint, x_m: float, y_m: float
+    ) -> list[tuple[float, float]] | None:
         """At the safe height, inside the fence; None if there is none."""
         begin, end = (here.x_m, here.y_m), (x_m, y_m)
         return [begin, end] if self.high is None else self.high.way(begin, end)
 
-    def home_s(self, here: Place) -> float:
+    def home_s(self, here: FlightPoint) -> float:
         """Time from the safe height here to the ground at home; infinity if there is no way."""
         way = self.high_way(here, *self.home_m)
         if way is None:
@@ -115,7 +117,7 @@ class Air:
         above = self.along([here], way)[-1]
         return self.moved(above, *self.home_m, 0.0).at_s - here.at_s
 
-    def margin_s(self, leg: tuple[Place, Place]) -> float:
+    def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
         """How far ahead of fire.
 
         Where the raster is in doubt, a finer one is asked. Who comes down keeps a little farther
@@ -135,19 +137,19 @@ class Air:
         more_m = DOWN_SPARE_M if end.height_m < begin.height_m else 0.0
         return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
 
-    def _elsewhere(self, here: Place) -> Hazard:
+    def _elsewhere(self, here: FlightPoint) -> Hazard:
         """Around a place where there is no raster, as the one it starts from may be."""
         key = here[:2]
         if key not in self.places:
             self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)
         return self.places[key]
 
-    def is_high(self, leg: tuple[Place, Place]) -> bool:
+    def is_high(self, leg: tuple[FlightPoint, FlightPoint]) -> bool:
         """Whether all of a leg is at the safe height or above."""
         return min(leg[0].height_m, leg[1].height_m) >= self.settings.safe_height_m - HIGH_M
 
 
-class OwnFires:
+class SphereFires:
     """The fires that a flight's own drops will be.
 
     Where a leg nears any of its drops, or comes down from the safe height, they count like any
@@ -155,7 +157,7 @@ class OwnFires:
     the sphere below ignites within that margin) none may burn within reach.
     """
 
-    def __init__(self, air: Air) -> None:
+    def __init__(self, air: FlightConstraints) -> None:
         self.air = air
         self.sources: Floats = np.empty((0, 3))
 
@@ -164,7 +166,7 @@ class OwnFires:
         burns_s = dropped_s + self.air.settings.ignition_delay_s
         self.sources = np.concatenate([self.sources, [[x_m, y_m, burns_s]]])
 
-    def nears(self, leg: tuple[Place, Place]) -> bool:
+    def nears(self, leg: tuple[FlightPoint, FlightPoint]) -> bool:
         """Whether drops count with the margin of time."""
         begin, end = leg
         if begin[:2] == end[:2]:
@@ -173,7 +175,7 @@ class OwnFires:
         towards = (self.sources[:, :2] - (begin.x_m, begin.y_m)) @ step
         return bool((towards > TOWARDS_M2 * math.hypot(*step)).any())
 
-    def margin_s(self, leg: tuple[Place, Place]) -> float:
+    def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
         """As of any fire if it nears them; else infinity, or what is less than 0 s."""
         if not len(self.sources) or self.air.is_high(leg):
             return math.inf
@@ -184,11 +186,11 @@ class OwnFires:
         else:  # a sphere that ignites at the end of a long leg is no danger at its begin
             short_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
             parts = max(math.ceil((end.at_s - begin.at_s) / short_s), 1)
-        ends = [begin, *(part_of(leg, number / parts) for number in range(1, parts)), end]
+        ends = [begin, *(point_on_leg(leg, number / parts) for number in range(1, parts)), end]
         least_s = min(self._margin_s(part, nears) for part in pairwise(ends))
         return least_s if nears or least_s < 0.0 else math.inf
 
-    def _margin_s(self, leg: tuple[Place, Place], nears: bool) -> float:
+    def _margin_s(self, leg: tuple[FlightPoint, FlightPoint], nears: bool) -> float:
         begin, end = leg
         later_s = self.air.settings.time_margin_s if nears else 0.0
         matter = self.sources[self.sources[:, 2] < end.at_s + later_s]
@@ -216,10 +218,10 @@ class OwnFires:
 
 
 @dataclass(frozen=True, eq=False)
-class Trip:
+class LineFlight:
     """What came of it. ``drops`` (m, 3) x, y, at_s; ``skipped`` (k, 2); ``why_ended`` if early."""
 
-    route: tuple[Place, ...]
+    route: tuple[FlightPoint, ...]
     drops: Floats
     skipped: Floats
     least_margin_s: float
@@ -233,7 +235,9 @@ class Trip:
         return self.route[-1].at_s - self.route[0].at_s
 
 
-def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float) -> Trip:
+def fly_line(
+    air: FlightConstraints, start: FlightPoint, places_m: Floats, spheres: int, battery_s: float
+) -> LineFlight:
     """Drop at the places (n, 2) in their order, as many as can be, then climb and hold.
 
     A place that cannot be reached safely, is not safe to drop at when it is reached, or could not
@@ -249,9 +253,14 @@ def fly(air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float
 
 
 def _flown(
-    air: Air, start: Place, places_m: Floats, spheres: int, battery_s: float, careful: bool
-) -> Trip:
-    flier = Flier(air, start)
+    air: FlightConstraints,
+    start: FlightPoint,
+    places_m: Floats,
+    spheres: int,
+    battery_s: float,
+    careful: bool,
+) -> LineFlight:
+    flier = LineFlightBuilder(air, start)
     flier.climb_out_of_danger()
     home_s, out_margin_s = math.inf, math.inf
     burns_s = air.fire.ignition_time_s(places_m)
@@ -281,7 +290,7 @@ def _flown(
         drops.append((x_m, y_m, at_s))
         (flier.out, out_margin_s), home_s = way_out, then_home_s
     flier.take(flier.out, out_margin_s)
-    return Trip(
+    return LineFlight(
         tuple(flier.route),
         np.array(drops, np.float64).reshape(-1, 3),
         np.array(skipped, np.float64).reshape(-1, 2),
@@ -292,18 +301,18 @@ def _flown(
     )
 
 
-class Flier:
+class LineFlightBuilder:
     """Where a flight has come to, and what is safe from there."""
 
-    def __init__(self, air: Air, start: Place) -> None:
+    def __init__(self, air: FlightConstraints, start: FlightPoint) -> None:
         self.air, self.settings = air, air.settings
-        self.own = OwnFires(air)
+        self.own = SphereFires(air)
         self.route: Route = [start]
         self.out: Route = []  # from the last drop to the safe height
         self.least_s = math.inf
         self.climbs_first = False
 
-    def checked(self, route: Route, own: OwnFires | None = None) -> float | None:
+    def checked(self, route: Route, own: SphereFires | None = None) -> float | None:
         """The least margin of a route; None if it is unsafe."""
         least_s = math.inf
         for leg in pairwise(route):
@@ -349,7 +358,7 @@ class Flier:
         """Then nothing is faster."""
         return sum(one[:2] != other[:2] for one, other in pairwise(low)) <= 1
 
-    def _up(self, here: Place, x_m: float, y_m: float) -> Route | None:
+    def _up(self, here: FlightPoint, x_m: float, y_m: float) -> Route | None:
         """To the safe height: here, by the way out, or as near as is safe on the way to a place."""
         for route in (self.air.straight_up(here), self.out):
             if route and route[0] == here and self.checked(route) is not None:
@@ -376,7 +385,7 @@ class Flier:
         Straight up, or else a little farther on or upwind first.
         """
         here = arrives[-1]
-        own = OwnFires(self.air)
+        own = SphereFires(self.air)
         own.sources = self.own.sources
         own.add(here.x_m, here.y_m, dropped_s)
         upwind_rad = self.air.hazard.margins.toward_rad + math.pi
@@ -397,7 +406,7 @@ class Flier:
                     return route, margin_s
         return None
 
-    def _level(self, here: Place) -> Route | None:
+    def _level(self, here: FlightPoint) -> Route | None:
         """At the drop height where it is; None from the safe height, which is not left twice."""
         if here.height_m >= self.settings.safe_height_m - HIGH_M:
             return None
@@ -405,7 +414,7 @@ class Flier:
             return [here]
         return [here, self.air.moved(here, here.x_m, here.y_m, self.settings.drop_height_m)]
 
-    def _low(self, here: Place, x_m: float, y_m: float) -> Route | None:
+    def _low(self, here: FlightPoint, x_m: float, y_m: float) -> Route | None:
         level = self._level(here)
         way = self.air.low.way((here.x_m, here.y_m), (x_m, y_m)) if level else None
         return None if way is None or level is None else self.air.along(level, way)

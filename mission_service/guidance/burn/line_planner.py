@@ -21,15 +21,21 @@ from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.hazard import hazard_of, margins_of
 from mission_service.guidance.burn.ignition_lines import (
-    Line,
+    IgnitionLine,
     alignment_m,
     drop_points,
+    extent_across,
     line_across,
-    stretch,
     upwind_of,
 )
-from mission_service.guidance.burn.line_flight import Air, Lights, Place, Trip, fly
-from mission_service.guidance.burn.unit import Unit
+from mission_service.guidance.burn.line_flight import (
+    FireOfSources,
+    FlightConstraints,
+    FlightPoint,
+    LineFlight,
+    fly_line,
+)
+from mission_service.guidance.burn.unit import BurnUnit
 
 Floats = NDArray[np.float64]
 
@@ -47,11 +53,11 @@ class Situation:
     ``lights`` gives the fire of some sources alone, as EllipseFire of the same spreads does.
     """
 
-    unit: Unit
+    unit: BurnUnit
     area: BaseGeometry
     dropped_m: Floats
     fire: Simulation
-    lights: Lights
+    lights: FireOfSources
     at_s: float  # when the plan begins
     x_m: float
     y_m: float
@@ -79,7 +85,7 @@ class LinePlan:
     duration_s: float
     least_time_margin_s: float
     area_left: BaseGeometry
-    line: Line
+    line: IgnitionLine
     ended: Literal["", "spheres", "battery"]  # what ended it before the line was done
     climbs_first: bool
     home_s: float  # from its end to the ground at home, at the safe height
@@ -103,8 +109,8 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
     no times.
     """
     _refuse_too_fast(settings)
-    start = Place(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
-    air = air_of(situation, settings)
+    start = FlightPoint(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
+    air = constraints_of(situation, settings)
     if air.high is not None and not air.high.straight(start[:2], start[:2]):
         return NoPlan("outside", "the vehicle is outside the fence; bring it back")
     if situation.height_m < ON_GROUND_M and not _safe_start(air, start):
@@ -118,13 +124,13 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
         if rest.is_empty:
             break
         trips = [
-            fly(
+            fly_line(
                 *(air, start, places, situation.spheres),
                 situation.battery_s - settings.battery_reserve_s,
             )
-            for places in orders(situation, settings, area, line)
+            for places in drop_orders(situation, settings, area, line)
         ]
-        best = chosen(trips)
+        best = fastest_flight(trips)
         if best is not None:
             return _plan(best, situation, line, rest, lines_cut)
         if any(trip.why_ended == "spheres" for trip in trips):
@@ -141,11 +147,11 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
     return NoPlan("complete", f"burn complete{cut}", lines_cut)
 
 
-def air_of(situation: Situation, settings: BurnSection) -> Air:
+def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstraints:
     """What all flights of a situation are checked against."""
     margins = margins_of(settings, situation.wind_m_s, situation.toward_rad)
     unit = situation.unit
-    return Air(
+    return FlightConstraints(
         unit,
         settings,
         situation.fire,
@@ -157,14 +163,14 @@ def air_of(situation: Situation, settings: BurnSection) -> Air:
     )
 
 
-def orders(
-    situation: Situation, settings: BurnSection, area: BaseGeometry, line: Line
+def drop_orders(
+    situation: Situation, settings: BurnSection, area: BaseGeometry, line: IgnitionLine
 ) -> list[Floats]:
     """Places to drop at on a line, from each of its ends on (lines 5 to 8); none if none may be.
 
     The nearest next one is always the neighbour, since all lie on one line.
     """
-    ends_m = stretch(area, line)
+    ends_m = extent_across(area, line)
     if ends_m is None:
         return []
     spacing_m = settings.drop_spacing_m
@@ -182,7 +188,7 @@ def orders(
     return [places[::-1], places]
 
 
-def chosen(trips: list[Trip]) -> Trip | None:
+def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """The fastest of those that drop enough; None if none drops anything. The first of equals.
 
     One that comes to the line's end is better than one ended by spheres or battery.
@@ -195,7 +201,7 @@ def chosen(trips: list[Trip]) -> Trip | None:
 
 
 def _plan(
-    trip: Trip, situation: Situation, line: Line, rest: BaseGeometry, lines_cut: int
+    trip: LineFlight, situation: Situation, line: IgnitionLine, rest: BaseGeometry, lines_cut: int
 ) -> LinePlan:
     begin_s = situation.at_s
     path = np.array(trip.route, np.float64)
@@ -219,7 +225,7 @@ def _plan(
     )
 
 
-def _safe_start(air: Air, start: Place) -> bool:
+def _safe_start(air: FlightConstraints, start: FlightPoint) -> bool:
     return air.margin_s((start, start)) >= air.settings.time_margin_s
 
 

@@ -8,7 +8,7 @@ Floats = NDArray[np.float64]
 LOOKS_AHEAD_M = 30.0  # further along the path a vehicle is not taken to have jumped
 
 
-class Timetable:
+class PathProgress:
     """A path (n, 3) x, y, altitude in metres, flown at times (n,) after its begin."""
 
     def __init__(self, points_m: Floats, after_s: Floats) -> None:

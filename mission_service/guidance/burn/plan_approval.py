@@ -8,7 +8,7 @@ from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 
 @dataclass(frozen=True, slots=True)
-class Approval:
+class PlanApproval:
     """A person's word for exactly one plan."""
 
     plan_hash: str
@@ -18,7 +18,7 @@ class Approval:
     host_us: int  # by the host's clock
 
 
-class Approvals:
+class ApprovalTracker:
     """One plan at a time, and the crew's approval of it.
 
     Each limit ends when either mission time or the host's clock reaches it.
@@ -27,7 +27,7 @@ class Approvals:
     def __init__(self, burn: BurnSection) -> None:
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
-        self.approval: Approval | None = None
+        self.approval: PlanApproval | None = None
         self._stations = {station.name for station in burn.stations}
         self._approval_us = round(burn.approval_s * 1e6)
         self._silent_us = round(burn.crew_silent_s * 1e6)
@@ -64,7 +64,7 @@ class Approvals:
             return f"the plan proposed is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
         if self.out_of_date(event.at_us):
             return "the plan is out of date"
-        self.approval = Approval(
+        self.approval = PlanApproval(
             event.plan_hash, event.by, event.station, event.at_us, self._host_us
         )
         self._approver_us, self._approver_host_us = event.at_us, self._host_us

@@ -12,7 +12,7 @@ from autopilot_bridge.items import MissionItem, change_speed, loiter_unlimited, 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection, VehicleSection
-from mission_service.guidance.burn.unit import unit_of
+from mission_service.guidance.burn.unit import burn_unit_of
 from mission_service.ignition_plan import PathPoint
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
     vehicle = scenario.vehicles[0]
     home = (vehicle.home_lat_deg, vehicle.home_lon_deg)
     home_m = landscape.xy_of_lat_lon(*home)
-    west, south, east, north = unit_of(scenario.burn, landscape, home).area.bounds
+    west, south, east, north = burn_unit_of(scenario.burn, landscape, home).area.bounds
     across = _steps(min(west, home_m[0]), max(east, home_m[0]), landscape)
     down = _steps(min(south, home_m[1]), max(north, home_m[1]), landscape)
     x, y = np.meshgrid(across, down)

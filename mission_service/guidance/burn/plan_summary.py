@@ -12,7 +12,7 @@ def in_feet(metres: float) -> int:
     return round(metres / M_PER_FT)
 
 
-def figures_of(plan: IgnitionPlan) -> dict[str, Any]:
+def plan_figures(plan: IgnitionPlan) -> dict[str, Any]:
     """What a plan comes to, in numbers."""
     altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
     return {
@@ -39,9 +39,9 @@ def figures_of(plan: IgnitionPlan) -> dict[str, Any]:
     }
 
 
-def plan_in_words(plan: IgnitionPlan, name: str) -> list[str]:
+def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
     """What somebody is to know who approves it; a fact a line."""
-    told = figures_of(plan)
+    told = plan_figures(plan)
     skipped = f"; {told['skipped']} places skipped as unsafe" if plan.skipped else ""
     low_m, high_m = told["lowest_amsl_m"], told["highest_amsl_m"]
     margin_m = plan.distance_margin_m
@@ -62,7 +62,7 @@ def plan_in_words(plan: IgnitionPlan, name: str) -> list[str]:
     ]
 
 
-def status_in_words(status: dict[str, Any]) -> list[str]:
+def describe_status(status: dict[str, Any]) -> list[str]:
     """The state of a burn as the control socket tells it; a fact a line."""
     phase, at_us = status["leader"]["phase"], round(status["at_s"] * 1e6)
     lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]

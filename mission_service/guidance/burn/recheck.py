@@ -5,13 +5,18 @@ from itertools import pairwise
 import numpy as np
 
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_flight import Air, OwnFires, Place, part_of
-from mission_service.guidance.burn.line_planner import LinePlan, Situation, air_of
+from mission_service.guidance.burn.line_flight import (
+    FlightConstraints,
+    FlightPoint,
+    SphereFires,
+    point_on_leg,
+)
+from mission_service.guidance.burn.line_planner import LinePlan, Situation, constraints_of
 
 ROUNDED_S = 1e-6
 
 
-def trouble(
+def plan_problem(
     plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
 ) -> str:
     """What speaks against flying the rest of a plan, of which ``flown_s`` are flown; "" if nothing.
@@ -19,10 +24,12 @@ def trouble(
     The rest begins at ``situation.at_s``, in its wind and unit. Its fire is to be without the drops
     of this plan: they count as they did when it was made, at the times of the plan.
     """
-    air = air_of(situation, settings)
+    air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
-    places = [Place(x, y, height, begin_s + after) for x, y, height, after in plan.path.tolist()]
-    own, number = OwnFires(air), 0
+    places = [
+        FlightPoint(x, y, height, begin_s + after) for x, y, height, after in plan.path.tolist()
+    ]
+    own, number = SphereFires(air), 0
     for leg in pairwise(places):
         while number < len(plan.drops) and _dropped_by(plan, number, leg[0].at_s - begin_s):
             x_m, y_m, after_s = plan.drops[number].tolist()
@@ -50,15 +57,17 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
     return bool(plan.drops[number, 2] <= after_s + ROUNDED_S)
 
 
-def _later(leg: tuple[Place, Place], at_s: float) -> Place:
+def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
     """Where on a leg the vehicle is at a time, its begin at the earliest."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
-    return part_of(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
+    return point_on_leg(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
 
 
-def _of_place(air: Air, leg: tuple[Place, Place], start: Place) -> str:
+def _of_place(
+    air: FlightConstraints, leg: tuple[FlightPoint, FlightPoint], start: FlightPoint
+) -> str:
     begin, end = leg[0][:2], leg[1][:2]
     if air.high is not None and not air.high.straight(begin, end):
         return "its path leaves the fence"
@@ -68,7 +77,7 @@ def _of_place(air: Air, leg: tuple[Place, Place], start: Place) -> str:
     return ""
 
 
-def _of_drops(plan: LinePlan, air: Air, begin_s: float, flown_s: float) -> str:
+def _of_drops(plan: LinePlan, air: FlightConstraints, begin_s: float, flown_s: float) -> str:
     left = plan.drops[plan.drops[:, 2] > flown_s + ROUNDED_S]
     if not len(left):
         return ""

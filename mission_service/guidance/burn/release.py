@@ -11,10 +11,10 @@ STEP_S = 0.05
 SLOW_M_S = 0.5  # below it no course is to be seen
 NEAR_S = 1.0  # of flight: what is farther than that from its place is not near it yet
 
-Due = Literal["release", "wait", "missed"]
+ReleaseDecision = Literal["release", "wait", "missed"]
 
 
-class Moving(NamedTuple):
+class VehicleMotion(NamedTuple):
     """A vehicle and its motion; ``height_m`` is above the ground where the sphere will lie."""
 
     x_m: float
@@ -25,7 +25,7 @@ class Moving(NamedTuple):
     climb_m_s: float = 0.0
 
 
-class Landing(NamedTuple):
+class ImpactPoint(NamedTuple):
     """Where a sphere would lie, and how long after the order."""
 
     x_m: float
@@ -33,7 +33,7 @@ class Landing(NamedTuple):
     after_s: float
 
 
-class Errors(NamedTuple):
+class TelemetryErrors(NamedTuple):
     """Standard deviations, along each axis, of what telemetry tells (positions by satellite).
 
     ``delay_s`` is how much the delay of link and dropper varies.
@@ -46,12 +46,12 @@ class Errors(NamedTuple):
     delay_s: float = 0.1
 
 
-USUAL = Errors()
+TYPICAL_ERRORS = TelemetryErrors()
 
 
-def landing(
-    vehicle: Moving, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
-) -> Landing:
+def impact_point(
+    vehicle: VehicleMotion, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
+) -> ImpactPoint:
     """Where the sphere of an order given now would lie.
 
     ``delay_s`` after the order it leaves with the vehicle's velocity; then gravity g acts, and a
@@ -80,7 +80,7 @@ def landing(
         y += way[1] + wind_m_s[1] * step_s
         fall_s += step_s
         velocity = after
-    return Landing(x, y, delay_s + fall_s)
+    return ImpactPoint(x, y, delay_s + fall_s)
 
 
 Vector = tuple[float, float, float]
@@ -123,23 +123,23 @@ def _pull(velocity: Vector, drag_per_m: float) -> Vector:
     return -drag * east, -drag * north, -drag * up - GRAVITY_M_S2
 
 
-def spread_m(
-    vehicle: Moving,
+def impact_spread_m(
+    vehicle: VehicleMotion,
     wind_m_s: tuple[float, float],
     terminal_speed_m_s: float,
     delay_s: float,
-    errors: Errors = USUAL,
+    errors: TelemetryErrors = TYPICAL_ERRORS,
 ) -> float:
     """How far off its predicted place the sphere lies: the root of the mean squared distance.
 
     First order: each error moves the landing on its own.
     """
-    there = landing(vehicle, wind_m_s, terminal_speed_m_s, delay_s)
+    there = impact_point(vehicle, wind_m_s, terminal_speed_m_s, delay_s)
     speed, wind = errors.speed_m_s, errors.wind_m_s
     along = (vehicle.east_m_s + speed, vehicle.north_m_s)
     across = (vehicle.east_m_s, vehicle.north_m_s + speed)
     off = [
-        landing(moved, blown, terminal_speed_m_s, delay_s)
+        impact_point(moved, blown, terminal_speed_m_s, delay_s)
         for moved, blown in (
             (vehicle._replace(height_m=vehicle.height_m + errors.height_m), wind_m_s),
             (vehicle._replace(east_m_s=along[0], north_m_s=along[1]), wind_m_s),
@@ -153,13 +153,13 @@ def spread_m(
     return math.sqrt(sum(squares) + late_m**2 + 2.0 * errors.position_m**2)
 
 
-def is_due(
-    vehicle: Moving,
-    there: Landing,
+def release_decision(
+    vehicle: VehicleMotion,
+    there: ImpactPoint,
     target_m: tuple[float, float],
     step_s: float,
     miss_m: float,
-) -> Due:
+) -> ReleaseDecision:
     """Whether to give the order now; ``there`` is where the sphere would lie.
 
     ``wait`` until the landing, which moves as the vehicle does, is at its nearest to the target, to

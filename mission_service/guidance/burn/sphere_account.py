@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mission_service.events import DropFinished
 
-Place = tuple[float, float]
+PointXY = tuple[float, float]
 
 
 @dataclass(slots=True)
@@ -15,8 +15,8 @@ class Sphere:
     plan_hash: str
     number: int
     at_us: int
-    target_m: Place
-    falls_m: Place  # by what was known when it was let go
+    target_m: PointXY
+    falls_m: PointXY  # by what was known when it was let go
     outcome: str = "ordered"
 
     @property
@@ -30,7 +30,7 @@ class Sphere:
         return self.outcome != "refused"
 
 
-class Account:
+class SphereAccount:
     """All spheres of a burn, in the order of their fall; ``loaded`` are on board at the start."""
 
     def __init__(self, loaded: int) -> None:
@@ -60,7 +60,7 @@ class Account:
         """Those of one plan that must be taken to have fallen."""
         return [each for each in self.spheres if each.plan_hash == plan_hash and each.counts]
 
-    def fallen_m(self) -> list[Place]:
+    def fallen_m(self) -> list[PointXY]:
         """Where all lie that must be taken to have fallen."""
         return [each.falls_m for each in self.spheres if each.counts]
 

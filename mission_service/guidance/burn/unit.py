@@ -18,7 +18,7 @@ from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.ignition_lines import only_areas
-from mission_service.guidance.burn.visibility_graph import Ways
+from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
@@ -28,7 +28,7 @@ LEAST_M2 = 1.0  # of an area
 CLEAR_M = 0.01  # on top of margins, for what is rounded
 
 
-class Person(NamedTuple):
+class ExclusionCircle(NamedTuple):
     """Somebody, or something, around whom nothing falls and nothing is flown low."""
 
     name: str
@@ -38,13 +38,13 @@ class Person(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Unit:
+class BurnUnit:
     """In the landscape's metres. ``fence`` is None where there is none; flights stay inside it."""
 
     area: BaseGeometry  # Polygon or MultiPolygon, holes are not to be burned
     no_drop: BaseGeometry
     fence: BaseGeometry | None
-    people: tuple[Person, ...]
+    people: tuple[ExclusionCircle, ...]
     edge_m: float
 
     @cached_property
@@ -55,15 +55,15 @@ class Unit:
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
 
     @cached_property
-    def low_ways(self) -> Ways:
+    def low_ways(self) -> VisibilityGraph:
         """Where may be flown below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
-        return Ways(self._without_people(inside))
+        return VisibilityGraph(self._without_people(inside))
 
     @cached_property
-    def high_ways(self) -> Ways | None:
+    def high_ways(self) -> VisibilityGraph | None:
         """Where may be flown at the safe height; None for everywhere."""
-        return None if self.fence is None else Ways(self.fence)
+        return None if self.fence is None else VisibilityGraph(self.fence)
 
     def _without_people(self, area: BaseGeometry) -> BaseGeometry:
         for person in self.people:
@@ -85,7 +85,7 @@ class Unit:
             good &= shapely.covers(self.fence, points)
         return np.asarray(good, np.bool_)
 
-    def with_people(self, people: tuple[Person, ...]) -> "Unit":
+    def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
         """The same with these people instead."""
         return replace(self, people=people)
 
@@ -110,12 +110,12 @@ def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
     return found
 
 
-def unit_of(
+def burn_unit_of(
     burn: BurnSection,
     landscape: Landscape,
     home: tuple[float, float] | None = None,
     corners: Corners | None = None,
-) -> Unit:
+) -> BurnUnit:
     """The unit of a scenario. ``home`` (lat, lon) is where the vehicle starts.
 
     ``corners`` (lat, lon), told later, take the place of those set. Raises MissionServiceError
@@ -131,15 +131,15 @@ def unit_of(
         no_drop = _areas_of(burn.no_drop_file, landscape)
     fence = None if burn.fence is None else _polygon("fence", burn.fence, landscape)
     people = tuple(
-        Person(who.name, *landscape.xy_of_lat_lon(who.lat_deg, who.lon_deg), who.radius_m)
+        ExclusionCircle(who.name, *landscape.xy_of_lat_lon(who.lat_deg, who.lon_deg), who.radius_m)
         for who in burn.people
     )
-    unit = Unit(area, no_drop, fence, people, burn.edge_m)
-    check(unit, None if home is None else landscape.xy_of_lat_lon(*home))
+    unit = BurnUnit(area, no_drop, fence, people, burn.edge_m)
+    check_unit(unit, None if home is None else landscape.xy_of_lat_lon(*home))
     return unit
 
 
-def check(unit: Unit, home_m: tuple[float, float] | None = None) -> None:
+def check_unit(unit: BurnUnit, home_m: tuple[float, float] | None = None) -> None:
     """Raise MissionServiceError if nothing can be dropped, or home (x, y) is outside the fence."""
     if unit.fence is not None:
         if home_m is not None and not unit.fence.covers(shapely.Point(home_m)):

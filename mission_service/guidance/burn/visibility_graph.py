@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
-Place = tuple[float, float]
+Point = tuple[float, float]
 
 CLEAR_M = 1.0  # corners are passed so far away where there is room
 
 
-class Ways:
+class VisibilityGraph:
     """Ways inside ``area``; corners worth passing are found when first asked for."""
 
     def __init__(self, area: BaseGeometry) -> None:
@@ -23,13 +23,13 @@ class Ways:
         self._corners: Floats | None = None
         self._lengths: Floats = np.empty((0, 0))
 
-    def straight(self, begin: Place, end: Place) -> bool:
+    def straight(self, begin: Point, end: Point) -> bool:
         """Whether the straight way is inside."""
         if begin == end:
             return bool(self.area.covers(shapely.Point(begin)))
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
-    def way(self, begin: Place, end: Place) -> list[Place] | None:
+    def way(self, begin: Point, end: Point) -> list[Point] | None:
         """Places from ``begin`` to ``end``, both with them; None if there is no way."""
         if self.straight(begin, end):
             return [begin, end]
@@ -75,7 +75,7 @@ class Ways:
                 )
         return self._corners, self._lengths
 
-    def _seen(self, place: Place, corners: Floats) -> Floats:
+    def _seen(self, place: Point, corners: Floats) -> Floats:
         """How far corners are away that are seen straight from a place, else infinity."""
         ends = np.empty((len(corners), 2, 2))
         ends[:, 0], ends[:, 1] = place, corners

@@ -10,12 +10,12 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.marks import Simulation
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_flight import Place
+from mission_service.guidance.burn.line_flight import FlightPoint
 from mission_service.guidance.burn.line_planner import (
     LinePlan,
     NoPlan,
     Situation,
-    air_of,
+    constraints_of,
     next_line,
 )
 
@@ -48,7 +48,7 @@ class Assumptions:
 
 
 @dataclass(frozen=True, eq=False)
-class FlownLine:
+class BurnLine:
     """A line, or the part of it that one load sufficed for."""
 
     number: int  # from 1
@@ -65,7 +65,7 @@ class FlownLine:
 class WholeBurn:
     """All of it. ``ended`` is why no further line was planned; ``end_s`` is with the way home."""
 
-    lines: tuple[FlownLine, ...]
+    lines: tuple[BurnLine, ...]
     loads: int
     begin_s: float
     end_s: float
@@ -75,7 +75,7 @@ class WholeBurn:
     assumptions: Assumptions
 
 
-class Together:
+class CombinedFires:
     """Several fires as one: the first of them that comes."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
@@ -96,7 +96,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))
-    lines: list[FlownLine] = []
+    lines: list[BurnLine] = []
     load, resting = 1, 0
     fresh = now.spheres >= settings.spheres and now.battery_s >= settings.battery_s
     for _ in range(MOST_ROUNDS):
@@ -111,10 +111,10 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
                 now, resting = replace(now, at_s=now.at_s + REST_S), resting + 1
                 continue
             break
-        lines.append(FlownLine(len(lines) + 1, load, plan))
+        lines.append(BurnLine(len(lines) + 1, load, plan))
         delay_s = plan.begin_s + settings.ignition_delay_s
         lit = np.concatenate([lit, plan.drops + np.array([0.0, 0.0, delay_s])])
-        now, fresh = _after(now, plan, Together([base, now.lights(lit)]), pause_s), False
+        now, fresh = _after(now, plan, CombinedFires([base, now.lights(lit)]), pause_s), False
     else:
         plan = NoPlan("complete", f"stopped after {MOST_ROUNDS} lines and reloads")
     home_s = _way_home_s(now, settings)
@@ -149,8 +149,8 @@ def _after(now: Situation, plan: LinePlan, fire: Simulation, pause_s: float) -> 
 def _way_home_s(now: Situation, settings: BurnSection) -> float:
     if now.height_m <= 0.0 and (now.x_m, now.y_m) == now.home_m:
         return 0.0
-    here = Place(now.x_m, now.y_m, now.height_m, now.at_s)
-    air = air_of(now, settings)
+    here = FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s)
+    air = constraints_of(now, settings)
     above = air.straight_up(here)[-1]
     home_s = air.home_s(above)
     return above.at_s - here.at_s + (home_s if math.isfinite(home_s) else 0.0)

@@ -7,10 +7,10 @@ from mission_service.config.sections import BurnSection
 from mission_service.ignition_plan import IgnitionPlan
 
 CALM_M_S = 1.0  # below it the direction of the wind says nothing
-Wind = tuple[float, float]  # speed in m/s, where it comes from in degrees from true north
+WindFrom = tuple[float, float]  # speed in m/s, where it comes from in degrees from true north
 
 
-def wind_differs(plan: IgnitionPlan, wind: Wind, burn: BurnSection) -> str | None:
+def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
     """How a wind is not the one planned for, beyond what is allowed; None: it is."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
@@ -24,7 +24,7 @@ def wind_differs(plan: IgnitionPlan, wind: Wind, burn: BurnSection) -> str | Non
     )
 
 
-def mean_wind(winds: Sequence[Wind]) -> Wind:
+def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
     """The mean of winds as vectors."""
     east = sum(speed * math.sin(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
     north = sum(speed * math.cos(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)

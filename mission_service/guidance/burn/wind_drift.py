@@ -6,14 +6,14 @@ import numpy as np
 
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.line_planner import LinePlan, Situation
-from mission_service.guidance.burn.recheck import trouble
-from mission_service.guidance.burn.release import Moving, landing
+from mission_service.guidance.burn.recheck import plan_problem
+from mission_service.guidance.burn.release import VehicleMotion, impact_point
 
 SAME_PLACE_M = 0.05
 LEAST_M = 0.2  # less is not worth another path
 
 
-def aimed(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
+def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
     """The plan with its path moved against the drift of a sphere let go at the drop height.
 
     Places above where the vehicle begins stay. Where the path so moved would not be right (out of
@@ -24,9 +24,9 @@ def aimed(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
         [np.cos(situation.toward_rad), np.sin(situation.toward_rad)]
     )
     dropper = burn.dropper
-    hover = Moving(0.0, 0.0, burn.drop_height_m, 0.0, 0.0)
+    hover = VehicleMotion(0.0, 0.0, burn.drop_height_m, 0.0, 0.0)
     blown = (float(wind[0]), float(wind[1]))
-    falls = landing(hover, blown, dropper.terminal_speed_m_s, dropper.delay_s)
+    falls = impact_point(hover, blown, dropper.terminal_speed_m_s, dropper.delay_s)
     drift_m = np.array([falls.x_m, falls.y_m])
     if np.hypot(*drift_m) < LEAST_M:
         return plan
@@ -34,4 +34,4 @@ def aimed(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
     gone = np.hypot(*(path[:, :2] - path[0, :2]).T) > SAME_PLACE_M
     path[gone, :2] -= drift_m
     moved = replace(plan, path=path)
-    return plan if trouble(moved, situation, burn) else moved
+    return plan if plan_problem(moved, situation, burn) else moved

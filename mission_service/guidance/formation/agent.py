@@ -13,15 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.guidance.formation.agent_maps import AgentMaps
-from mission_service.guidance.formation.coverage import Mover
-from mission_service.guidance.formation.intent_avoidance import Choice, Flying, Orbit, choose, rules
-from mission_service.guidance.formation.lost_peers import Silent
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.coverage import AgentMover
+from mission_service.guidance.formation.intent_avoidance import (
+    AdoptedOrbit,
+    IntendedOrbit,
+    OwnMotion,
+    avoidance_rules,
+    choose_orbit,
+)
+from mission_service.guidance.formation.lost_peers import LostPeers
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.orbit_phase_kernels import (
     airspeed_in_phase_m_s,
     is_on_orbit,
 )
-from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, Peers, key_of
+from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, PeerTable, priority_key
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import SharedMap
 from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
@@ -41,7 +47,7 @@ COOL_FOR_S = 20.0  # it stays up for so long after it was hot
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class OwnState:
     """What a UAV knows of itself; velocities over the ground, and the wind as it blows towards."""
 
     at_us: int
@@ -82,7 +88,7 @@ class Agent:
         self,
         name: str,
         settings: Settings,
-        grid: Grid,
+        grid: MapGrid,
         fire: Cells,
         at_us: int,
         avoidance: Avoidance = "intent",
@@ -95,8 +101,8 @@ class Agent:
         self.name = name
         self.settings = settings
         self.grid = grid
-        self.peers = Peers()
-        self._silent = Silent()
+        self.peers = PeerTable()
+        self._silent = LostPeers()
         self.map = SharedMap(name, grid.shape)
         self.maps = AgentMaps(
             grid.shape,
@@ -109,10 +115,10 @@ class Agent:
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
         self.home_m: tuple[float, float] | None = None  # where it is on its way to
-        self._mover = Mover(settings, grid, tie_rad(key_of(name)))
-        self._rules = rules(settings)
-        self._key = key_of(name)
-        self._choice: Choice | None = None
+        self._mover = AgentMover(settings, grid, tie_rad(priority_key(name)))
+        self._rules = avoidance_rules(settings)
+        self._key = priority_key(name)
+        self._choice: AdoptedOrbit | None = None
         self._settled_m = (math.inf, math.inf)
         self._settled_at_us = at_us
         self._stepped_at_us = at_us
@@ -146,7 +152,7 @@ class Agent:
 
     # What comes out ---------------------------------------------------------------------------
 
-    def step(self, own: Own) -> Intention:
+    def step(self, own: OwnState) -> Intention:
         """Where the UAV is now; returns what it means to fly from here on."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
@@ -177,8 +183,8 @@ class Agent:
 
     # The virtual agent ------------------------------------------------------------------------
 
-    def _move_agent(self, own: Own, peers: Floats) -> None:
-        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``Mover`` has it."""
+    def _move_agent(self, own: OwnState, peers: Floats) -> None:
+        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``AgentMover`` has it."""
         settings = self.settings
         agent_m = self.agent_m
         if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m:
@@ -201,13 +207,13 @@ class Agent:
 
     # What it flies ----------------------------------------------------------------------------
 
-    def _intend(self, own: Own, peers: Floats) -> Intention:
+    def _intend(self, own: OwnState, peers: Floats) -> Intention:
         orbit, conflict = self._orbit(own, peers), False
         if self.avoidance == "intent":
             heading_rad = math.atan2(
                 own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
             )
-            flying = Flying(
+            flying = OwnMotion(
                 self._key,
                 own.x_m,
                 own.y_m,
@@ -217,8 +223,8 @@ class Agent:
                 own.wind_x_m_s,
                 own.wind_y_m_s,
             )
-            held = self._choice if self._choice is not None else Choice(orbit)
-            self._choice = choose(own.at_us / 1e6, flying, orbit, held, peers, self._rules)
+            held = self._choice if self._choice is not None else AdoptedOrbit(orbit)
+            self._choice = choose_orbit(own.at_us / 1e6, flying, orbit, held, peers, self._rules)
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
         intention = Intention(
             orbit.x_m,
@@ -233,7 +239,7 @@ class Agent:
         self._tell(own, intention)
         return intention
 
-    def _orbit(self, own: Own, peers: Floats) -> Orbit:
+    def _orbit(self, own: OwnState, peers: Floats) -> IntendedOrbit:
         """Round the virtual agent, in phase with the others (section 5.3.2)."""
         airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
         centre_m = self.home_m or self.agent_m
@@ -252,9 +258,9 @@ class Agent:
                 airframe.most_airspeed_m_s,
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
-        return Orbit(*centre_m, radius_m, airspeed_m_s)
+        return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
 
-    def _climb(self, own: Own) -> float:
+    def _climb(self, own: OwnState) -> float:
         """Away from heat, and down again when it has been cool for a while (section 5.3.3)."""
         step_m = self.settings.airframe.climb_m_s * self._step_s
         if own.hot:
@@ -265,7 +271,7 @@ class Agent:
             self._climb_m = max(self._climb_m - step_m, 0.0)
         return self._climb_m
 
-    def _is_settled(self, own: Own, orbit: Orbit) -> bool:
+    def _is_settled(self, own: OwnState, orbit: IntendedOrbit) -> bool:
         if math.dist(self._settled_m, (orbit.x_m, orbit.y_m)) > SETTLED_M:
             self._settled_m, self._settled_at_us = (orbit.x_m, orbit.y_m), own.at_us
         on_orbit = is_on_orbit(own.x_m, own.y_m, orbit.x_m, orbit.y_m, orbit.radius_m)
@@ -273,7 +279,7 @@ class Agent:
             self._settled_at_us = own.at_us
         return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
 
-    def _tell(self, own: Own, intention: Intention) -> None:
+    def _tell(self, own: OwnState, intention: Intention) -> None:
         """Say the state when it is time, or at once when another orbit is meant."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.map_grid import MapGrid
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 EDGE = 1e-9  # cells; a centre on an edge is in view
 
 
-def look(
-    grid: Grid,
+def changed_cells(
+    grid: MapGrid,
     x_m: float,
     y_m: float,
     course_rad: float,
@@ -43,8 +43,8 @@ def look(
     return burning[:count], unburned[:cleared]
 
 
-def mark(
-    grid: Grid,
+def mark_seen(
+    grid: MapGrid,
     x_m: float,
     y_m: float,
     course_rad: float,
@@ -59,7 +59,7 @@ def mark(
 
 
 def cells_in_view(
-    grid: Grid,
+    grid: MapGrid,
     x_m: float,
     y_m: float,
     course_rad: float,
@@ -73,7 +73,7 @@ def cells_in_view(
 
 
 def in_cells(
-    grid: Grid, x_m: float, y_m: float, half_across_m: float, half_along_m: float
+    grid: MapGrid, x_m: float, y_m: float, half_across_m: float, half_along_m: float
 ) -> tuple[float, float, float, float]:
     """Where a view is, and its half sides, in cells: row, column, across, along."""
     return *grid.row_col_of(x_m, y_m), half_across_m / grid.cell_m, half_along_m / grid.cell_m
@@ -119,7 +119,7 @@ def _within(low, high, slope, off, most):  # type: ignore[no-untyped-def]
 def see(  # type: ignore[no-untyped-def]
     row, col, course_rad, across, along, arrival_s, at_s, fire, burning, unburned
 ):
-    """As ``look``, in cells; fills ``burning`` and ``unburned``, returns how many of each."""
+    """``changed_cells`` in cells: fills ``burning``, ``unburned``; returns how many of each."""
     rows, cols = fire.shape
     count, cleared = 0, 0
     first, end = first_row_and_end(row, course_rad, across, along, rows)
@@ -139,7 +139,7 @@ def see(  # type: ignore[no-untyped-def]
 
 @kernel
 def mark_view(row, col, course_rad, across, along, seen_s, at_s):  # type: ignore[no-untyped-def]
-    """As ``mark``, in cells."""
+    """As ``mark_seen``, in cells."""
     rows, cols = seen_s.shape
     first, end = first_row_and_end(row, course_rad, across, along, rows)
     for r in range(first, end):

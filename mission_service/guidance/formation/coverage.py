@@ -33,9 +33,12 @@ from mission_service.guidance.formation.coverage_kernels import (
     weight_within,
     wider,
 )
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.virtual_forces_kernels import as_array, velocity_of_forces
+from mission_service.guidance.formation.virtual_forces_kernels import (
+    constants_array,
+    velocity_of_forces,
+)
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +55,7 @@ DECIDE_EVERY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Errand:
+class Goal:
     """Where a virtual agent goes, and the place up to which it can go straight.
 
     ``since_s`` is when it chose the goal.
@@ -66,7 +69,7 @@ class Errand:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Room:
+class _Workspace:
     """Circles, and what the kernels write in; shared by all agents of a process."""
 
     half_widths: NDArray[np.int64]
@@ -79,10 +82,10 @@ class _Room:
 
 
 @lru_cache(maxsize=4)
-def _room(rows: int, cols: int, stride: int, radius: float) -> _Room:
+def _workspace(rows: int, cols: int, stride: int, radius: float) -> _Workspace:
     nodes = ((rows - 1) // stride + 1) * ((cols - 1) // stride + 1)
     down = np.arange(-math.floor(radius), math.floor(radius) + 1)
-    return _Room(
+    return _Workspace(
         np.floor(np.sqrt(radius * radius - down * down)).astype(np.int64),
         np.zeros((rows, cols + 1), dtype=np.int32),
         np.zeros(nodes),
@@ -93,25 +96,25 @@ def _room(rows: int, cols: int, stride: int, radius: float) -> _Room:
     )
 
 
-def next_errand(
+def next_goal(
     at_s: float,
     x_m: float,
     y_m: float,
-    errand: Errand | None,
+    errand: Goal | None,
     others_x_m: Floats,
     others_y_m: Floats,
     fire: NDArray[np.bool_],
     augmentation: NDArray[Any],
     monitored: NDArray[Any],
     area: NDArray[Any],
-    grid: Grid,
+    grid: MapGrid,
     settings: Settings,
-) -> Errand | None:
+) -> Goal | None:
     """Where the agent at (x, y) goes now; None outside its area, to which forces must bring it.
 
     ``errand`` is what this said last (None at first), ``others_*`` (n) the places of the other
     agents. Maps are (rows, cols), not 0 within their distances of fire
-    (``AgentMaps``): ``monitored`` is d_mon. To be asked every few seconds (``Mover``).
+    (``AgentMaps``): ``monitored`` is d_mon. To be asked every few seconds (``AgentMover``).
     """
     cell_m = grid.cell_m
     row, col = grid.row_col_of(x_m, y_m)
@@ -122,9 +125,9 @@ def next_errand(
     patience = min(max(at_s - since_s, 0.0) / LATER_S, 1.0)
     stride = max(round(LATTICE_M / cell_m), 1)
     radius = settings.coverage_radius_m / cell_m
-    room = _room(grid.rows, grid.cols, stride, radius)
+    room = _workspace(grid.rows, grid.cols, stride, radius)
     found = room.found
-    if not _next_errand(
+    if not _next_goal(
         row,
         col,
         errand is not None,
@@ -157,11 +160,11 @@ def next_errand(
     goal_x_m, goal_y_m = grid.xy_of(*found[:2].tolist())
     if errand is None or math.hypot(goal_x_m - errand.goal_x_m, goal_y_m - errand.goal_y_m) > 1e-6:
         since_s = at_s
-    return Errand(goal_x_m, goal_y_m, *grid.xy_of(*found[2:].tolist()), since_s)
+    return Goal(goal_x_m, goal_y_m, *grid.xy_of(*found[2:].tolist()), since_s)
 
 
 def velocity(
-    x_m: float, y_m: float, errand: Errand, most_m_s: float, step_s: float
+    x_m: float, y_m: float, errand: Goal, most_m_s: float, step_s: float
 ) -> tuple[float, float]:
     """East and north in m/s with which the agent goes on for a step; it stops where it must."""
     east, north = errand.via_x_m - x_m, errand.via_y_m - y_m
@@ -172,16 +175,16 @@ def velocity(
     return east / way_m * speed_m_s, north / way_m * speed_m_s
 
 
-class Mover:
+class AgentMover:
     """Moves one virtual agent: by this rule within its area, by the paper's forces up to there.
 
     With ``placement`` "forces" of the settings it moves by the paper's forces alone.
     """
 
-    def __init__(self, settings: Settings, grid: Grid, tie_rad: float) -> None:
+    def __init__(self, settings: Settings, grid: MapGrid, tie_rad: float) -> None:
         self.settings, self.grid = settings, grid
-        self.errand: Errand | None = None
-        self._constants = as_array(settings.constants)
+        self.errand: Goal | None = None
+        self._constants = constants_array(settings.constants)
         self._tie_rad = tie_rad
         self._due_s: float | None = None
         self._others_m: Floats = np.empty((0, 2))  # when it decided last
@@ -255,8 +258,8 @@ class Mover:
 
     def _next(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
-    ) -> Errand | None:
-        return next_errand(
+    ) -> Goal | None:
+        return next_goal(
             at_s,
             x_m,
             y_m,
@@ -271,17 +274,17 @@ class Mover:
             self.settings,
         )
 
-    def _is_at(self, x_m: float, y_m: float, errand: Errand) -> bool:
+    def _is_at(self, x_m: float, y_m: float, errand: Goal) -> bool:
         return math.dist((x_m, y_m), (errand.goal_x_m, errand.goal_y_m)) < ARRIVED_M
 
-    def _is_at_via(self, x_m: float, y_m: float, errand: Errand) -> bool:
+    def _is_at_via(self, x_m: float, y_m: float, errand: Goal) -> bool:
         """At a corner of its way, before the goal."""
         at_via = math.dist((x_m, y_m), (errand.via_x_m, errand.via_y_m)) < ARRIVED_M
         return at_via and not self._is_at(x_m, y_m, errand)
 
 
 @kernel
-def _next_errand(  # type: ignore[no-untyped-def]
+def _next_goal(  # type: ignore[no-untyped-def]
     row,
     col,
     has_goal,
@@ -310,7 +313,7 @@ def _next_errand(  # type: ignore[no-untyped-def]
     queued,
     found,
 ):
-    """``next_errand`` in cells; ``found`` (4) is the goal and the via. False for None."""
+    """``next_goal`` in cells; ``found`` (4) is the goal and the via. False for None."""
     if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
         return False
     burning = extent(fire)

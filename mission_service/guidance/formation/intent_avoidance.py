@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, think
+from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, decide_orbit
 from mission_service.guidance.formation.settings import Airframe, Settings
 
 Floats = NDArray[np.float64]
 
 
-class Orbit(NamedTuple):
+class IntendedOrbit(NamedTuple):
     """What a vehicle intends to fly: to and round a circle; a negative radius is anticlockwise."""
 
     x_m: float
@@ -29,7 +29,7 @@ class Orbit(NamedTuple):
     airspeed_m_s: float
 
 
-class Flying(NamedTuple):
+class OwnMotion(NamedTuple):
     """The vehicle itself, now."""
 
     key: int  # peers.key_of(name): who goes first
@@ -42,17 +42,17 @@ class Flying(NamedTuple):
     wind_y_m_s: float = 0.0
 
 
-class Choice(NamedTuple):
+class AdoptedOrbit(NamedTuple):
     """The orbit adopted, and what was seen when it was last thought about."""
 
-    orbit: Orbit
+    orbit: IntendedOrbit
     in_conflict: bool = False  # what is wanted is not flown, because somebody is in the way
     clear_s: float = 0.0  # how long the path of the orbit adopted is clear
     looked_at_s: float = -1e9
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class AvoidanceRules:
     """How avoidance looks ahead."""
 
     airframe: Airframe
@@ -66,14 +66,14 @@ class Rules:
 
     @property
     def for_kernel(self) -> tuple[float, float, float, float, float]:
-        """What ``think`` takes as ``rule``."""
+        """What ``decide_orbit`` takes as ``rule``."""
         numbers = (self.apart_m, self.margin_m, self.margin_m_s, self.turn_s, self.layers_m)
         one, two, three, four, five = map(float, numbers)
         return one, two, three, four, five
 
     @property
     def frame(self) -> tuple[float, float, float]:
-        """What ``think`` takes as ``frame``."""
+        """What ``decide_orbit`` takes as ``frame``."""
         frame = self.airframe
         return (
             float(frame.least_airspeed_m_s),
@@ -82,16 +82,21 @@ class Rules:
         )
 
 
-def rules(settings: Settings) -> Rules:
+def avoidance_rules(settings: Settings) -> AvoidanceRules:
     """Of the formation's settings."""
-    return Rules(
+    return AvoidanceRules(
         settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.apart_by_height_m
     )
 
 
-def choose(
-    at_s: float, own: Flying, wanted: Orbit, held: Choice, peers: Floats, rules: Rules
-) -> Choice:
+def choose_orbit(
+    at_s: float,
+    own: OwnMotion,
+    wanted: IntendedOrbit,
+    held: AdoptedOrbit,
+    peers: Floats,
+    rules: AvoidanceRules,
+) -> AdoptedOrbit:
     """What to intend now: called at each position, it thinks as often as ``every_s`` says.
 
     ``peers`` (n, COLUMNS) are rows as of ``peers.Peers.rows``.
@@ -100,7 +105,7 @@ def choose(
         return held
     rows = int(rules.horizon_s) + 1
     orbit = np.empty(4)
-    changed, other, clear_s = think(
+    changed, other, clear_s = decide_orbit(
         float(at_s),
         np.array(own, np.float64),
         np.array(wanted, np.float64),
@@ -113,4 +118,6 @@ def choose(
         np.empty((len(peers), NOTES)),
         orbit,
     )
-    return Choice(Orbit(*orbit.tolist()) if changed else held.orbit, other, clear_s, at_s)
+    return AdoptedOrbit(
+        IntendedOrbit(*orbit.tolist()) if changed else held.orbit, other, clear_s, at_s
+    )

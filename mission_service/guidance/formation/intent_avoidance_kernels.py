@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.loiter_kernels import at_fork, predict, tightest_m
+from mission_service.guidance.formation.loiter_kernels import at_fork, predict_path, tightest_m
 from mission_service.guidance.formation.peer_table import (
     AGE_S,
     AIRSPEED,
@@ -40,7 +40,7 @@ WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
 
 @kernel
-def mixed(key, slot):  # type: ignore[no-untyped-def]
+def hashed(key, slot):  # type: ignore[no-untyped-def]
     """A number from 0 to 2^32 that looks like chance, the same for everybody."""
     bits = (int(key) * 0x9E3779B1 + int(slot) * 0x85EBCA77) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
@@ -51,7 +51,7 @@ def mixed(key, slot):  # type: ignore[no-untyped-def]
 @kernel
 def rank(key, slot):  # type: ignore[no-untyped-def]
     """Who has the highest in a slot may choose: everybody is high once in eight slots."""
-    return (((mixed(key, 0) + slot) & 7) << 32) | mixed(key, slot)
+    return (((hashed(key, 0) + slot) & 7) << 32) | hashed(key, slot)
 
 
 @kernel
@@ -161,7 +161,7 @@ def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ign
         ):
             continue
         air_x, air_y = peers[row, VX] - own[WIND_X], peers[row, VY] - own[WIND_Y]
-        predict(
+        predict_path(
             peers[row, X], peers[row, Y], math.atan2(air_y, air_x),
             max(math.hypot(air_x, air_y), 1.0),
             peers[row, ORBIT_X], peers[row, ORBIT_Y], peers[row, RADIUS], peers[row, AIRSPEED],
@@ -194,7 +194,7 @@ def _joined(one, other):  # type: ignore[no-untyped-def]
 @kernel
 def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
     """The path to and round an orbit."""
-    predict(
+    predict_path(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
         orbit[0], orbit[1], orbit[2], orbit[3],
         own[WIND_X], own[WIND_Y], frame[2], 0.0, STEP_S, path,
@@ -292,7 +292,7 @@ def _is_other(orbit, than):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def think(  # type: ignore[no-untyped-def]
+def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, wanted, held, peers, rule, frame, path, paths, notes, adopted
 ):
     """Whether another orbit is adopted (then in ``adopted``); whether the one wanted is not flown,
@@ -325,7 +325,7 @@ def think(  # type: ignore[no-untyped-def]
     count = _look(own, peers, rule, frame, widest, wider, count, paths, notes)
     wind_m_s = math.hypot(own[WIND_X], own[WIND_Y])
     small_m = max(1.2 * tightest_m(slow_of(own, frame), wind_m_s, frame[2]), SMALL_M)
-    twist = mixed(own[OWN_KEY], slot) / 4294967296.0
+    twist = hashed(own[OWN_KEY], slot) / 4294967296.0
     best_m = _cost_m(held, wanted) - WORTH_M if held_s >= horizon_s else np.inf
     best, best_s, best_kind = False, clear_s, -1
     for kind in range(KINDS):

@@ -64,7 +64,7 @@ def literal_course_rad(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def most_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
+def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
     """How far a level turn gets in a step; never more than half a turn."""
     return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
 
@@ -156,14 +156,14 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
     wind_x_m_s, wind_y_m_s, step_s, bank_rad,
 ):  # fmt: skip
-    """The heading that flies to and round an orbit, for the end of a step; for ``steered``."""
+    """The heading that flies to and round an orbit, for the end of a step; for ``heading_step``."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
         wind_x_m_s, wind_y_m_s, step_s,
     )  # fmt: skip
     if head_x * aim_x + head_y * aim_y < ABOUT:
-        return heading_rad + sense_of(radius_m) * most_turn_rad(airspeed_m_s, bank_rad, step_s)
+        return heading_rad + sense_of(radius_m) * max_turn_rad(airspeed_m_s, bank_rad, step_s)
     return math.atan2(aim_y, aim_x)
 
 
@@ -188,7 +188,7 @@ def _flown_to(  # type: ignore[no-untyped-def]
     step_s, bank_rad,
 ):  # fmt: skip
     """One step towards a unit heading, as far as it turns: x, y and heading at its end."""
-    turn_rad = most_turn_rad(airspeed_m_s, bank_rad, step_s)
+    turn_rad = max_turn_rad(airspeed_m_s, bank_rad, step_s)
     new_x, new_y = _turned(
         head_x, head_y, aim_x, aim_y, sense, math.cos(turn_rad), math.sin(turn_rad)
     )
@@ -200,7 +200,7 @@ def _flown_to(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def steered(  # type: ignore[no-untyped-def]
+def heading_step(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, wanted_rad, wanted_m_s, wind_x_m_s, wind_y_m_s,
     step_s, bank_rad,
 ):  # fmt: skip
@@ -219,7 +219,7 @@ def steered(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def flown(  # type: ignore[no-untyped-def]
+def orbit_step(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
     wind_x_m_s, wind_y_m_s, step_s, bank_rad,
 ):  # fmt: skip
@@ -242,11 +242,11 @@ def flown(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def predict(  # type: ignore[no-untyped-def]
+def predict_path(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
     wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
 ):  # fmt: skip
-    """Fill ``path_m`` (n, 2): x, y after first_s, first_s + step_s and so on, as ``flown`` flies.
+    """Fill ``path_m`` (n, 2): x, y after first_s, first_s + step_s, ..., as ``orbit_step`` flies.
 
     ``first_s`` may be the age of what is known of the vehicle, so that row 0 is now.
     """
@@ -263,7 +263,7 @@ def predict(  # type: ignore[no-untyped-def]
             airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
             if airspeed_m_s != turns_at_m_s or row == 1:
                 turns_at_m_s = airspeed_m_s
-                turn_rad = most_turn_rad(airspeed_m_s, bank_rad, part_s)
+                turn_rad = max_turn_rad(airspeed_m_s, bank_rad, part_s)
                 cos, sin = math.cos(turn_rad), math.sin(turn_rad)
             aim_x, aim_y = _aim(
                 x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,

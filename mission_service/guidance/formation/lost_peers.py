@@ -34,7 +34,7 @@ def along_its_orbit(state: State, at_us: int) -> State:
     )
 
 
-class Silent:
+class LostPeers:
     """The last that each other UAV has said, to go by when it says no more."""
 
     def __init__(self) -> None:

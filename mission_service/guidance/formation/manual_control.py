@@ -11,10 +11,14 @@ STRAIGHT_RAD_S = 0.02  # who turns more slowly flies straight on, as far as othe
 AHEAD_S = 60.0
 LEAST_SPEED_M_S = 1.0
 
-Motion = tuple[float, float, float, float, float]  # at_s, x_m, y_m, velocity_x_m_s, velocity_y_m_s
+ObservedMotion = tuple[
+    float, float, float, float, float
+]  # at_s, x_m, y_m, velocity_x_m_s, velocity_y_m_s
 
 
-def expected_orbit(before: Motion, now: Motion, radius_m: float) -> tuple[float, float, float]:
+def expected_orbit(
+    before: ObservedMotion, now: ObservedMotion, radius_m: float
+) -> tuple[float, float, float]:
     """The circle (x, y, radius; negative: anticlockwise) that somebody seems to be on or fly to.
 
     From how it turned between two moments; who flies straight is on its way to a circle of

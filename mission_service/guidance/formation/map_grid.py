@@ -6,7 +6,7 @@ from firemodel.landscape.landscape import Landscape
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
+class MapGrid:
     """Square cells, row 0 in the north; ``west_m``, ``north_m``: the outer corner of cell 0, 0."""
 
     rows: int
@@ -29,6 +29,6 @@ class Grid:
         return self.west_m + (col + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
 
 
-def grid_of(landscape: Landscape) -> Grid:
+def map_grid_of(landscape: Landscape) -> MapGrid:
     """The grid of a landscape."""
-    return Grid(*landscape.shape, landscape.cell_size_m, landscape.west_m, landscape.north_m)
+    return MapGrid(*landscape.shape, landscape.cell_size_m, landscape.west_m, landscape.north_m)

@@ -16,13 +16,13 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.setup import burning_of, fire_position
-from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, Own
+from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, OwnState
 from mission_service.guidance.formation.manual_control import (
     MEASURED_OVER_S,
-    Motion,
+    ObservedMotion,
     expected_orbit,
 )
-from mission_service.guidance.formation.map_grid import grid_of
+from mission_service.guidance.formation.map_grid import map_grid_of
 from mission_service.guidance.formation.settings import NEVER_M, Airframe, Camera, Settings
 from mission_service.guidance.protocol import Decision
 from mission_service.peer_messages import AnyMessage, Leaving, State
@@ -70,7 +70,7 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
     return np.array([round(float(row)) * landscape.shape[1] + round(float(col))], dtype=np.int64)
 
 
-class Seat:
+class FormationMember:
     """What one vehicle's events do to its agent."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
@@ -81,7 +81,7 @@ class Seat:
         self.flies = False
         self.state: State | None = None  # said last
         self.by_hand = False  # in the air, and flown by somebody else
-        self.moved: deque[Motion] = deque()  # by hand, over the last second or so
+        self.moved: deque[ObservedMotion] = deque()  # by hand, over the last second or so
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
@@ -127,7 +127,7 @@ class Formation:
     """All agents of a scenario."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        grid, fire = grid_of(landscape), first_fire(scenario, landscape)
+        grid, fire = map_grid_of(landscape), first_fire(scenario, landscape)
         self.cols = grid.cols
         rows, columns = np.divmod(fire, grid.cols)
         self._middle = (float(rows.mean()), float(columns.mean()))
@@ -143,8 +143,8 @@ class Formation:
         self._said: list[Say] = []
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
-        self.seats: dict[str, Seat] = {
-            section.name: Seat(
+        self.seats: dict[str, FormationMember] = {
+            section.name: FormationMember(
                 Agent(
                     section.name,
                     settings_of(scenario, section),
@@ -178,7 +178,7 @@ class Formation:
         seat = self.seats[name]
         seat.here, seat.flies, seat.by_hand = here, True, False
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
-        own = Own(
+        own = OwnState(
             round(here.at_s * 1e6),
             here.x_m,
             here.y_m,
@@ -264,14 +264,14 @@ class Formation:
         said, self._said = self._said, []
         return said
 
-    def _hand_on(self, seat: Seat, at_us: int) -> None:
+    def _hand_on(self, seat: FormationMember, at_us: int) -> None:
         """What its agent has to say, to all others."""
         for message in seat.agent.messages(at_us):
             if isinstance(message, State):
                 seat.state = message
             self._tell(seat, message)
 
-    def _tell(self, seat: Seat, message: AnyMessage) -> None:
+    def _tell(self, seat: FormationMember, message: AnyMessage) -> None:
         if self._talks:
             self._said.append(Say(seat.agent.name, message))
         for name, other in self.seats.items():

@@ -17,7 +17,7 @@ from mission_service.guidance.formation.camera_footprint import (
     first_row_and_end,
     in_cells,
 )
-from mission_service.guidance.formation.map_grid import Grid
+from mission_service.guidance.formation.map_grid import MapGrid
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ class MonitoringArea:
     elsewhere; ``cells`` (n) are those above 0, and ``priorities`` (n) theirs.
     """
 
-    def __init__(self, grid: Grid, near_m: float, monitoring_m: float) -> None:
+    def __init__(self, grid: MapGrid, near_m: float, monitoring_m: float) -> None:
         self.grid = grid
         self.fire: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._near, self._far = disc(near_m / grid.cell_m), disc(monitoring_m / grid.cell_m)

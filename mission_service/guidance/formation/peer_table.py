@@ -19,12 +19,12 @@ COLUMNS = 13
 LOST_AFTER_S = 10.0
 
 
-def key_of(name: str) -> int:
+def priority_key(name: str) -> int:
     """The same number for a name everywhere: who goes first."""
     return zlib.crc32(name.encode())
 
 
-class Peers:
+class PeerTable:
     """One row for each that was heard; who is silent for long, or has left, is not there."""
 
     def __init__(self) -> None:
@@ -78,5 +78,5 @@ class Peers:
                 [self._heard_at_us, np.zeros_like(self._heard_at_us)]
             )
         self._heard_at_us[row] = np.iinfo(np.int64).min
-        self._rows[row, KEY] = key_of(name)
+        self._rows[row, KEY] = priority_key(name)
         return row

@@ -24,13 +24,13 @@ from mission_service.errors import MissionServiceError
 from mission_service.guidance.formation.shared_map_kernels import (
     TILE,
     cells_of_runs,
-    differing,
-    known,
-    lacked,
+    differing_tiles,
+    expand_runs,
+    known_cells,
     merge,
-    newer,
-    sight,
-    unroll,
+    missing_cells,
+    newer_cells,
+    record_view,
 )
 from mission_service.peer_messages import Difference, Digest, FireUpdate
 
@@ -91,7 +91,9 @@ class SharedMap:
         if not len(cells):
             return NONE
         changed: Cells = np.empty(len(cells), dtype=np.int64)
-        count, off_map = sight(cells, burns, at_us, self.stamps, self.fire, self._sums, changed)
+        count, off_map = record_view(
+            cells, burns, at_us, self.stamps, self.fire, self._sums, changed
+        )
         self._check(cells, off_map, "sight")
         changed = changed[:count]
         if count:
@@ -165,7 +167,9 @@ class SharedMap:
     def _compare(self, digest: Digest) -> None:
         """Find out who lacks what, by another's checksums."""
         listed = np.array(digest.tiles, dtype=np.int64).reshape(-1, 2)
-        count = differing(listed, digest.first, digest.end, self._sums, self._theirs, self._found)
+        count = differing_tiles(
+            listed, digest.first, digest.end, self._sums, self._theirs, self._found
+        )
         if count < 0:
             raise MissionServiceError(
                 f"digest of {digest.sender}: it has tiles that are not on {self._map}"
@@ -173,7 +177,9 @@ class SharedMap:
         for tile in self._found[:count].tolist():
             checksum = int(self._theirs[tile])
             due_us = self._slot_us()
-            lacks = lacked(tile, checksum, self.stamps, self._sums, self._found, self._shares)
+            lacks = missing_cells(
+                tile, checksum, self.stamps, self._sums, self._found, self._shares
+            )
             if lacks:
                 self._give(lacks, due_us)
             elif digest.first == digest.end:
@@ -202,7 +208,7 @@ class SharedMap:
                 f"{self._map}"
             )
         cells, stamps = np.empty((2, count), dtype=np.int64)
-        unroll(runs, cells, stamps)
+        expand_runs(runs, cells, stamps)
         return cells, stamps
 
     def _merge(self, cells: Cells, stamps: Cells, sender: str) -> tuple[Cells, Cells]:
@@ -223,7 +229,7 @@ class SharedMap:
         """Somebody said all it knows of a tile: say what is newer here."""
         self._tells.pop(tile, None)
         self._shares[:] = 0
-        count = newer(tile, cells, stamps, self.stamps, self._shares, self._found)
+        count = newer_cells(tile, cells, stamps, self.stamps, self._shares, self._found)
         self._give(count, self._slot_us())
 
     def _difference(self, at_us: int) -> list[MapMessage]:
@@ -238,7 +244,7 @@ class SharedMap:
         for tile, (due_us, checksum) in list(self._tells.items()):
             if due_us > at_us:
                 continue
-            cells = self._found[: known(tile, self.stamps, self._found)]
+            cells = self._found[: known_cells(tile, self.stamps, self._found)]
             more = _runs(cells, stamps)
             if runs and len(runs) + len(more) > DIFFERENCE_RUNS:
                 break

@@ -14,7 +14,7 @@ CHECKSUM = 2**40 - 1  # so many values; below 2**53, up to which JSON's numbers 
 
 
 @kernel
-def mixed(cell, stamp):  # type: ignore[no-untyped-def]
+def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
     """A cell's share of a checksum (the finaliser of splitmix64); none if it was never heard of."""
     if stamp == 0:
         return 0
@@ -30,7 +30,9 @@ def _renew(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
     cols = fire.shape[1]
     row, col = cell // cols, cell % cols
     tile = row // TILE * ((cols + TILE - 1) // TILE) + col // TILE
-    sums[tile] = (sums[tile] + mixed(cell, stamp) - mixed(cell, stamps[row, col])) & CHECKSUM
+    sums[tile] = (
+        sums[tile] + cell_checksum(cell, stamp) - cell_checksum(cell, stamps[row, col])
+    ) & CHECKSUM
     stamps[row, col] = stamp
     burned, burns = fire[row, col], stamp & 1 == 1
     fire[row, col] = burns
@@ -47,7 +49,7 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sight(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
+def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
     """Cells seen to burn or not, later than all heard before.
 
     Fills ``changed``, returns how many and -1; 0 and the place of a cell off the map, if there is
@@ -74,7 +76,7 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
     """Of each cell's stamps take the later one.
 
     Fills ``changed`` with what burns now from the front and what no longer does from the back;
-    returns how many of each and -1, or the place of a cell off the map as ``sight`` does.
+    returns how many of each and -1, or the place of a cell off the map as ``record_view`` does.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -117,7 +119,7 @@ def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def unroll(runs, cells, stamps):  # type: ignore[no-untyped-def]
+def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
     """Fill in the cells of runs, and their stamps."""
     count = 0
     for i in range(runs.shape[0]):
@@ -128,7 +130,7 @@ def unroll(runs, cells, stamps):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def differing(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
+def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
     """Tiles of which another has other checksums: ``listed`` (n, 2), 0 for the rest of a range.
 
     Fills ``theirs`` (tiles) with its checksums and ``found``, returns how many; -1 if a tile is
@@ -158,7 +160,7 @@ def corner(tile, cols):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def known(tile, stamps, found):  # type: ignore[no-untyped-def]
+def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
     """Cells of a tile that were heard of; fills ``found``, rising, returns how many."""
     rows, cols = stamps.shape
     top, left = corner(tile, cols)
@@ -172,18 +174,18 @@ def known(tile, stamps, found):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def lacked(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
+def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
     """Which cells of a tile another lacks by its checksum: all, or one, or two; 0 if it is not so.
 
     Fills ``found``, returns how many. ``shares`` is room for as many numbers.
     """
     cols = stamps.shape[1]
-    count = known(tile, stamps, found)
+    count = known_cells(tile, stamps, found)
     if checksum == 0:
         return count
     lacks = (sums[tile] - checksum) & CHECKSUM
     for i in range(count):
-        shares[i] = mixed(found[i], stamps[found[i] // cols, found[i] % cols])
+        shares[i] = cell_checksum(found[i], stamps[found[i] // cols, found[i] % cols])
         if shares[i] == lacks:
             found[0] = found[i]
             return 1
@@ -197,7 +199,7 @@ def lacked(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-unty
 
 
 @kernel
-def newer(tile, cells, said, stamps, theirs, found):  # type: ignore[no-untyped-def]
+def newer_cells(tile, cells, said, stamps, theirs, found):  # type: ignore[no-untyped-def]
     """Cells of a tile with a later stamp than was said of them, or of which nothing was said.
 
     ``theirs`` is zeros (TILE * TILE); fills ``found``, rising, returns how many.

@@ -27,13 +27,13 @@ C1, C2, C3, C4, C5, E3, T1, T2 = range(8)
 SAME_PLACE_M = 1e-6
 
 
-def as_array(constants: Constants) -> NDArray[np.float64]:
+def constants_array(constants: Constants) -> NDArray[np.float64]:
     """The constants (8), in the order of ``NAMES``."""
     return np.array([getattr(constants, name) for name in NAMES], dtype=np.float64)
 
 
 def from_array(values: NDArray[np.float64]) -> Constants:
-    """What ``as_array`` was made from."""
+    """What ``constants_array`` was made from."""
     return Constants(**dict(zip(NAMES, map(float, values), strict=True)))
 
 
@@ -52,7 +52,7 @@ def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untype
 
 
 @kernel
-def towards(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
+def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
     """The unit vector to a place and its distance; for the same place the one at ``tie_rad``."""
     east, north = to_x_m - from_x_m, to_y_m - from_y_m
     distance_m = math.hypot(east, north)
@@ -78,7 +78,7 @@ def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad): 
     """The push of all others (n) that are too near (eqs. 6 to 8): a vector."""
     east, north = 0.0, 0.0
     for j in range(others_x_m.size):
-        e, n, distance_m = towards(others_x_m[j], others_y_m[j], x_m, y_m, tie_rad)
+        e, n, distance_m = unit_vector(others_x_m[j], others_y_m[j], x_m, y_m, tie_rad)
         if distance_m < spacing_m:
             force = constants[C3] * ((spacing_m - distance_m) / PAPER_CELL_M) ** constants[E3]
             east += force * e
@@ -116,7 +116,7 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
     gravity of the fire; ``spacing_m`` is d of eq. 8, ``most_m_s`` vel_max.
     """
     # At the very centre all ways lead out: the one to the centre is opposite to the tie's.
-    in_e, in_n, _ = towards(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
+    in_e, in_n, _ = unit_vector(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
     in_area = is_set(area, x_m, y_m, west_m, north_m, cell_m)
     in_augmentation = is_set(augmentation, x_m, y_m, west_m, north_m, cell_m)
     inwards = attraction(in_area, constants) - avoidance(in_augmentation, constants)

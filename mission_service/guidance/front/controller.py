@@ -13,8 +13,8 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision, Planner
-from mission_service.guidance.team.team import Seat
-from mission_service.guidance.team.team_size_advice import Adviser, Wishes
+from mission_service.guidance.team.team import TeamMember
+from mission_service.guidance.team.team_size_advice import CoverageTargets, TeamSizeAdviser
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import Here
@@ -50,8 +50,8 @@ class FrontFlight:
         self._missions = missions
         self._phase = dict.fromkeys(planners, "")
         self._corrected: set[str] = set()  # those whose whole path is to be compared
-        self._adviser = Adviser(
-            Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
+        self._adviser = TeamSizeAdviser(
+            CoverageTargets(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
         )
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
@@ -111,7 +111,7 @@ class FrontFlight:
 
     def _advise(self, vehicle: Vehicle, planner: Planner, at_s: float) -> list[AnyCommand]:
         """Tell a team's user what it can keep up with, when that has changed."""
-        if not isinstance(planner, Seat):
+        if not isinstance(planner, TeamMember):
             return []
         team = planner.team
         if not self._adviser.is_due(team.flying, at_s):

@@ -12,11 +12,11 @@ from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 ROUND_AGAIN_DEG = 360.0
 MAX_SEEN = 10_000  # windows of a lap that are remembered: 20 minutes of four cameras, some 4 MB
 
-Seen = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
+CameraView = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
 
 
 @dataclass(slots=True)
-class Lap:
+class LapProgress:
     """How far a vehicle has come around the map's centre, in its flying direction."""
 
     bearing_deg: float | None = None  # where it was last
@@ -30,14 +30,16 @@ class Lap:
         return counts and self.swept_deg >= ROUND_AGAIN_DEG
 
 
-def remember(seen: list[Seen], one: Seen) -> None:
+def append_view(seen: list[CameraView], one: CameraView) -> None:
     """Add an observation of a lap; of ``MAX_SEEN`` every second one is dropped first."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)
 
 
-def recentred(fire_map: FireMap, seen: Sequence[Seen]) -> tuple[FireMap, NDArray[np.bool_]]:
+def recentred_map(
+    fire_map: FireMap, seen: Sequence[CameraView]
+) -> tuple[FireMap, NDArray[np.bool_]]:
     """A map of what was seen around the fire's centre: for an ignition that is not known.
 
     Also returns the bearings (360) that were in view last.

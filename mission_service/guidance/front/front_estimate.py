@@ -67,7 +67,7 @@ class FrontModel:
     landscape: Landscape
 
 
-def to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
+def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
     """Distance in cells from a place to the edge of the grid on all bearings."""
     with np.errstate(divide="ignore"):
         rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
@@ -75,7 +75,7 @@ def to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
     return np.maximum(np.minimum(rows, cols), 0.5)
 
 
-class Belief:
+class FrontEstimate:
     """State of the believed front; arrays (360) by whole-degree bearing, (72) by sector."""
 
     def __init__(
@@ -102,7 +102,7 @@ class Belief:
         self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
-        self._edge = to_edge(shape, centre)
+        self._edge = distance_to_edge(shape, centre)
         self._believed_fuel = self._anchor_fuel
         self._least, self._most = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
@@ -134,9 +134,11 @@ class Belief:
         rows, cols = np.clip(rows, 0, self._shape[0] - 1), np.clip(cols, 0, self._shape[1] - 1)
         return self.model.landscape.fuel_model[rows, cols]
 
-    def begun_anew(self, centre: tuple[float, float], front: Floats, at_s: float) -> "Belief":
+    def begun_anew(
+        self, centre: tuple[float, float], front: Floats, at_s: float
+    ) -> "FrontEstimate":
         """One around another centre, with the same model and wind, before anything was seen."""
-        anew = Belief(self._shape, centre, self.model, front, at_s)
+        anew = FrontEstimate(self._shape, centre, self.model, front, at_s)
         anew.wind_m_s = self.wind_m_s
         anew._short_wind, anew._long_wind = self._short_wind, self._long_wind
         anew._wind_at_s = self._wind_at_s

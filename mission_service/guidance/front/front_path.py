@@ -29,7 +29,7 @@ class PathSettings:
     lead_cells: float
 
 
-class Around(Protocol):
+class PolarMap(Protocol):
     """A map around a centre, and how far out ground was seen burned (cells on 360 bearings)."""
 
     centre_row: float
@@ -37,7 +37,7 @@ class Around(Protocol):
     burned: Floats
 
 
-def bearing_deg(fire_map: Around, row: float, col: float) -> float:
+def bearing_deg(fire_map: PolarMap, row: float, col: float) -> float:
     """Bearing of a place from the map's centre, degrees clockwise from north."""
     return float(
         np.rad2deg(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row)) % 360.0
@@ -67,7 +67,7 @@ def _foremost(in_view, bearing, step):  # type: ignore[no-untyped-def]
     return (bearing + step * max(last, 0)) % BEARINGS
 
 
-def reconstructed(
+def reconstructed_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
     """Islam & Hu, section IV.B: distance of the front in cells for each of 360 bearings."""
@@ -76,7 +76,7 @@ def reconstructed(
     return close_gap(outer, foremost_in_view(in_view, bearing, clockwise), clockwise)
 
 
-def continued(
+def extrapolated_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
     """Known front where seen; ahead of it a straight line in the direction it ends in."""
@@ -103,7 +103,7 @@ def continued(
 
 def path_along(
     front: Floats,
-    fire_map: Around,
+    fire_map: PolarMap,
     row: float,
     col: float,
     clockwise: bool,

@@ -27,13 +27,18 @@ from numpy.typing import NDArray
 from mission_service.events import Observed, SettingsTold
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.cell_importance import ring_importance, window_importance
-from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
+from mission_service.guidance.front.first_lap import (
+    CameraView,
+    LapProgress,
+    append_view,
+    recentred_map,
+)
 from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
-    continued,
+    extrapolated_front,
     path_along,
-    reconstructed,
+    reconstructed_front,
 )
 from mission_service.guidance.front.front_shape import ring_of_cells, steps_between
 from mission_service.guidance.protocol import Decision, Phase
@@ -75,10 +80,10 @@ class PerimeterPlanner:
         self.reversals = 0
         baseline_s = 0.0 if settings.rule == "literal" else settings.baseline_s
         self.map = FireMap(shape, *centre, ignited_at_s, baseline_s)
-        self._observations: list[Seen] = []
+        self._observations: list[CameraView] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
-        self._lap = Lap()
+        self._lap = LapProgress()
         self._turned_at_s = -np.inf
 
     def observe(self, observed: Observed) -> None:
@@ -89,7 +94,7 @@ class PerimeterPlanner:
         if self.phase == "approach" and self._in_view.any():
             self.phase = "initial circle"
         if self.phase == "initial circle" and not self.settings.ignition_known:
-            remember(self._observations, (observed.row, observed.col, window, at_s))
+            append_view(self._observations, (observed.row, observed.col, window, at_s))
 
     def correct(self, told: Observed) -> None:
         """Take in what people say of a window of the fire."""
@@ -121,12 +126,12 @@ class PerimeterPlanner:
         """Listing 2 is done; where the ignition is unknown, the fire's centre takes its place."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
-            self.map, self._in_view = recentred(self.map, self._observations)
+            self.map, self._in_view = recentred_map(self.map, self._observations)
             self._observations.clear()
 
     def shape(self, row: float, col: float) -> Floats:
         """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
-        return reconstructed(self.map, self._in_view, row, col, self.clockwise)
+        return reconstructed_front(self.map, self._in_view, row, col, self.clockwise)
 
     def importance(self, row: float, col: float, at_s: float) -> Floats:
         """Importance in cells of each cell of the believed front (n), as listing 3 finds it.
@@ -177,6 +182,6 @@ class PerimeterPlanner:
         In view it is the front itself, beyond it the reconstructed one, during the initial circle
         the line on which the visible front ends.
         """
-        known = reconstructed if self.phase == "monitor" else continued
+        known = reconstructed_front if self.phase == "monitor" else extrapolated_front
         front = known(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)

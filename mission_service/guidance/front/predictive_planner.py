@@ -21,16 +21,21 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front_rates import FrontRates
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
-from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
-from mission_service.guidance.front.front_estimate import Belief, FrontModel
+from mission_service.guidance.front.first_lap import (
+    CameraView,
+    LapProgress,
+    append_view,
+    recentred_map,
+)
+from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
 from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
-    continued,
+    extrapolated_front,
     path_along,
 )
-from mission_service.guidance.front.robust_front import hedged
-from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
+from mission_service.guidance.front.robust_front import robust_front
+from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
 from mission_service.guidance.protocol import Decision, Phase
 
 Floats = NDArray[np.float64]
@@ -84,13 +89,13 @@ class PredictivePlanner:
         self.clockwise = settings.clockwise_first
         self.reversals = 0
         self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
-        self.belief = Belief(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
-        self._observations: list[Seen] = []
+        self.belief = FrontEstimate(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
+        self._observations: list[CameraView] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
-        self._lap = Lap()
+        self._lap = LapProgress()
         self._turned_at_s = -np.inf
-        self._ring = Ring(*(np.zeros(NODES) for _ in range(5)))
+        self._ring = CoarseRing(*(np.zeros(NODES) for _ in range(5)))
         self._node_of = np.zeros(BEARINGS, dtype=np.int64)
         self._costs = np.zeros(len(PLANS))
 
@@ -103,7 +108,7 @@ class PredictivePlanner:
                 self.phase = "initial circle"
             if not self.settings.ignition_known:
                 if self.phase == "initial circle":
-                    remember(self._observations, seen)
+                    append_view(self._observations, seen)
                 return
         self.belief.see(*seen)
 
@@ -139,7 +144,7 @@ class PredictivePlanner:
         """An unknown ignition is replaced by the fire's centre, and all is seen anew."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
-            self.map, self._in_view = recentred(self.map, self._observations)
+            self.map, self._in_view = recentred_map(self.map, self._observations)
             centre = (self.map.centre_row, self.map.centre_col)
             outer, _ = self.map.filled_outer()
             self.belief = self.belief.begun_anew(centre, outer, self._observations[0][3])
@@ -176,7 +181,7 @@ class PredictivePlanner:
         wind = np.zeros(2)
         if settings.flies_in_wind and belief.wind_m_s is not None:
             wind = belief.wind_m_s / settings.wind_20ft_share / self._cell_m
-        length: float = ring_on(
+        length: float = fill_ring(
             belief.front,
             left + doubt * belief.unseen_advance(),
             doubt * belief.speed_cells_s,
@@ -190,7 +195,7 @@ class PredictivePlanner:
 
     def shape(self, row: float, col: float) -> Floats:
         """The believed front: its distance in cells on 360 bearings (see ``hedge``)."""
-        return hedged(self.belief.front)
+        return robust_front(self.belief.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
@@ -201,5 +206,5 @@ class PredictivePlanner:
         if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
             front = self.belief.front
             return path_along(front, self.belief, row, col, self.clockwise, settings, 0)
-        front = continued(self.map, self._in_view, row, col, self.clockwise)
+        front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, settings)

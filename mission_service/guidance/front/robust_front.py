@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 SHALLOW, DEEP, DEEP_FROM_CELLS = 0.25, 0.5, 10.0
 
 
-def hedged(front: Floats) -> Floats:
+def robust_front(front: Floats) -> Floats:
     """A front (cells on 360 bearings) with leaps and hollows as above."""
     before, after = np.roll(front, 1), np.roll(front, -1)
     highest = np.maximum(np.maximum(before, after), front)

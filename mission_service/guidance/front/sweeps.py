@@ -26,7 +26,7 @@ LEAST_GROWTH_CELLS_S = 1e-6
 SLOWEST = 0.2  # over the ground, as a share of the airspeed
 
 
-class Ring(NamedTuple):
+class CoarseRing(NamedTuple):
     """The front as nodes of the same length, clockwise; arrays (n)."""
 
     ahead_s: Floats  # to fly from each node to the next one
@@ -49,7 +49,7 @@ PLANS = _plans()
 
 
 @compiled
-def ring_on(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
+def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
     """Divide a front (cells on 360 bearings) into the nodes of a ring, which is filled in.
 
     ``error``, ``growth`` and ``left`` are by bearing; a node has the largest of its own. ``wind``

@@ -11,7 +11,7 @@ from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.front.predictive_planner import PredictivePlanner
 from mission_service.guidance.protocol import Steered
-from mission_service.guidance.team.team import Seat
+from mission_service.guidance.team.team import TeamMember
 from mission_service.vehicles.availability import Presence
 
 Floats = NDArray[np.float64]
@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 ALARM = "front"
 
 
-def map_of(planner: Steered) -> FireMap | None:
+def front_map_of(planner: Steered) -> FireMap | None:
     """The on-board map that a planner along a front flies by; None for all others."""
-    if isinstance(planner, Seat):
+    if isinstance(planner, TeamMember):
         return planner.team.map
     if isinstance(planner, PerimeterPlanner | PredictivePlanner):
         return planner.map
@@ -50,7 +50,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
     return np.roll(found, -gap - 1)
 
 
-def part_in_words(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
+def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
     """A part of the front as a fire analyst names it: bearings from the fire's centre, length."""
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST
@@ -62,7 +62,7 @@ def part_in_words(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> 
     return f"the front from {arc}, {length_km:.1f} km"
 
 
-class FrontWatch:
+class FrontMonitor:
     """Keeps account of the vehicles that watch a front."""
 
     def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
@@ -82,7 +82,7 @@ class FrontWatch:
         """
         if watches == (name in self._watching):
             return []
-        fire = map_of(self._planners[name])
+        fire = front_map_of(self._planners[name])
         if fire is None or bool(np.isnan(fire.outer).all()):
             return []
         if watches:
@@ -90,7 +90,7 @@ class FrontWatch:
             raised, self._alarm = self._alarm, None
             return [] if raised is None else [ClearAlarm(raised.vehicle, ALARM)]
         self._watching.discard(name)
-        part = part_in_words(fire, self._left(name, fire, presence), self._cell_m)
+        part = describe_sector(fire, self._left(name, fire, presence), self._cell_m)
         if self._watching:
             left = ", ".join(sorted(self._watching))
             return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
@@ -104,7 +104,8 @@ class FrontWatch:
         places = {
             each: here
             for each in (name, *sorted(self._watching))
-            if (here := presence[each].here) is not None and map_of(self._planners[each]) is fire
+            if (here := presence[each].here) is not None
+            and front_map_of(self._planners[each]) is fire
         }
         if name not in places:
             return np.arange(BEARINGS)

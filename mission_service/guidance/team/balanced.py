@@ -15,16 +15,16 @@ from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
     Floats,
+    Horizon,
     Integers,
     Moves,
     Nodes,
-    Span,
-    Start,
+    StartState,
     improve,
-    room_for,
+    workspace_for,
 )
 from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
-from mission_service.guidance.team.ring import Fleet, Ring
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
 NODES = 256  # at most, of the ring as plans are flown ahead on it
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to go back and come again
@@ -51,7 +51,7 @@ class Balanced:
         self._moves = Moves(
             np.array(BACKS), np.array(SHIFTS), np.empty(LEGS, np.int64), np.empty(LEGS, np.int64)
         )
-        self._ring: Ring | None = None
+        self._ring: FrontRing | None = None
         self._pattern = LAPS
         self._pattern_cost = np.inf
         self._untried: list[Pattern] = []
@@ -67,7 +67,7 @@ class Balanced:
         self._searched_s = np.empty(0)
         self._sweeps = np.empty(0, np.bool_)
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Clockwise from here? A few plans are tried for this vehicle, the others' given."""
         if ring is not self._ring:
             self._look(ring, fleet)
@@ -109,7 +109,7 @@ class Balanced:
         """The cell to which a vehicle is thought to come next."""
         return int(self._goal[self._seats.index(seat)])
 
-    def _look(self, ring: Ring, fleet: Fleet) -> None:
+    def _look(self, ring: FrontRing, fleet: ActiveFleet) -> None:
         """Everything about a ring that does not change from decision to decision."""
         self._ring = ring
         size = ring.step_m.size
@@ -119,7 +119,7 @@ class Balanced:
         self._step_m = np.add.reduceat(ring.step_m, self._edges)
         rates = np.add.reduceat(ring.spread_rate_m_s, self._edges)
         self._scale, self._power = self._integral(rates, self._counts)
-        self._room = room_for(self._step_m.size, fleet.seat.size)
+        self._room = workspace_for(self._step_m.size, fleet.seat.size)
         self._lap_s = float(ring.step_m.sum() / fleet.speed_m_s.mean())
         parts_m, rates = _in_parts(ring.step_m), _in_parts(ring.spread_rate_m_s)
         scale, power = self._integral(rates, np.full(PARTS, size / PARTS))
@@ -133,13 +133,17 @@ class Balanced:
         power = 2.0 + rate_sum / cells
         return cells / power, power
 
-    def _settled(self, pattern: Pattern, fleet: Fleet) -> float:
+    def _settled(self, pattern: Pattern, fleet: ActiveFleet) -> float:
         self.flown_ahead += 1
         return settled_cost(
-            pattern, self._parts, fleet.speed_m_s, self._turn_s, room_for(PARTS, fleet.seat.size)
+            pattern,
+            self._parts,
+            fleet.speed_m_s,
+            self._turn_s,
+            workspace_for(PARTS, fleet.seat.size),
         )
 
-    def _try_patterns(self, fleet: Fleet) -> None:
+    def _try_patterns(self, fleet: ActiveFleet) -> None:
         """Try one more pattern; all vehicles are planned anew if it is better."""
         if not self._untried:
             self._untried = [LAPS, *candidates(fleet.seat.size)][::-1]
@@ -201,7 +205,7 @@ class Balanced:
             pair = pair[::-1]
         self._legs[who] = legs
 
-    def _team_is(self, seats: list[int], fleet: Fleet, at_s: float) -> None:
+    def _team_is(self, seats: list[int], fleet: ActiveFleet, at_s: float) -> None:
         """Somebody has come or gone: all lap until a better pattern is found."""
         before = {seat: place for place, seat in enumerate(self._seats)}
         old = (self._legs, self._goal, self._due_s, self._heading)
@@ -217,12 +221,12 @@ class Balanced:
                     (self._legs, self._goal, self._due_s, self._heading), old, strict=True
                 ):
                     now[place] = then[before[seat]]
-        self._room = room_for(self._step_m.size, len(seats))
+        self._room = workspace_for(self._step_m.size, len(seats))
         self._pattern, self._untried = LAPS, []
         self._pattern_cost = self._settled(LAPS, fleet)
         self._plan_all()
 
-    def _improve(self, fleet: Fleet, which: int, at_s: float) -> None:
+    def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
         """Try other plans for one vehicle."""
         assert self._ring is not None
         silent = self._due_s < at_s - SEARCH_S
@@ -234,7 +238,7 @@ class Balanced:
         if self._stride > 1:
             visited_s = np.add.reduceat(visited_s, self._edges) / self._counts
         nodes = Nodes(self._step_m, self._scale, self._power, self._linear, visited_s, self._stride)
-        start = Start(
+        start = StartState(
             self._goal // self._stride,
             np.maximum(self._due_s - at_s, 0.0),
             self._heading,
@@ -246,7 +250,7 @@ class Balanced:
             ahead, late_times = AHEAD_ON_ARCS, LATE_ON_ARCS
         if self._pattern.sweeping == 0:
             period_s *= 1.0 + 2.0 * self._pattern.length / PARTS
-        span = Span((1.0 + ahead) * period_s, ahead * period_s, late_times)
+        span = Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
         moves = self._moves
         if self._pattern.length:
             moves = moves._replace(backs=moves.backs[:0])
@@ -254,7 +258,7 @@ class Balanced:
             nodes, start, self._legs, span, self._room, which, moves, MARGIN
         )
 
-    def _advance(self, which: int, ring: Ring, fleet: Fleet, at_s: float) -> bool:
+    def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
         """Turn if it is time to, and go on by one cell."""
         legs, heading = self._legs[which], self._heading[which]
         while legs[0] == 0:

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 
 class Circling:
     """All fly clockwise, one behind the other."""
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Clockwise."""
         return True
 
@@ -29,7 +29,7 @@ class Bumper:
         self._around: list[int] = []  # seats in their order around the ring, which stays
         self._cells_on: dict[int, int] = {}  # from each seat to the next one clockwise
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """As before, unless the neighbour ahead comes the other way and is one cell on."""
         seats = fleet.seat.tolist()
         if sorted(self._around) != sorted(seats):

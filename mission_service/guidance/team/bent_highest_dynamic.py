@@ -1,7 +1,7 @@
 """Highest importance target, dynamic (Bent 4.1.2): chosen anew at every cell."""
 
 from mission_service.guidance.team.bent_kernels import highest
-from mission_service.guidance.team.bent_region import Course, Region, towards
+from mission_service.guidance.team.bent_region import Course, Region, course_to
 
 
 def highest_dynamic(region: Region, course: Course) -> Course:
@@ -16,4 +16,4 @@ def highest_dynamic(region: Region, course: Course) -> Course:
         region.at_s,
         region.exponential,
     )
-    return towards(region, int(target))
+    return course_to(region, int(target))

@@ -1,7 +1,7 @@
 """Predictive planning (Bent 4.1.4): the straight path that will find the highest importance."""
 
 from mission_service.guidance.team.bent_kernels import best_path
-from mission_service.guidance.team.bent_region import Course, Region, towards
+from mission_service.guidance.team.bent_region import Course, Region, course_to
 
 
 def predictive(region: Region, course: Course) -> Course:
@@ -23,4 +23,4 @@ def predictive(region: Region, course: Course) -> Course:
         region.speed_m_s,
         region.exponential,
     )
-    return towards(region, int(target))
+    return course_to(region, int(target))

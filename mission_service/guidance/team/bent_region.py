@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,7 @@ class Region:
     ``end`` on.
     """
 
-    ring: Ring
+    ring: FrontRing
     begin: int
     end: int
     here: int
@@ -32,7 +32,7 @@ class Course(NamedTuple):
 
 
 # Decides in a region in which the vehicle is, from the course it was on.
-Steer = Callable[[Region, Course], Course]
+CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
@@ -40,12 +40,12 @@ def lifted(cell: int, begin: int, cells: int) -> int:
     return begin + (cell - begin) % cells
 
 
-def towards(region: Region, target: int) -> Course:
+def course_to(region: Region, target: int) -> Course:
     """On to a target in the region."""
     return Course(target > region.here, target)
 
 
-def ended(region: Region, course: Course) -> bool:
+def is_finished(region: Region, course: Course) -> bool:
     """Whether a course is over: no target, at or past it, or it is the region's no longer.
 
     Past it, because growth, and in flight the cells that a vehicle skips, carry it on.
@@ -56,7 +56,7 @@ def ended(region: Region, course: Course) -> bool:
     return region.here >= target if course.clockwise else region.here <= target
 
 
-def back_into(region: Region) -> Course:
+def course_back(region: Region) -> Course:
     """The shorter way, in cells, into a region in which the vehicle is not."""
     cells = region.ring.step_m.size
     clockwise = region.begin + cells - region.here < region.here - (region.end - 1)

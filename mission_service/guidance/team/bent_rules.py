@@ -8,21 +8,21 @@ from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
 from mission_service.guidance.team.bent_highest_static import highest_static
 from mission_service.guidance.team.bent_predictive import predictive
 from mission_service.guidance.team.bent_predictive_kept import predictive_kept
-from mission_service.guidance.team.bent_region import Steer
+from mission_service.guidance.team.bent_region import CourseRule
 from mission_service.guidance.team.bent_team import RegionTeam
 from mission_service.guidance.team.negotiation import Negotiation, on_importance
 from mission_service.guidance.team.negotiation_arrival import on_arrival
 from mission_service.guidance.team.negotiation_centre import on_centre
 from mission_service.guidance.team.ring import TeamRule
 
-PLANNERS: Mapping[str, Steer] = {
+PLANNERS: Mapping[str, CourseRule] = {
     "back-and-forth": back_and_forth,
     "highest-dynamic": highest_dynamic,
     "highest-static": highest_static,
     "predictive": predictive,
 }
 NEGOTIATIONS: Mapping[str, Negotiation] = {"importance": on_importance, "centre": on_centre}
-LATER_PLANNERS: Mapping[str, Steer] = {"predictive-kept": predictive_kept}
+LATER_PLANNERS: Mapping[str, CourseRule] = {"predictive-kept": predictive_kept}
 LATER_NEGOTIATIONS: Mapping[str, Negotiation] = {"arrival": on_arrival}
 IMPORTANCES = ("linear", "exponential")
 BENCHMARKS = ("circling", "bumper")

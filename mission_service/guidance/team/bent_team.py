@@ -1,18 +1,24 @@
 """A team of Bent's: a region for each vehicle, a planner in it, negotiation at intervals."""
 
-from mission_service.guidance.team.bent_region import Course, Region, Steer, back_into, lifted
-from mission_service.guidance.team.negotiation import Negotiation, Part, held_cells
+from mission_service.guidance.team.bent_region import (
+    Course,
+    CourseRule,
+    Region,
+    course_back,
+    lifted,
+)
+from mission_service.guidance.team.negotiation import Negotiation, Share, reserved_cells
 from mission_service.guidance.team.regions import (
     Regions,
-    grown,
-    joined_by,
-    kept,
-    moved,
-    parted,
+    equal_regions,
+    on_new_ring,
+    retained,
     served,
-    without,
+    with_border_moved,
+    with_member,
+    without_member,
 )
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 NEGOTIATE_EVERY_S = 20.0
 
@@ -22,7 +28,7 @@ class RegionTeam:
 
     def __init__(
         self,
-        steer: Steer,
+        steer: CourseRule,
         negotiate: Negotiation,
         *,
         exponential: bool,
@@ -44,7 +50,7 @@ class RegionTeam:
         """Who serves what, as far as the last decision."""
         return self._regions
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Back into the vehicle's own region, or as its planner steers."""
         regions = self._now(ring, fleet, at_s)
         seat = int(fleet.seat[which])
@@ -53,7 +59,7 @@ class RegionTeam:
         speed_m_s = float(fleet.speed_m_s[which])
         region = Region(ring, begin, end, here, at_s, speed_m_s, self._exponential)
         if here >= end:
-            course = back_into(region)
+            course = course_back(region)
         else:
             before = self._courses.get(seat, Course())
             if before.target is not None:
@@ -68,13 +74,13 @@ class RegionTeam:
         # How many cells the new ring has is known only with the next decision, or growth.
         self._growths.append(place_of)
 
-    def _now(self, ring: Ring, fleet: Fleet, at_s: float) -> Regions:
+    def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
         """The regions after all that has happened since the last decision."""
         cells = ring.step_m.size
         seats = fleet.seat.tolist()
         regions = self._regions
         if regions is None:
-            regions = parted(seats, fleet.cell.tolist(), cells)
+            regions = equal_regions(seats, fleet.cell.tolist(), cells)
             self._growths.clear()
             self._next_s = at_s + self._every_s
         for number, place_of in enumerate(self._growths, 1):
@@ -96,9 +102,11 @@ class RegionTeam:
             if course.target is not None:
                 target = int(place_of[course.target % place_of.size])
                 self._courses[seat] = Course(course.clockwise, target)
-        return grown(regions, place_of, cells)
+        return on_new_ring(regions, place_of, cells)
 
-    def _negotiated(self, regions: Regions, ring: Ring, fleet: Fleet, at_s: float) -> Regions:
+    def _negotiated(
+        self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
+    ) -> Regions:
         """One after the other gives to its neighbours what the negotiation says (4.2.1)."""
         count = len(regions.seats)
         if count == 1:
@@ -113,21 +121,21 @@ class RegionTeam:
             left, right = parts[(index - 1) % count], parts[(index + 1) % count]
             first, last = self._negotiate(ring, left, own, right, at_s, self._exponential)
             if first:
-                regions = moved(regions, index, own.begin + first, left=False)
+                regions = with_border_moved(regions, index, own.begin + first, left=False)
             if last:
                 after = (index + 1) % count
                 place = own.end - last - (0 if after else regions.cells)
-                regions = moved(regions, after, place, left=True)
+                regions = with_border_moved(regions, after, place, left=True)
         return regions
 
-    def _part(self, regions: Regions, index: int, fleet: Fleet, which: int) -> Part:
-        begin, end = kept(regions, index)
+    def _part(self, regions: Regions, index: int, fleet: ActiveFleet, which: int) -> Share:
+        begin, end = retained(regions, index)
         cell, cells = int(fleet.cell[which]), regions.cells
         here = lifted(cell, begin, cells)
         following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
         target = self._courses.get(regions.seats[index], Course()).target
         going_to = here if target is None else lifted(target, begin, cells)
-        return Part(begin, end, here, held_cells(begin, end, (here, following, going_to)))
+        return Share(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
 
 
 def _with_team(regions: Regions, seats: list[int], cells_of: list[int]) -> Regions:
@@ -138,8 +146,8 @@ def _with_team(regions: Regions, seats: list[int], cells_of: list[int]) -> Regio
             # One that has gone as well may be anywhere: where its region begins.
             begins = dict(zip(regions.seats, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.seats]
-            regions = joined_by(regions, seat, others, cell)
+            regions = with_member(regions, seat, others, cell)
     for seat in regions.seats:
         if seat not in seats:
-            regions = without(regions, seat)
+            regions = without_member(regions, seat)
     return regions

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mission_service.guidance.team.ring import Fleet, Ring
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReportedPosition:
     """The last that a vehicle told."""
 
     seat: int
@@ -19,12 +19,14 @@ class Heard:
     at_s: float
 
 
-def fleet_of(heard: Sequence[Heard], ring: Ring, at_s: float, lost_after_s: float) -> Fleet:
+def dead_reckoned_fleet(
+    heard: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
+) -> ActiveFleet:
     """Where the vehicles are now: each goes on as it was heard; lost ones are left out."""
     here = sorted(
         (one for one in heard if at_s - one.at_s <= lost_after_s), key=lambda one: one.seat
     )
-    return Fleet(
+    return ActiveFleet(
         np.array([one.seat for one in here], np.int64),
         np.array([_reckoned(one, ring, at_s) for one in here], np.int64),
         np.array([one.clockwise for one in here], np.bool_),
@@ -32,7 +34,7 @@ def fleet_of(heard: Sequence[Heard], ring: Ring, at_s: float, lost_after_s: floa
     )
 
 
-def _reckoned(one: Heard, ring: Ring, at_s: float) -> int:
+def _reckoned(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
     """The last cell that it has come to by now."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])

@@ -31,7 +31,7 @@ class Nodes(NamedTuple):
     cells: int  # that make up a node: legs are told in cells
 
 
-class Start(NamedTuple):
+class StartState(NamedTuple):
     """The vehicles at the beginning of a roll-out; arrays (k)."""
 
     node: Integers  # the one they come to next
@@ -41,7 +41,7 @@ class Start(NamedTuple):
     turn_s: float  # what it costs to turn back
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Arrays that a roll-out writes on."""
 
     visited_s: Floats  # (n)
@@ -52,7 +52,7 @@ class Room(NamedTuple):
     left: Integers  # (k)
 
 
-class Span(NamedTuple):
+class Horizon(NamedTuple):
     """How far to look: a roll-out's last part stands for what comes later, so it counts more."""
 
     end_s: float
@@ -69,9 +69,9 @@ class Moves(NamedTuple):
     best: Integers  # (LEGS)
 
 
-def room_for(nodes: int, vehicles: int) -> Room:
+def workspace_for(nodes: int, vehicles: int) -> Workspace:
     """Arrays for roll-outs of this size; zeros, since they are part of a recorded state."""
-    return Room(
+    return Workspace(
         np.zeros(nodes),
         np.zeros(vehicles, np.int64),
         np.zeros(vehicles),

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mission_service.guidance.team.bent_kernels import chunk, total
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Share:
     """A vehicle as a negotiation sees it; cells are lifted (see ``regions``).
 
     ``held`` are the first and the last of the cells that it does not give away: its own, its next
@@ -34,10 +34,10 @@ class Part:
 # (ring, the vehicle left of it, it, the one right of it, time in s, exponential importance) to the
 # number of cells that it gives at the beginning and at the end of its region. Of two vehicles in
 # all, the one is left and right of the other.
-Negotiation = Callable[[Ring, Part, Part, Part, float, bool], tuple[int, int]]
+Negotiation = Callable[[FrontRing, Share, Share, Share, float, bool], tuple[int, int]]
 
 
-def held_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
+def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
     """The first and the last of those of these cells that are in a region; its middle without."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
@@ -61,12 +61,12 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 
 
 def largest_chunks(
-    ring: Ring, left: Part, own: Part, right: Part, at_s: float, exponential: bool
+    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
 ) -> tuple[int, int]:
     """As many cells as are worth no more than the offer, at either end."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
-    def worth(part: Part) -> float:
+    def worth(part: Share) -> float:
         return float(total(rate, visited, part.begin, part.end, at_s, exponential))
 
     alone = left is right

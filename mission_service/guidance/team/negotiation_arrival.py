@@ -1,12 +1,12 @@
 """Negotiation by who can be there first (Bent 6.1, an idea for later, after Ahmadi & Stone)."""
 
 from mission_service.guidance.team.bent_region import lifted
-from mission_service.guidance.team.negotiation import Part
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.negotiation import Share
+from mission_service.guidance.team.ring import FrontRing
 
 
 def on_arrival(
-    ring: Ring, left: Part, own: Part, right: Part, at_s: float, exponential: bool
+    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
 ) -> tuple[int, int]:
     """The cells at either end that the neighbour would reach sooner, flying there at once.
 

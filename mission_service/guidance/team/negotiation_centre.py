@@ -1,12 +1,12 @@
 """Negotiation on the centre of importance (Bent 4.2.2)."""
 
 from mission_service.guidance.team.bent_kernels import most_centred
-from mission_service.guidance.team.negotiation import Part, largest_chunks
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.negotiation import Share, largest_chunks
+from mission_service.guidance.team.ring import FrontRing
 
 
 def on_centre(
-    ring: Ring, left: Part, own: Part, right: Part, at_s: float, exponential: bool
+    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
 ) -> tuple[int, int]:
     """Of all chunks within the offers, those that leave the centre of importance most central.
 

@@ -13,11 +13,11 @@ from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
     Floats,
+    Horizon,
     Integers,
     Nodes,
-    Room,
-    Span,
-    Start,
+    StartState,
+    Workspace,
     late_mean,
 )
 
@@ -49,7 +49,7 @@ def repeated(first: int, second: int) -> Integers:
 
 
 def settled_cost(
-    pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Room
+    pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Workspace
 ) -> float:
     """Mean over time of the importance of all nodes when a pattern is flown evenly spaced.
 
@@ -76,8 +76,8 @@ def settled_cost(
         else:
             legs[who] = repeated(length, length)
             arrival_s[who] = 2.0 * arc_s * (who - lapping) / sweeping
-    start = Start(node, arrival_s, np.ones(count, np.int64), speed_m_s, turn_s)
-    span = Span((3.0 if sweeping == 0 else 4.0) * period_s, 1.5 * period_s, 0.0)
+    start = StartState(node, arrival_s, np.ones(count, np.int64), speed_m_s, turn_s)
+    span = Horizon((3.0 if sweeping == 0 else 4.0) * period_s, 1.5 * period_s, 0.0)
     if sweeping == 0:
-        span = Span(2.0 * period_s + lap_s, period_s + lap_s, 0.0)
+        span = Horizon(2.0 * period_s + lap_s, period_s + lap_s, 0.0)
     return float(late_mean(nodes, start, legs, span, room))

@@ -37,7 +37,7 @@ class Border(NamedTuple):
     right: Side
 
 
-class Message(NamedTuple):
+class BorderMessage(NamedTuple):
     """What a side says of its border; worth nothing on a ring or in a team of another epoch."""
 
     epoch: int
@@ -59,7 +59,7 @@ class Regions:
     epoch: int = 0
 
 
-def parted(seats: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
+def equal_regions(seats: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
 
     As Bent's begin (4.2), wherever the vehicles are.
@@ -80,7 +80,7 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
     )
 
 
-def kept(regions: Regions, index: int) -> tuple[int, int]:
+def retained(regions: Regions, index: int) -> tuple[int, int]:
     """What a vehicle serves and has not offered to anyone, lifted [begin, end)."""
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
@@ -123,15 +123,15 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
     return border._replace(left=offered) if left else border._replace(right=offered)
 
 
-def said(regions: Regions, index: int, *, left: bool) -> Message:
+def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
     """What a side of a border says whenever it speaks: its offer, or else what it knows."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
-        return Message(regions.epoch, side.offered, side.version + 1)
-    return Message(regions.epoch, side.place, side.version)
+        return BorderMessage(regions.epoch, side.offered, side.version + 1)
+    return BorderMessage(regions.epoch, side.place, side.version)
 
 
-def heard(regions: Regions, index: int, message: Message, *, left: bool) -> Regions:
+def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
     """One side of a border hears what the other one said."""
     border = regions.borders[index]
     side = border.left if left else border.right
@@ -148,7 +148,7 @@ def with_border(regions: Regions, index: int, border: Border) -> Regions:
     return replace(regions, borders=borders)
 
 
-def moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
+def with_border_moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
     """One side moves a border and nothing is lost: turn asked for, offer, taken, acknowledged."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
@@ -159,11 +159,11 @@ def moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
 def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
     border = offering(regions.borders[index], place, left=left)
     regions = with_border(regions, index, border)
-    regions = heard(regions, index, said(regions, index, left=left), left=not left)
-    return heard(regions, index, said(regions, index, left=not left), left=left)
+    regions = with_message(regions, index, message_of(regions, index, left=left), left=not left)
+    return with_message(regions, index, message_of(regions, index, left=not left), left=left)
 
 
-def grown(regions: Regions, place_of: Integers, cells: int) -> Regions:
+def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
     """The ring has changed to one of ``cells`` cells: borders move with the cells they are at."""
     first, before = int(place_of[0]), place_of.size
 
@@ -180,7 +180,7 @@ def grown(regions: Regions, place_of: Integers, cells: int) -> Regions:
     return Regions(regions.seats, borders, cells, regions.epoch + 1)
 
 
-def without(regions: Regions, seat: int) -> Regions:
+def without_member(regions: Regions, seat: int) -> Regions:
     """A vehicle has left: its neighbours share its region. All are told, offers are off.
 
     The last one cannot leave; raises ValueError.
@@ -200,7 +200,7 @@ def without(regions: Regions, seat: int) -> Regions:
     return _settled(regions, regions.seats[:index] + regions.seats[index + 1 :], begins)
 
 
-def joined_by(regions: Regions, seat: int, cells_of: Sequence[int], cell: int) -> Regions:
+def with_member(regions: Regions, seat: int, cells_of: Sequence[int], cell: int) -> Regions:
     """A vehicle has come to a cell: the region there is halved. All are told, offers are off.
 
     ``cells_of`` are the cells of the others, clockwise; the one whose region it was keeps the half

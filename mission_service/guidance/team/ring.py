@@ -17,7 +17,7 @@ Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Ring:
+class FrontRing:
     """The front at one moment, clockwise; arrays (n)."""
 
     step_m: Floats  # from each cell to the next one, the last to the first
@@ -26,7 +26,7 @@ class Ring:
 
 
 @dataclass(frozen=True, slots=True)
-class Fleet:
+class ActiveFleet:
     """The vehicles that fly now; arrays (k), in rising order of seat."""
 
     seat: Integers  # who; stays the same as long as the vehicle is in the team
@@ -38,7 +38,7 @@ class Fleet:
 class TeamRule(Protocol):
     """Decides for every vehicle of a team which way it flies along the ring."""
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Vehicle ``which`` (place in the fleet) has come to a new cell: clockwise from here?"""
 
     def regrown(self, place_of: Integers) -> None:

@@ -16,17 +16,22 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
-from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
+from mission_service.guidance.front.first_lap import (
+    CameraView,
+    LapProgress,
+    append_view,
+    recentred_map,
+)
 from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
-    continued,
+    extrapolated_front,
     path_along,
-    reconstructed,
+    reconstructed_front,
 )
 from mission_service.guidance.protocol import Decision, Phase
-from mission_service.guidance.team.dead_reckoning import Heard, fleet_of
-from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_reckoned_fleet
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +53,7 @@ class TeamSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Flyer:
+class MemberPerformance:
     """What a team has to know of one of its vehicles."""
 
     speed_m_s: float
@@ -62,7 +67,7 @@ class Team:
         self,
         rule: TeamRule,
         settings: TeamSettings,
-        flyers: Mapping[str, Flyer],
+        flyers: Mapping[str, MemberPerformance],
         shape: tuple[int, int],
         centre: tuple[float, float],
         ignited_at_s: float,
@@ -71,12 +76,13 @@ class Team:
         self.settings = settings
         self.surveyed = False  # the first lap is over
         self.map = FireMap(shape, *centre, ignited_at_s, settings.baseline_s)
-        self._observations: list[Seen] = []
+        self._observations: list[CameraView] = []
         self._seats = {
-            name: Seat(self, number, flyer) for number, (name, flyer) in enumerate(flyers.items())
+            name: TeamMember(self, number, flyer)
+            for number, (name, flyer) in enumerate(flyers.items())
         }
 
-    def seat(self, name: str) -> "Seat":
+    def seat(self, name: str) -> "TeamMember":
         """The planner of one vehicle."""
         return self._seats[name]
 
@@ -85,22 +91,22 @@ class Team:
         window = window_codes(observed.cells)
         seen = (observed.row, observed.col, window, observed.at_us / 1e6)
         if not self.surveyed and not self.settings.ignition_known:
-            remember(self._observations, seen)
+            append_view(self._observations, seen)
         return self.map.observe(*seen)
 
     def end_survey(self) -> None:
         """The first lap is done; an unknown ignition is replaced by the fire's centre."""
         self.surveyed = True
         if not self.settings.ignition_known:
-            self.map, _ = recentred(self.map, self._observations)
+            self.map, _ = recentred_map(self.map, self._observations)
             self._observations.clear()
 
-    def ring(self) -> Ring:
+    def ring(self) -> FrontRing:
         """The front as the map has it, a cell for each bearing."""
         cell_m = self.settings.cell_m
         outer, visited_at_s = self.map.filled_outer()
         north, east = outer * NORTH, outer * EAST
-        return Ring(
+        return FrontRing(
             cell_m * np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east),
             cell_m * self.map.spread_rate_cells_s(self.settings.smoothing_deg),
             visited_at_s,
@@ -111,13 +117,13 @@ class Team:
         """How many fly the front, as far as is known."""
         return sum(seat.flies for seat in self._seats.values())
 
-    def fleet(self, ring: Ring, at_s: float) -> Fleet:
+    def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
         """The vehicles that fly the front now.
 
         One that has been silent is reckoned to have flown on, and after a while not to fly.
         """
         heard = [
-            Heard(
+            ReportedPosition(
                 seat.number,
                 seat.bearing,
                 seat.clockwise,
@@ -127,13 +133,13 @@ class Team:
             for seat in self._seats.values()
             if seat.flies
         ]
-        return fleet_of(heard, ring, at_s, LOST_AFTER_S)
+        return dead_reckoned_fleet(heard, ring, at_s, LOST_AFTER_S)
 
 
-class Seat:
+class TeamMember:
     """One vehicle's place in a team: a ``Planner``."""
 
-    def __init__(self, team: Team, number: int, flyer: Flyer) -> None:
+    def __init__(self, team: Team, number: int, flyer: MemberPerformance) -> None:
         self.number = number
         self.flyer = flyer
         self.flies = False  # in the air, heard, and the front was in view
@@ -145,7 +151,7 @@ class Seat:
         self._team = team
         self._found = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._lap = Lap()
+        self._lap = LapProgress()
         self._turned_at_s = -np.inf
 
     @property
@@ -227,7 +233,7 @@ class Seat:
 
     def shape(self, row: float, col: float) -> Floats:
         """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
-        return reconstructed(self._team.map, self._in_view, row, col, self.clockwise)
+        return reconstructed_front(self._team.map, self._in_view, row, col, self.clockwise)
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
@@ -238,7 +244,7 @@ class Seat:
         if self._team.surveyed:
             front = self.shape(row, col)
         else:
-            front = continued(fire_map, self._in_view, row, col, self.clockwise)
+            front = extrapolated_front(fire_map, self._in_view, row, col, self.clockwise)
             front = np.where(np.isnan(fire_map.outer), front, fire_map.outer)
         settings = self._team.settings.path
         return path_along(front, fire_map, row, col, self.clockwise, settings)

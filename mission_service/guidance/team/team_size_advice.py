@@ -4,21 +4,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mission_service.guidance.team.ring import Floats, Ring
+from mission_service.guidance.team.ring import Floats, FrontRing
 from mission_service.guidance.team.team_size import best_split, vehicles_for_age, vehicles_needed
 
 AGAIN_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class CoverageTargets:
     """How well the front is to be kept: the worst age of a part, and its advance unseen."""
 
     worst_age_s: float | None = None
     unseen_advance_m: float | None = None
 
 
-def advice(ring: Ring, speed_m_s: Floats, wishes: Wishes) -> tuple[bool, str]:
+def team_size_advice(
+    ring: FrontRing, speed_m_s: Floats, wishes: CoverageTargets
+) -> tuple[bool, str]:
     """Whether the team (speeds, k) is too small for the wishes, and what to tell its user.
 
     Of vehicles of the team's mean speed; without wishes only what the team can do.
@@ -51,10 +53,10 @@ def _vehicles(count: int) -> str:
     return f"{count} vehicle" if count == 1 else f"{count} vehicles"
 
 
-class Adviser:
+class TeamSizeAdviser:
     """Tells it when the team or what it needs has changed, at most every five minutes."""
 
-    def __init__(self, wishes: Wishes) -> None:
+    def __init__(self, wishes: CoverageTargets) -> None:
         self._wishes = wishes
         self._told: tuple[int, bool] | None = None
         self._next_s = -np.inf
@@ -63,9 +65,9 @@ class Adviser:
         """Whether to look again."""
         return at_s >= self._next_s or (self._told is not None and self._told[0] != vehicles)
 
-    def at(self, ring: Ring, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
+    def at(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
         """(too few, what to say) if there is something new to say."""
         self._next_s = at_s + AGAIN_S
-        too_few, text = advice(ring, speed_m_s, self._wishes)
+        too_few, text = team_size_advice(ring, speed_m_s, self._wishes)
         told, self._told = self._told, (speed_m_s.size, too_few)
         return None if told == self._told else (too_few, text)
