@@ -95,8 +95,10 @@ def measure_rule(rule: TeamRule, cells: int) -> list[float]:
     random = np.random.default_rng(1)
     rate, age_s = random.uniform(0.01, 0.5, cells), random.uniform(0.0, 900.0, cells)
     ring = FrontRing(np.full(cells, CELL_M), rate, -age_s)
-    seats = np.arange(UAVS)
-    fleet = ActiveFleet(seats, seats * cells // UAVS, np.ones(UAVS, bool), np.full(UAVS, SPEED_M_S))
+    members = np.arange(UAVS)
+    fleet = ActiveFleet(
+        members, members * cells // UAVS, np.ones(UAVS, bool), np.full(UAVS, SPEED_M_S)
+    )
     taken_ms: list[float] = []
     for number in range(DECISIONS):
         which, at_s = number % UAVS, number / UAVS * CELL_M / SPEED_M_S

@@ -78,9 +78,9 @@ def steps(order: NDArray[np.int64]) -> dict[str, float]:
     times = {
         "agent maps: 10 new cells": each_us(maps.set, on),
         "agent maps: 10 cleared": each_us(maps.set, off),
-        "shared map: hear the same digest": each_us(shared.hear, [(said,)] * 500),
-        "shared map: hear 10 new cells": each_us(shared.hear, heard),
-        "shared map: hear them again": each_us(shared.hear, heard),
+        "shared map: hear the same digest": each_us(shared.receive, [(said,)] * 500),
+        "shared map: hear 10 new cells": each_us(shared.receive, heard),
+        "shared map: hear them again": each_us(shared.receive, heard),
         "shared map: nothing to say": each_us(shared.messages, [(5,)] * 500),
         "look": each_us(changed_cells, [(GRID, *view, arrival_s, at_s, known)] * 500),
         "mark": each_us(mark_seen, [(GRID, *view, seen_s, at_s)] * 500),
@@ -111,11 +111,11 @@ def shared(order: NDArray[np.int64], count: int, loss: float, seconds: int) -> s
     for tick in range(4 * seconds):
         arrived, under_way = under_way, []
         for receiver, message in arrived:
-            team[receiver].hear(message)
+            team[receiver].receive(message)
         while burned < BURNING + NEW_S * tick / 4:
             truth[order[burned]] = True
             for k in set(rng.integers(0, count, 2).tolist()):
-                team[k].see(order[burned : burned + 1], NONE, tick * TICK_US)
+                team[k].add_view(order[burned : burned + 1], NONE, tick * TICK_US)
             burned += 1
         for k, one in enumerate(team):
             for message in one.messages(tick * TICK_US):

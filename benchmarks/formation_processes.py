@@ -264,7 +264,7 @@ def map_of(journal: Path) -> NDArray[np.bool_]:
         if entry.is_event:
             core.handle(entry.content)  # type: ignore[arg-type]
     assert isinstance(core.leader, FormationFlight)
-    (seat,) = core.leader.formation.seats.values()
+    (seat,) = core.leader.formation.members.values()
     return seat.agent.map.fire
 
 

@@ -111,7 +111,7 @@ def draw_teams(folder: Path) -> None:
         flight = fly_team(history, rule(), UAVS, SPEED_M_S)
         mean, std = flight.mean_std("linear")
         title = f"{name}: mean unseen advance {mean:.1f} m (± {std:.1f} m over time)"
-        tracks = {f"UAV {seat + 1}": track for seat, track in flight.tracks.items()}
+        tracks = {f"UAV {member + 1}": track for member, track in flight.tracks.items()}
         draw(folder / f"{name.replace('.', '-')}.png", title, tracks, shown, fire.ignition)
 
 

@@ -96,7 +96,7 @@ class Core:
             from mission_service.guidance.formation.members import Formation
 
             formation = Formation(scenario, landscape)
-            self.steering = Steering(scenario, landscape, formation.seats)
+            self.steering = Steering(scenario, landscape, formation.members)
             self.leader = FormationFlight(scenario, landscape, formation, self._missions)
             self.spacing = Spacing(scenario, landscape, self.steering.presence)
         else:
@@ -144,7 +144,7 @@ class Core:
         if not self._along_front:
             return []
         names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
-        again = self._watch.raised() if isinstance(event, Resumed) else []
+        again = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         return [*again, *(each for name in names for each in self._watch_after(name))]
 
     def _watch_after(self, name: str) -> list[AnyCommand]:

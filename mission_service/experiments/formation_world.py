@@ -206,7 +206,7 @@ class FormationWorld:
         at_us = round(self.at_s * 1e6)
         for receiver, message in self.radio.arrived(self.at_s):
             if not self._is_dead(receiver):
-                self.agents[receiver].hear(message)
+                self.agents[receiver].receive(message)
         looks = round(LOOK_EVERY_S / TICK_S)
         before, self.intentions = self.intentions, []
         for number, agent in enumerate(self.agents):
@@ -254,7 +254,7 @@ class FormationWorld:
             self.grid, *view, self.arrival_s, self.at_s, agent.maps.fire
         )
         if len(burning) or len(unburned):
-            agent.see(burning, unburned, at_us)
+            agent.add_view(burning, unburned, at_us)
 
     def _fly(self) -> None:
         """All fly on for a tick as they mean to."""

@@ -73,7 +73,7 @@ def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
 class _Vehicle:
     """On its way from a place (row, col) to a cell of the ring."""
 
-    seat: int
+    member: int
     speed_m_s: float
     goal: int
     goal_place: tuple[float, float]
@@ -104,23 +104,23 @@ def fly_team(
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
     team.on(first, np.full(len(first.cells), first.at_s))
-    for seat, cell in enumerate(equidistant(first.step_m, uavs)):
-        team.join(seat, int(cell))
+    for member, cell in enumerate(equidistant(first.step_m, uavs)):
+        team.join(member, int(cell))
     samples = []
     for index, step in enumerate(history):
         if index:
             team.grow(step)
-        for at_s, seat in leaving:
+        for at_s, member in leaving:
             if _due(at_s, history, index):
-                team.leave(seat)
-        for at_s, seat in joining:
+                team.leave(member)
+        for at_s, member in joining:
             if _due(at_s, history, index):
-                team.join(seat, int(np.argmin(team.ring.visited_at_s)))
+                team.join(member, int(np.argmin(team.ring.visited_at_s)))
         samples.append((step.at_s, *_costs(team.ring, step.at_s)))
         if index + 1 < len(history):
             team.fly_until(history[index + 1].at_s)
     at, linear, exponential, worst = np.array(samples).T
-    tracks = {seat: np.array(track) for seat, track in sorted(team.tracks.items())}
+    tracks = {member: np.array(track) for member, track in sorted(team.tracks.items())}
     closest_m = min_separation_m(tracks, cell_m, layer_m)
     return TeamFlight(at, linear, exponential, worst, tracks, team.decisions, closest_m)
 
@@ -169,27 +169,29 @@ class _Team:
             vehicle.goal_place = self._places[vehicle.goal]
             away = math.dist(vehicle.left[1:], vehicle.goal_place)
             vehicle.arrival_s = step.at_s + away * self._cell_m / vehicle.speed_m_s
-        self._rule.regrown(step.place_of)
+        self._rule.on_ring_changed(step.place_of)
 
-    def join(self, seat: int, cell: int) -> None:
+    def join(self, member: int, cell: int) -> None:
         """A vehicle comes in at a cell, and decides there."""
         at = (self._at_s, *self._places[cell])
-        track = self.tracks.setdefault(seat, [])
-        joined = _Vehicle(seat, self._speed_m_s, cell, at[1:], at, self._at_s, track)
+        track = self.tracks.setdefault(member, [])
+        joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
         self._now([*self._vehicles, joined])
 
-    def leave(self, seat: int) -> None:
+    def leave(self, member: int) -> None:
         """A vehicle is gone."""
-        self._now([vehicle for vehicle in self._vehicles if vehicle.seat != seat])
+        self._now([vehicle for vehicle in self._vehicles if vehicle.member != member])
 
     def _now(self, vehicles: list[_Vehicle]) -> None:
-        heading = dict(zip(self._fleet.seat.tolist(), self._fleet.clockwise.tolist(), strict=True))
-        cells = dict(zip(self._fleet.seat.tolist(), self._fleet.cell.tolist(), strict=True))
-        self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.seat)
+        heading = dict(
+            zip(self._fleet.member.tolist(), self._fleet.clockwise.tolist(), strict=True)
+        )
+        cells = dict(zip(self._fleet.member.tolist(), self._fleet.cell.tolist(), strict=True))
+        self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.member)
         self._fleet = ActiveFleet(
-            np.array([vehicle.seat for vehicle in self._vehicles], np.int64),
-            np.array([cells.get(v.seat, v.goal) for v in self._vehicles], np.int64),
-            np.array([heading.get(vehicle.seat, True) for vehicle in self._vehicles], np.bool_),
+            np.array([vehicle.member for vehicle in self._vehicles], np.int64),
+            np.array([cells.get(v.member, v.goal) for v in self._vehicles], np.int64),
+            np.array([heading.get(vehicle.member, True) for vehicle in self._vehicles], np.bool_),
             np.array([vehicle.speed_m_s for vehicle in self._vehicles]),
         )
 
@@ -234,7 +236,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
     Each seat has its own altitude layer, ``layer_m`` apart. Infinite for one vehicle alone.
     """
     closest_m = math.inf
-    for (seat, one), (other_seat, other) in combinations(tracks.items(), 2):
+    for (member, one), (other_member, other) in combinations(tracks.items(), 2):
         begin_s, end_s = max(one[0, 0], other[0, 0]), min(one[-1, 0], other[-1, 0])
         times = np.union1d(one[:, 0], other[:, 0])
         times = times[(times >= begin_s) & (times <= end_s)]
@@ -246,7 +248,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
             for axis in (1, 2)
         ]
         across_m = cell_m * float(_closest_to_origin(np.column_stack(apart)))
-        closest_m = min(closest_m, math.hypot(across_m, layer_m * (seat - other_seat)))
+        closest_m = min(closest_m, math.hypot(across_m, layer_m * (member - other_member)))
     return closest_m
 
 

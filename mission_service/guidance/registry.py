@@ -145,7 +145,7 @@ def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
         for section in scenario.vehicles
     }
     team = Team(TEAM[rule](scenario), settings, flyers, landscape.shape, centre, burns_from_s)
-    return {name: team.seat(name) for name in flyers}
+    return {name: team.member(name) for name in flyers}
 
 
 def _path_settings(scenario: Scenario, cell_m: float) -> PathSettings:

@@ -239,7 +239,7 @@ class Service:
                 command_body(command)
                 trial._refused(command)
                 if trial._interlock is not None:
-                    trial._interlock.sent([command])
+                    trial._interlock.on_commands([command])
         except Exception as error:
             if isinstance(event, Aborted):  # past the core, which cannot handle it
                 for name, gateway in self._gateways.items():
@@ -269,8 +269,8 @@ class Service:
         if isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
         if self._interlock is not None:
-            self._interlock.take(event)
-            self._interlock.sent(commands)
+            self._interlock.on_event(event)
+            self._interlock.on_commands(commands)
 
     def go_on(
         self,
@@ -401,7 +401,7 @@ class Service:
                 self.fire.ordered(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
-                self._interlock.sent([command])
+                self._interlock.on_commands([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
 
@@ -410,7 +410,7 @@ class Service:
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:
-            self._interlock.take(event)
+            self._interlock.on_event(event)
         return commands
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:

@@ -64,8 +64,8 @@ def test_costs_less_than_the_benchmarks_and_the_thesis(
 def test_the_same_on_every_run(history: list[RingStep]) -> None:
     one, other = (flown(history[:60], Balanced(), 4) for _ in range(2))
     assert np.array_equal(one.linear, other.linear)
-    for seat, track in one.tracks.items():
-        assert np.array_equal(track, other.tracks[seat])
+    for member, track in one.tracks.items():
+        assert np.array_equal(track, other.tracks[member])
 
 
 class Spied(Balanced):
@@ -97,7 +97,7 @@ def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
         assert rule.decide(ring, four, which, 0.0)
     # The one behind the gap is early: it goes back for what its successor would be late for.
     three = ActiveFleet(
-        four.seat[[0, 1, 3]], np.array([1, 41, 121]), np.ones(3, bool), four.speed_m_s[:3]
+        four.member[[0, 1, 3]], np.array([1, 41, 121]), np.ones(3, bool), four.speed_m_s[:3]
     )
     turned = [not rule.decide(ring, three, which, 1.5) for which in range(3)]
     assert any(turned)
@@ -118,7 +118,7 @@ def test_an_arc_many_times_hotter_is_passed_more_often() -> None:
     assert ours.linear[60:].mean() < 0.8 * circling.linear[60:].mean()
 
 
-def flown_ahead(cells: int) -> tuple[int, int]:
+def rollouts(cells: int) -> tuple[int, int]:
     """Plans flown ahead in one decision, and nodes in each."""
     ring = FrontRing(np.full(cells, 30.0), np.full(cells, 0.1), np.zeros(cells))
     fleet = ActiveFleet(
@@ -126,13 +126,13 @@ def flown_ahead(cells: int) -> tuple[int, int]:
     )
     rule = Balanced()
     rule.decide(ring, fleet, 0, 0.0)
-    before = rule.flown_ahead
+    before = rule.rollouts
     rule.decide(ring, fleet, 0, 60.0)
-    return rule.flown_ahead - before, rule.nodes
+    return rule.rollouts - before, rule.nodes
 
 
 def test_a_decision_does_not_grow_with_the_ring() -> None:
-    (few, few_nodes), (many, many_nodes) = flown_ahead(200), flown_ahead(2000)
+    (few, few_nodes), (many, many_nodes) = rollouts(200), rollouts(2000)
     assert many <= few
     assert few_nodes == 200
     assert many_nodes <= 256
@@ -170,10 +170,10 @@ def test_a_silent_vehicle_is_reckoned_along_the_ring_and_then_lost() -> None:
     ring = FrontRing(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
     told = [ReportedPosition(3, 10, False, 20.0, 0.0), ReportedPosition(1, 95, True, 20.0, 6.0)]
     fleet = dead_reckoned_fleet(told, ring, 18.0, lost_after_s=30.0)
-    assert fleet.seat.tolist() == [1, 3]
+    assert fleet.member.tolist() == [1, 3]
     # 12 s are 8 cells over the end of the ring, 18 s are 12 back over its beginning.
     assert fleet.cell.tolist() == [3, 98]
-    assert dead_reckoned_fleet(told, ring, 31.0, lost_after_s=30.0).seat.tolist() == [1]
+    assert dead_reckoned_fleet(told, ring, 31.0, lost_after_s=30.0).member.tolist() == [1]
 
 
 def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:
@@ -184,4 +184,4 @@ def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:
     rule.decide(ring, fleet, 1, 0.0)
     fleet.cell[:] = 20, 70
     rule.decide(ring, fleet, 0, 30.0)
-    assert rule.expected(1) == 70
+    assert rule.next_cell(1) == 70

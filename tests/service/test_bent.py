@@ -271,7 +271,7 @@ def test_teams_keep_the_perimeter_whoever_comes_and_goes(planner: str, negotiati
             clockwise = super().decide(ring, fleet, which, at_s)
             assert self.regions is not None
             assert self.regions.cells == ring.step_m.size
-            assert sorted(self.regions.seats) == fleet.seat.tolist()
+            assert sorted(self.regions.members) == fleet.member.tolist()
             begins = ledger(self.regions)
             sizes = np.diff([*begins, begins[0] + ring.step_m.size])
             assert (sizes >= 0).all()

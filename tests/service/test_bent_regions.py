@@ -51,7 +51,7 @@ def check(regions: Regions) -> None:
     assert (count_of == 1).all()
     owner = owners(regions)
     changes = np.count_nonzero(owner != np.roll(owner, 1))
-    assert changes <= len(regions.seats)  # each region is in one piece
+    assert changes <= len(regions.members)  # each region is in one piece
     assert changes == (np.unique(owner).size if np.unique(owner).size > 1 else 0)
 
 
@@ -75,7 +75,7 @@ class Air:
 
     def bring(self, regions: Regions, which: int) -> Regions:
         between, left, message = self.said[which]
-        for index in range(len(regions.seats)):
+        for index in range(len(regions.members)):
             if ends(regions, index) == between:
                 return with_message(regions, index, message, left=not left)
         return regions
@@ -83,13 +83,13 @@ class Air:
 
 def ends(regions: Regions, index: int) -> tuple[int, int]:
     """The seats left and right of a border."""
-    return regions.seats[index - 1], regions.seats[index]
+    return regions.members[index - 1], regions.members[index]
 
 
 def offer_some(regions: Regions, index: int, left: bool, draw: Draw) -> Regions:
-    if len(regions.seats) == 1 or not has_turn(regions.borders[index], left=left):
+    if len(regions.members) == 1 or not has_turn(regions.borders[index], left=left):
         return regions
-    giver = (index - 1) % len(regions.seats) if left else index
+    giver = (index - 1) % len(regions.members) if left else index
     begin, end = retained(regions, giver)
     amount = draw(end - begin + 1)
     border = regions.borders[index]
@@ -97,9 +97,9 @@ def offer_some(regions: Regions, index: int, left: bool, draw: Draw) -> Regions:
     return with_border(regions, index, offering(border, place, left=left))
 
 
-def act(regions: Regions, air: Air, seat: int, draw: Draw) -> Regions:
-    """Something happens; ``seat`` is a vehicle that was never in the team."""
-    index, left, count = draw(len(regions.seats)), bool(draw(2)), len(regions.seats)
+def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
+    """Something happens; ``member`` is a vehicle that was never in the team."""
+    index, left, count = draw(len(regions.members)), bool(draw(2)), len(regions.members)
     what = draw(12)
     if what < 3:
         regions = offer_some(regions, index, left, draw)
@@ -112,12 +112,12 @@ def act(regions: Regions, air: Air, seat: int, draw: Draw) -> Regions:
     elif what == 9:
         regions = on_new_ring(regions, *random_growth(regions.cells, draw))
     elif what == 10 and count > 1:
-        regions = without_member(regions, regions.seats[index])
+        regions = without_member(regions, regions.members[index])
     elif what == 11 and count < 6:
-        cells_of = [draw(regions.cells) for _ in regions.seats]
+        cells_of = [draw(regions.cells) for _ in regions.members]
         # A name used before may come again.
         regions = with_member(
-            regions, seat if left else max(regions.seats) + 1, cells_of, draw(regions.cells)
+            regions, member if left else max(regions.members) + 1, cells_of, draw(regions.cells)
         )
     return regions
 
@@ -166,7 +166,7 @@ def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ig
 
 def test_regions_begin_with_as_many_cells_wherever_the_vehicles_are() -> None:
     regions = equal_regions([5, 6, 7], [12, 3, 12], 20)
-    assert regions.seats == (6, 5, 7)
+    assert regions.members == (6, 5, 7)
     assert spans(regions) == [(3, 9), (9, 16), (16, 23)]
 
 
@@ -201,13 +201,13 @@ def test_leaving_and_joining() -> None:
     regions = equal_regions([0, 1, 2], [0, 10, 20], 30)
     assert ledger(without_member(regions, 1)) == (0, 15)
     lost_first = without_member(regions, 0)
-    assert lost_first.seats == (1, 2)
+    assert lost_first.members == (1, 2)
     assert spans(lost_first) == [(5, 20), (20, 35)]
     # Vehicle 1, in the second half of its region, keeps that.
     both = with_member(regions, 9, [3, 16, 25], 11)
-    assert both.seats == (0, 9, 1, 2)
+    assert both.members == (0, 9, 1, 2)
     assert ledger(both) == (0, 10, 15, 20)
-    assert with_member(regions, 9, [3, 14, 25], 11).seats == (0, 1, 9, 2)
+    assert with_member(regions, 9, [3, 14, 25], 11).members == (0, 1, 9, 2)
     alone = without_member(lost_first, 2)
     assert spans(alone) == [(-3, 27)]
     assert spans(with_member(alone, 4, [6], 6)) == [(-3, 12), (12, 27)]

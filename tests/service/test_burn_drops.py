@@ -50,4 +50,4 @@ def test_of_an_order_repeated_the_last_is_meant() -> None:
     second = ordered(account, 0)
     account.finish(finished(0, done=True))
     assert (first.outcome, second.outcome) == ("refused", "done")
-    assert account.of("abc") == [second]
+    assert account.of_plan("abc") == [second]

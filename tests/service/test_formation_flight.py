@@ -106,7 +106,7 @@ class Flight:
 
     @property
     def agent(self) -> Scripted:
-        agent = self.core.leader.formation.seats[self.name].agent  # type: ignore[attr-defined]
+        agent = self.core.leader.formation.members[self.name].agent  # type: ignore[attr-defined]
         assert isinstance(agent, Scripted)
         return agent
 
@@ -304,7 +304,7 @@ def test_near_others_small_moves_are_ordered_too_and_at_once(land: Landscape) ->
         flight = Flight(land)
         flight.orbiting()
         flight.for_s(5.0)
-        other = flight.core.leader.formation.seats["stork"]  # type: ignore[attr-defined]
+        other = flight.core.leader.formation.members["stork"]  # type: ignore[attr-defined]
         x_m, y_m = flight.home_m[0] - 800.0, flight.home_m[1] + away_m
         other.here, other.flies = Here(flight.at_s, 0.0, 0.0, x_m, y_m, 700.0, 0.0, 15.0), True
         flight.means(-810.0, 0.0, airspeed_m_s=20.0)
@@ -415,7 +415,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    heard = flight.core.leader.formation.seats["crane"].agent.heard  # type: ignore[attr-defined]
+    heard = flight.core.leader.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
     heard.clear()
     flight.mode("position")
     flight.for_s(10.0)
@@ -481,7 +481,7 @@ def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_oth
     )  # fmt: skip
     flight.agent.to_say.append(state)
     flight.at(300.0)
-    heard = flight.core.leader.formation.seats["crane"].agent.heard  # type: ignore[attr-defined]
+    heard = flight.core.leader.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
     heard.clear()
     flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert heard == [state]
@@ -542,8 +542,8 @@ def test_what_it_sees_measures_and_says_reaches_agents(land: Landscape) -> None:
     assert own.hot  # fire in the middle of the picture
     assert own.wind_x_m_s == pytest.approx(5.0, abs=0.01)
     assert own.airspeed_m_s == pytest.approx(12.5)
-    seats = flight.core.leader.formation.seats  # type: ignore[attr-defined]
-    others = [seat.agent.heard for name, seat in seats.items() if name != flight.name]
+    seats = flight.core.leader.formation.members  # type: ignore[attr-defined]
+    others = [member.agent.heard for name, member in seats.items() if name != flight.name]
     assert len(others) == 7
     assert all(heard == [update] for heard in others)
     assert flight.agent.heard == []

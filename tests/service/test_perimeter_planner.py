@@ -22,7 +22,7 @@ SETTINGS = PerimeterSettings(
     least_gain_cells=0.3,
     dwell_s=120.0,
     speed_cells_s=0.4,
-    path=PathSettings(horizon_cells=80.0, lead_cells=3.0),
+    path=PathSettings(horizon_cells=80.0, lookahead_cells=3.0),
 )
 ROWS, COLS = np.indices((SIZE, SIZE)).astype(float)
 

@@ -56,22 +56,22 @@ def turning() -> Burn:
 def believed(fire: Burn, told: bool = True) -> FrontEstimate:
     """From the ignition on; the wind is told exactly, or only the first one."""
     model = model_of(fire.landscape, fire.weather.entries[0])
-    belief = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
         now = fire.weather.at(at_s if told else 0.0)
-        belief.wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
-        belief.advance(at_s + 60.0)
-    return belief
+        estimate.wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
+        estimate.advance(at_s + 60.0)
+    return estimate
 
 
 def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
     rate = ellipse_rate(0.012, 0.6)
-    belief = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
-    frozen = belief.front.copy()
-    belief.advance(5400.0)
-    off = np.abs(belief.front - rate * 5400.0)
+        estimate.add_view(0, 0, burned_ellipse(rate, at_s), at_s)
+    frozen = estimate.front.copy()
+    estimate.advance(5400.0)
+    off = np.abs(estimate.front - rate * 5400.0)
     assert off.max() < 2.0  # the cells' staircase
     assert off.mean() < 0.6
     assert np.abs(frozen - rate * 5400.0).max() > 15.0
@@ -95,24 +95,26 @@ def test_wind_that_turns_turns_the_belief(turning: Burn) -> None:
 
 def test_two_looks_seconds_apart_teach_nothing() -> None:
     rate = ellipse_rate(0.01, 0.5)
-    belief = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
-    known = belief.factors()
-    belief.see(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
-    assert np.abs(belief.factors() - known).max() < 0.02
-    belief.see(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
-    assert (belief.factors() > 1.2 * known)[60:120].all()
+        estimate.add_view(0, 0, burned_ellipse(rate, at_s), at_s)
+    known = estimate.factors()
+    estimate.add_view(
+        0, 0, burned_ellipse(rate, 3660.0), 3605.0
+    )  # a whole cell within five seconds
+    assert np.abs(estimate.factors() - known).max() < 0.02
+    estimate.add_view(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
+    assert (estimate.factors() > 1.2 * known)[60:120].all()
 
 
 def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     rate = np.full(BEARINGS, 0.005)
-    belief = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     off, naive, before = [], [], 0.0
     for at_s in np.arange(3600.0, 9000.0, 150.0):
         window = burned_ellipse(rate, float(at_s))
-        belief.see(0, 0, window, float(at_s))
-        off.append(belief.speed_cells_s[90] / 0.005 - 1.0)
+        estimate.add_view(0, 0, window, float(at_s))
+        off.append(estimate.speed_cells_s[90] / 0.005 - 1.0)
         cell = float(np.flatnonzero(window[100, 100:] == BURNED)[-1])
         naive.append((cell - before) / 150.0 / 0.005 - 1.0)
         before = cell
@@ -123,18 +125,18 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
 def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
     fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
     true = TrueShape(fire.arrival_s, fire.ignition)
-    belief = FrontEstimate(
+    estimate = FrontEstimate(
         SHAPE, CENTRE, model_of(fire.landscape, fire.weather.entries[0]), np.full(360, 0.5), 0
     )
-    belief.wind(7.0, 225.0, 0.0)
+    estimate.wind(7.0, 225.0, 0.0)
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
-        belief.see(0, 0, window, at_s)
-    unlearned = FrontEstimate(SHAPE, CENTRE, belief.model, belief.front, 7200.0)
+        estimate.add_view(0, 0, window, at_s)
+    unlearned = FrontEstimate(SHAPE, CENTRE, estimate.model, estimate.front, 7200.0)
     unlearned.wind(7.0, 225.0, 7200.0)
-    for one in (belief, unlearned):
+    for one in (estimate, unlearned):
         one.advance(END_S)
-    learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (belief, unlearned))
+    learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (estimate, unlearned))
     assert learned_off.mean() < 0.7 * plain_off.mean()
     assert learned_off.max() < 4.0
 
@@ -213,15 +215,18 @@ def test_a_fire_whose_ignition_is_unknown(turning: Burn) -> None:
         (CENTRE[0] - 4.0, CENTRE[1] + 3.0),
         0.0,
         turning.landscape.cell_size_m,
-        known.belief.model,
+        known.estimate.model,
     )
     fly(turning, unknown, measured=MeasuredWind(turning.weather, 1))
-    belief = unknown.belief
-    rows, cols = belief.centre_row - belief.front * NORTH, belief.centre_col + belief.front * EAST
-    true = TrueShape(turning.arrival_s, (round(belief.centre_row), round(belief.centre_col)))
-    assert np.hypot(belief.centre_row - CENTRE[0], belief.centre_col - CENTRE[1]) > 2.0
+    estimate = unknown.estimate
+    rows, cols = (
+        estimate.centre_row - estimate.front * NORTH,
+        estimate.centre_col + estimate.front * EAST,
+    )
+    true = TrueShape(turning.arrival_s, (round(estimate.centre_row), round(estimate.centre_col)))
+    assert np.hypot(estimate.centre_row - CENTRE[0], estimate.centre_col - CENTRE[1]) > 2.0
     assert np.isfinite(rows + cols).all()
-    assert np.abs(belief.front - true.at(turning.end_s)).mean() < 2.0
+    assert np.abs(estimate.front - true.at(turning.end_s)).mean() < 2.0
 
 
 def test_hull_is_that_of_geometry_and_a_smooth_front_is_not_hedged() -> None:

@@ -91,7 +91,7 @@ def test_growth_takes_visits_and_vehicles_along() -> None:
     places: list[Integers] = []
 
     class Noted(Circling):
-        def regrown(self, place_of: Integers) -> None:
+        def on_ring_changed(self, place_of: Integers) -> None:
             places.append(place_of)
 
     flight = fly_team([before, wide, later], Noted(), 1, CELL_M / 8.0)

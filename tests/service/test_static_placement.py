@@ -198,15 +198,15 @@ def test_an_agent_goes_round_the_fire_never_through_it() -> None:
     others_m = MIDDLE_M + np.array(
         [[-400.0, 500.0], [-400.0, 0.0], [-400.0, -500.0], [0.0, 750.0], [0.0, -750.0]]
     )
-    errand, gone_m = None, 0.0
+    goal, gone_m = None, 0.0
     for tick in range(200):
         if tick % 2 == 0:
-            errand = next_goal(
-                tick * STEP_S, x_m, y_m, errand, others_m[:, 0].copy(), others_m[:, 1].copy(),
+            goal = next_goal(
+                tick * STEP_S, x_m, y_m, goal, others_m[:, 0].copy(), others_m[:, 1].copy(),
                 maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
             )  # fmt: skip
-        assert errand is not None
-        east_m_s, north_m_s = velocity(x_m, y_m, errand, 25.0, STEP_S)
+        assert goal is not None
+        east_m_s, north_m_s = velocity(x_m, y_m, goal, 25.0, STEP_S)
         x_m, y_m = x_m + east_m_s * STEP_S, y_m + north_m_s * STEP_S
         gone_m += math.hypot(east_m_s, north_m_s) * STEP_S
         row, col = GRID.row_col_of(x_m, y_m)
@@ -238,13 +238,13 @@ def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_f
 def test_others_without_a_virtual_agent_do_not_count() -> None:
     maps = maps_of(ellipse(160.0, 160.0))
 
-    def errand(others_x_m: Floats, others_y_m: Floats) -> object:
+    def goal(others_x_m: Floats, others_y_m: Floats) -> object:
         mover = AgentMover(SETTINGS, GRID, 0.0)
         mover.velocity(0.0, MIDDLE_M - 500.0, MIDDLE_M, others_x_m, others_y_m, maps, STEP_S)
-        return mover.errand
+        return mover.goal
 
     nowhere = np.array([math.nan])
-    assert errand(nowhere, nowhere) == errand(np.empty(0), np.empty(0)) is not None
+    assert goal(nowhere, nowhere) == goal(np.empty(0), np.empty(0)) is not None
 
 
 def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
@@ -253,7 +253,7 @@ def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
     for _ in team.fly(maps, 400.0):
         pass
     mover, (x_m, y_m) = team.movers[0], team.agents_m[0]
-    stays = mover.errand
+    stays = mover.goal
     assert stays is not None
     goals = set()
     for tick in range(40):  # 25 m/s, 20 m beside it
@@ -261,5 +261,5 @@ def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
         passing_m = np.vstack([passing_m, [x_m - 500.0 + 25.0 * tick, y_m + 20.0]])
         at_s = team.time_s + tick
         mover.velocity(at_s, x_m, y_m, passing_m[:, 0].copy(), passing_m[:, 1].copy(), maps, STEP_S)
-        goals.add((mover.errand.goal_x_m, mover.errand.goal_y_m))  # type: ignore[union-attr]
-    assert goals == {(stays.goal_x_m, stays.goal_y_m)}
+        goals.add((mover.goal.x_m, mover.goal.y_m))  # type: ignore[union-attr]
+    assert goals == {(stays.x_m, stays.y_m)}

@@ -23,7 +23,7 @@ class ApprovedPlan:
     """The plan that is approved, as it is flown."""
 
     plan: IgnitionPlan
-    table: PathProgress  # in x, y and height above the ground
+    progress: PathProgress  # in x, y and height above the ground
     targets_m: Floats  # (m, 2) of its drops
     next_drop: int = 0
     sent: bool = False
@@ -34,9 +34,9 @@ def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
     """A plan, not yet begun."""
     points = np.array([(point.height_m, point.after_s) for point in plan.path])
     places = _xy([(point.lat_deg, point.lon_deg) for point in plan.path], landscape)
-    table = PathProgress(np.column_stack([places, points[:, 0]]), points[:, 1])
+    progress = PathProgress(np.column_stack([places, points[:, 0]]), points[:, 1])
     targets = _xy([(drop.lat_deg, drop.lon_deg) for drop in plan.drops], landscape)
-    return ApprovedPlan(plan, table, targets)
+    return ApprovedPlan(plan, progress, targets)
 
 
 def _xy(places: list[tuple[float, float]], landscape: Landscape) -> Floats:

@@ -134,10 +134,10 @@ class BurnFlight:
             case Rejected() if event.plan_hash == self.approvals.plan_hash:
                 return self._stop(f"rejected by {event.by}", "waiting")
             case Aborted():
-                self.checklist.take(event)
+                self.checklist.on_event(event)
                 return self._stop(f"aborted by {event.by}", "waiting", always=True)
             case Resumed():
-                self.checklist.take(event)
+                self.checklist.on_event(event)
                 self._by_hand, self._mode = False, ""
                 return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
             case _:
@@ -218,7 +218,7 @@ class BurnFlight:
         if flown is None or self.phase != "flying":
             begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
             return plan_problem(self._found, begins, self.state.burn) or None
-        path = flown.table.ahead(at_s)
+        path = flown.progress.ahead(at_s)
         path[0, :3] = here.x_m, here.y_m, self.state.height_m(here)
         air = self.state.air(vehicle, here, at_s)
         found_s = first_danger_s(path, air, self.state.fire.held)
@@ -250,8 +250,8 @@ class BurnFlight:
 
     def _why_over(self, at_us: int) -> str | None:
         """Why the plan or its approval has expired; None if neither has."""
-        over = "it has expired" if self.approvals.out_of_date(at_us) else None
-        return self.approvals.lapsed(at_us) or over
+        over = "it has expired" if self.approvals.is_expired(at_us) else None
+        return self.approvals.expiry_reason(at_us) or over
 
     def _look(self, at_s: float) -> str | None:
         """Now and then: whether the plan is still right."""
@@ -297,7 +297,7 @@ class BurnFlight:
         return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
     def _answered(self, event: Answered) -> list[AnyCommand]:
-        commands = self._say(self.checklist.take(event) or "")
+        commands = self._say(self.checklist.on_event(event) or "")
         if not event.go and self.phase in ("approved", "flying"):
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
         if self.checklist.complete and self._reloads:
@@ -333,7 +333,7 @@ class BurnFlight:
             "plan_hash": self.approvals.plan_hash,
             "approved_by": None if approval is None else f"{approval.by} at {approval.station}",
             "drops_planned": 0 if plan is None else len(plan.drops),
-            "drops_done": len(self.state.account.of(self.approvals.plan_hash)),
+            "drops_done": len(self.state.account.of_plan(self.approvals.plan_hash)),
             "spheres_left": self.state.account.left,
             "battery_pct": self._battery_pct,
             "position_good": self._fix_good,
@@ -350,7 +350,7 @@ class BurnFlight:
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
-        return flown.table.points_m[:, :2]
+        return flown.progress.points_m[:, :2]
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission of the plan: its path and nothing else."""
@@ -383,12 +383,12 @@ class BurnFlight:
         return None if self._is_high(here) else self._climb(vehicle, here)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
-        off_m = flown.table.moved(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
+        off_m = flown.progress.update(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
         why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
         if why is not None:
             return self._stop(why)
         commands = self._release(vehicle, flown, here)
-        if flown.table.left_m <= AT_END_M:
+        if flown.progress.left_m <= AT_END_M:
             commands += self._line_done(vehicle, flown)
         return commands
 
@@ -425,7 +425,7 @@ class BurnFlight:
         return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
 
     def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
-        spheres = self.state.account.of(self.approvals.plan_hash)
+        spheres = self.state.account.of_plan(self.approvals.plan_hash)
         farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
         if self._found is not None:
             self.state.area_left = self._found.area_left
@@ -449,7 +449,7 @@ class BurnFlight:
         return [Withdraw(self._name, name, why), *words]
 
     def _end_plan(self) -> None:
-        self.approvals.void()
+        self.approvals.withdraw()
         self._flown = self._found = None
         self._winds = []
         self.state.fire.let_go()

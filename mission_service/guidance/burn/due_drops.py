@@ -37,7 +37,7 @@ class DueDrop(NamedTuple):
 
 def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[DueDrop]:
     """Drops of a plan whose moment has come, in order; each is told once."""
-    drops, comes_s = flown.plan.drops, flown.table.after_s + RELEASES_BEFORE_S
+    drops, comes_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or comes_s < drops[flown.next_drop].after_s:
         return
     height_m, dropper = state.height_m(here), state.burn.dropper
@@ -48,7 +48,7 @@ def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[Due
     while flown.next_drop < len(drops) and comes_s >= drops[flown.next_drop].after_s:
         x_m, y_m = flown.targets_m[flown.next_drop].tolist()
         due = release_decision(moving, falls, (x_m, y_m), TELEMETRY_S, state.burn.miss_m)
-        comes_down = too_high and flown.table.after_s < drops[flown.next_drop].after_s
+        comes_down = too_high and flown.progress.after_s < drops[flown.next_drop].after_s
         if due == "wait" or comes_down:
             return
         number, flown.next_drop = flown.next_drop, flown.next_drop + 1

@@ -123,15 +123,15 @@ class Interlock:
 
     # What happens --------------------------------------------------------------------------------
 
-    def take(self, event: AnyEvent) -> None:
+    def on_event(self, event: AnyEvent) -> None:
         """Take in an event, before the commands that it led to."""
         self._at_us = max(self._at_us, event.at_us)
         if isinstance(event, Crew):
-            self._told(event)
+            self._on_operator(event)
         else:
-            self._happened(event)
+            self._on_vehicle(event)
 
-    def sent(self, commands: Iterable[AnyCommand]) -> None:
+    def on_commands(self, commands: Iterable[AnyCommand]) -> None:
         """Take in commands: drops as well, after ``refuses`` was asked and whatever it said."""
         for command in commands:
             match command:
@@ -148,9 +148,9 @@ class Interlock:
                 case _:
                     pass
 
-    def _told(self, event: Crew) -> None:
+    def _on_operator(self, event: Crew) -> None:
         for known in self._plans.values():
-            if known.approved is not None and _attends(event, known.approved):
+            if known.approved is not None and _shows_presence(event, known.approved):
                 known.attended_us, known.attended_host_us = event.at_us, self._host_us
         match event:
             case Approved():
@@ -176,7 +176,7 @@ class Interlock:
             case _:
                 pass
 
-    def _happened(self, event: AnyEvent) -> None:
+    def _on_vehicle(self, event: AnyEvent) -> None:
         assert not isinstance(event, Crew)
         vehicle = self._vehicles.setdefault(event.vehicle, _Vehicle())
         match event:
@@ -410,7 +410,7 @@ class Interlock:
         return None
 
 
-def _attends(event: Crew, approved: Approved) -> bool:
+def _shows_presence(event: Crew, approved: Approved) -> bool:
     """Whether an event counts as presence of an approver."""
     if isinstance(event, Resumed) or event.station != approved.station:
         return False

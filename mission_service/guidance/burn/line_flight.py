@@ -82,7 +82,7 @@ class FlightConstraints:
     home_m: tuple[float, float]
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
-    def moved(self, here: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
+    def fly_to(self, here: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
         """There, straight: level at speed, or straight up or down at their rates."""
         up_m = height_m - here.height_m
         rate = self.settings.climb_m_s if up_m > 0.0 else self.settings.sink_m_s
@@ -93,29 +93,29 @@ class FlightConstraints:
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
         """A route and on at its height through places, the first of which is where it ends."""
         for x_m, y_m in places[1:]:
-            route = [*route, self.moved(route[-1], x_m, y_m, route[-1].height_m)]
+            route = [*route, self.fly_to(route[-1], x_m, y_m, route[-1].height_m)]
         return route
 
     def straight_up(self, here: FlightPoint) -> Route:
         """To the safe height where it is."""
         if here.height_m >= self.settings.safe_height_m:
             return [here]
-        return [here, self.moved(here, here.x_m, here.y_m, self.settings.safe_height_m)]
+        return [here, self.fly_to(here, here.x_m, here.y_m, self.settings.safe_height_m)]
 
-    def high_way(
+    def high_path(
         self, here: FlightPoint, x_m: float, y_m: float
     ) -> list[tuple[float, float]] | None:
         """At the safe height, inside the fence; None if there is none."""
         begin, end = (here.x_m, here.y_m), (x_m, y_m)
-        return [begin, end] if self.high is None else self.high.way(begin, end)
+        return [begin, end] if self.high is None else self.high.shortest_path(begin, end)
 
     def home_s(self, here: FlightPoint) -> float:
         """Time from the safe height here to the ground at home; infinity if there is no way."""
-        way = self.high_way(here, *self.home_m)
+        way = self.high_path(here, *self.home_m)
         if way is None:
             return math.inf
         above = self.along([here], way)[-1]
-        return self.moved(above, *self.home_m, 0.0).at_s - here.at_s
+        return self.fly_to(above, *self.home_m, 0.0).at_s - here.at_s
 
     def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
         """How far ahead of fire.
@@ -260,8 +260,8 @@ def _flown(
     battery_s: float,
     careful: bool,
 ) -> LineFlight:
-    flier = LineFlightBuilder(air, start)
-    flier.climb_out_of_danger()
+    flight = LineFlightBuilder(air, start)
+    flight.climb_out_of_danger()
     home_s, out_margin_s = math.inf, math.inf
     burns_s = air.fire.ignition_time_s(places_m)
     drops: list[tuple[float, float, float]] = []
@@ -272,12 +272,12 @@ def _flown(
         if len(drops) >= spheres:
             why = "spheres"
             break
-        found = flier.towards(x_m, y_m)
+        found = flight.towards(x_m, y_m)
         at_s = math.inf if found is None else found[0][-1].at_s
         lands_s = at_s + air.settings.ignition_delay_s
         good = base_s > lands_s and not (drops and at_s - drops[-1][2] < least_gap_s)
-        good = good and not (careful and flier.own.burns_by(x_m, y_m, lands_s))
-        way_out = flier.way_out(found[0], at_s) if good and found is not None else None
+        good = good and not (careful and flight.own.burns_by(x_m, y_m, lands_s))
+        way_out = flight.way_out(found[0], at_s) if good and found is not None else None
         if found is None or way_out is None:
             skipped.append((x_m, y_m))
             continue
@@ -285,17 +285,17 @@ def _flown(
         if way_out[0][-1].at_s - start.at_s + then_home_s > battery_s:
             why = "battery"
             break
-        flier.take(*found)
-        flier.own.add(x_m, y_m, at_s)
+        flight.add_route(*found)
+        flight.own.add(x_m, y_m, at_s)
         drops.append((x_m, y_m, at_s))
-        (flier.out, out_margin_s), home_s = way_out, then_home_s
-    flier.take(flier.out, out_margin_s)
+        (flight.out, out_margin_s), home_s = way_out, then_home_s
+    flight.add_route(flight.out, out_margin_s)
     return LineFlight(
-        tuple(flier.route),
+        tuple(flight.route),
         np.array(drops, np.float64).reshape(-1, 3),
         np.array(skipped, np.float64).reshape(-1, 2),
-        flier.least_s,
-        flier.climbs_first,
+        flight.least_s,
+        flight.climbs_first,
         home_s,
         why,
     )
@@ -322,7 +322,7 @@ class LineFlightBuilder:
             least_s = min(least_s, margin_s)
         return least_s
 
-    def take(self, route: Route, margin_s: float) -> None:
+    def add_route(self, route: Route, margin_s: float) -> None:
         """Fly it."""
         self.route += route[1:]
         self.least_s = min(self.least_s, margin_s)
@@ -332,7 +332,7 @@ class LineFlightBuilder:
         start = self.route[0]
         if self.air.margin_s((start, start)) < self.settings.time_margin_s:
             route = self.air.straight_up(start)
-            self.take(route, self.air.margin_s((start, route[-1])))
+            self.add_route(route, self.air.margin_s((start, route[-1])))
             self.climbs_first = True
 
     def towards(self, x_m: float, y_m: float) -> tuple[Route, float] | None:
@@ -369,7 +369,7 @@ class LineFlightBuilder:
         for number in range(1, math.ceil(away_m / every_m)):
             part = number * every_m / away_m
             there = (here.x_m + part * (x_m - here.x_m), here.y_m + part * (y_m - here.y_m))
-            if not low or not self.air.low.straight((here.x_m, here.y_m), there):
+            if not low or not self.air.low.is_straight_clear((here.x_m, here.y_m), there):
                 return None
             flown = self.air.along(low, [(here.x_m, here.y_m), there])
             if self.checked(flown) is None:
@@ -397,7 +397,7 @@ class LineFlightBuilder:
             for angle_rad in (onwards_rad, upwind_rad)[: 1 if away_m == 0.0 else 2]:
                 x = here.x_m + away_m * math.cos(angle_rad)
                 y = here.y_m + away_m * math.sin(angle_rad)
-                if away_m and not self.air.low.straight((here.x_m, here.y_m), (x, y)):
+                if away_m and not self.air.low.is_straight_clear((here.x_m, here.y_m), (x, y)):
                     continue
                 there = self.air.along([here], [(here.x_m, here.y_m), (x, y)][: 2 if away_m else 1])
                 route = [*there, *self.air.straight_up(there[-1])[1:]]
@@ -412,19 +412,19 @@ class LineFlightBuilder:
             return None
         if here.height_m == self.settings.drop_height_m:
             return [here]
-        return [here, self.air.moved(here, here.x_m, here.y_m, self.settings.drop_height_m)]
+        return [here, self.air.fly_to(here, here.x_m, here.y_m, self.settings.drop_height_m)]
 
     def _low(self, here: FlightPoint, x_m: float, y_m: float) -> Route | None:
         level = self._level(here)
-        way = self.air.low.way((here.x_m, here.y_m), (x_m, y_m)) if level else None
+        way = self.air.low.shortest_path((here.x_m, here.y_m), (x_m, y_m)) if level else None
         return None if way is None or level is None else self.air.along(level, way)
 
     def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:
         """On from a route to the safe height, over and down to the drop height."""
-        way = self.air.high_way(up[-1], x_m, y_m)
+        way = self.air.high_path(up[-1], x_m, y_m)
         if way is None:
             return None
         route = self.air.along(up, way)
         if route[-1].height_m > self.settings.safe_height_m:
-            route = [*route, self.air.moved(route[-1], x_m, y_m, self.settings.safe_height_m)]
-        return [*route, self.air.moved(route[-1], x_m, y_m, self.settings.drop_height_m)]
+            route = [*route, self.air.fly_to(route[-1], x_m, y_m, self.settings.safe_height_m)]
+        return [*route, self.air.fly_to(route[-1], x_m, y_m, self.settings.drop_height_m)]

@@ -111,7 +111,7 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
     _refuse_too_fast(settings)
     start = FlightPoint(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
     air = constraints_of(situation, settings)
-    if air.high is not None and not air.high.straight(start[:2], start[:2]):
+    if air.high is not None and not air.high.is_straight_clear(start[:2], start[:2]):
         return NoPlan("outside", "the vehicle is outside the fence; bring it back")
     if situation.height_m < ON_GROUND_M and not _safe_start(air, start):
         return NoPlan("danger", "fire is too near the place where the vehicle stands")
@@ -157,8 +157,8 @@ def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstra
         situation.fire,
         situation.lights,
         hazard_of(situation.fire, unit.area.bounds, margins),
-        unit.low_ways,
-        unit.high_ways,
+        unit.low_graph,
+        unit.high_graph,
         situation.home_m,
     )
 

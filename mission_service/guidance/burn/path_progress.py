@@ -17,7 +17,7 @@ class PathProgress:
         steps = np.diff(points_m, axis=0)
         self._lengths_m = np.sqrt((steps * steps).sum(axis=1))
         self._along_m = np.concatenate([[0.0], np.cumsum(self._lengths_m)])
-        self.come_m = 0.0  # along the path; never less again
+        self.progress_m = 0.0  # along the path; never less again
 
     @property
     def length_m(self) -> float:
@@ -27,34 +27,36 @@ class PathProgress:
     @property
     def left_m(self) -> float:
         """Still to be flown."""
-        return self.length_m - self.come_m
+        return self.length_m - self.progress_m
 
     @property
     def after_s(self) -> float:
         """When, after its begin, the vehicle should be where it is."""
-        return float(np.interp(self.come_m, self._along_m, self._after_s))
+        return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
-    def moved(self, place_m: Floats) -> float:
+    def update(self, place_m: Floats) -> float:
         """The vehicle is at a place (3,); returns how far off the path that is, in metres."""
-        first = max(int(np.searchsorted(self._along_m, self.come_m, side="right")) - 1, 0)
-        last = int(np.searchsorted(self._along_m, self.come_m + LOOKS_AHEAD_M))
-        off_m, come_m = np.inf, self.come_m
+        first = max(int(np.searchsorted(self._along_m, self.progress_m, side="right")) - 1, 0)
+        last = int(np.searchsorted(self._along_m, self.progress_m + LOOKS_AHEAD_M))
+        off_m, progress_m = np.inf, self.progress_m
         for leg in range(first, min(last, len(self._lengths_m))):
             start, length = self.points_m[leg], self._lengths_m[leg]
             way = self.points_m[leg + 1] - start
             share = 0.0 if length == 0.0 else float((place_m - start) @ way) / float(length**2)
-            low = (self.come_m - self._along_m[leg]) / length if leg == first and length else 0.0
+            low = (
+                (self.progress_m - self._along_m[leg]) / length if leg == first and length else 0.0
+            )
             share = min(max(share, low), 1.0)
             far_m = float(np.linalg.norm(start + share * way - place_m))
             if far_m < off_m - 1e-6:
-                off_m, come_m = far_m, float(self._along_m[leg] + share * length)
-        self.come_m = min(come_m, self.come_m + LOOKS_AHEAD_M)
+                off_m, progress_m = far_m, float(self._along_m[leg] + share * length)
+        self.progress_m = min(progress_m, self.progress_m + LOOKS_AHEAD_M)
         return off_m
 
     def ahead(self, now_s: float) -> Floats:
         """The rest of the path from where it has come to: (k, 4) x, y, altitude, at_s."""
-        rest = self._along_m > self.come_m
-        here = [np.interp(self.come_m, self._along_m, axis) for axis in self.points_m.T]
+        rest = self._along_m > self.progress_m
+        here = [np.interp(self.progress_m, self._along_m, axis) for axis in self.points_m.T]
         points = np.vstack([here, self.points_m[rest]])
         late_s = now_s - self.after_s
         times = np.concatenate([[now_s], self._after_s[rest] + late_s])

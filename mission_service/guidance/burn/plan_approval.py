@@ -62,7 +62,7 @@ class ApprovalTracker:
             return "no plan is proposed"
         if event.plan_hash != self.plan_hash:
             return f"the plan proposed is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
-        if self.out_of_date(event.at_us):
+        if self.is_expired(event.at_us):
             return "the plan is out of date"
         self.approval = PlanApproval(
             event.plan_hash, event.by, event.station, event.at_us, self._host_us
@@ -70,7 +70,7 @@ class ApprovalTracker:
         self._approver_us, self._approver_host_us = event.at_us, self._host_us
         return None
 
-    def out_of_date(self, at_us: int) -> bool:
+    def is_expired(self, at_us: int) -> bool:
         """Whether the proposed plan has expired; False if there is none."""
         if self.plan is None:
             return False
@@ -78,7 +78,7 @@ class ApprovalTracker:
         host_us = self._host_us - self._proposed_host_us
         return at_us > self.plan.valid_until_us or host_us > good_for_us
 
-    def lapsed(self, at_us: int) -> str | None:
+    def expiry_reason(self, at_us: int) -> str | None:
         """Why what was approved no longer is, by the time alone; None: it is, or never was."""
         approval = self.approval
         if approval is None or self.plan is None:
@@ -92,6 +92,6 @@ class ApprovalTracker:
             )
         return None
 
-    def void(self) -> None:
+    def withdraw(self) -> None:
         """Nothing is proposed or approved from now on."""
         self.plan, self.plan_hash, self.approval = None, "", None

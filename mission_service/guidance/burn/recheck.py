@@ -69,10 +69,10 @@ def _of_place(
     air: FlightConstraints, leg: tuple[FlightPoint, FlightPoint], start: FlightPoint
 ) -> str:
     begin, end = leg[0][:2], leg[1][:2]
-    if air.high is not None and not air.high.straight(begin, end):
+    if air.high is not None and not air.high.is_straight_clear(begin, end):
         return "its path leaves the fence"
     upright_at_start = begin == end == start[:2]
-    if not air.is_high(leg) and not upright_at_start and not air.low.straight(begin, end):
+    if not air.is_high(leg) and not upright_at_start and not air.low.is_straight_clear(begin, end):
         return "its path is low outside the unit, or over people,"
     return ""
 

@@ -56,7 +56,7 @@ class SphereAccount:
                 return sphere
         return None
 
-    def of(self, plan_hash: str) -> list[Sphere]:
+    def of_plan(self, plan_hash: str) -> list[Sphere]:
         """Those of one plan that must be taken to have fallen."""
         return [each for each in self.spheres if each.plan_hash == plan_hash and each.counts]
 

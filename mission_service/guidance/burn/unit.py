@@ -55,13 +55,13 @@ class BurnUnit:
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
 
     @cached_property
-    def low_ways(self) -> VisibilityGraph:
+    def low_graph(self) -> VisibilityGraph:
         """Where may be flown below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
         return VisibilityGraph(self._without_people(inside))
 
     @cached_property
-    def high_ways(self) -> VisibilityGraph | None:
+    def high_graph(self) -> VisibilityGraph | None:
         """Where may be flown at the safe height; None for everywhere."""
         return None if self.fence is None else VisibilityGraph(self.fence)
 

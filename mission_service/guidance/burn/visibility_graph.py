@@ -23,15 +23,15 @@ class VisibilityGraph:
         self._corners: Floats | None = None
         self._lengths: Floats = np.empty((0, 0))
 
-    def straight(self, begin: Point, end: Point) -> bool:
+    def is_straight_clear(self, begin: Point, end: Point) -> bool:
         """Whether the straight way is inside."""
         if begin == end:
             return bool(self.area.covers(shapely.Point(begin)))
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
-    def way(self, begin: Point, end: Point) -> list[Point] | None:
+    def shortest_path(self, begin: Point, end: Point) -> list[Point] | None:
         """Places from ``begin`` to ``end``, both with them; None if there is no way."""
-        if self.straight(begin, end):
+        if self.is_straight_clear(begin, end):
             return [begin, end]
         if not self.area.covers(shapely.MultiPoint([begin, end])):
             return None

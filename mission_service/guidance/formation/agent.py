@@ -39,7 +39,7 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-NEWS_M = 20.0  # another orbit than was told is told at once, and so is another goal
+RESEND_M = 20.0  # another orbit than was told is told at once, and so is another goal
 LONGEST_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
@@ -102,7 +102,7 @@ class Agent:
         self.settings = settings
         self.grid = grid
         self.peers = PeerTable()
-        self._silent = LostPeers()
+        self._lost_peers = LostPeers()
         self.map = SharedMap(name, grid.shape)
         self.maps = AgentMaps(
             grid.shape,
@@ -126,29 +126,29 @@ class Agent:
         self._step_s = 0.0
         self._cool_at_us = at_us
         self._climb_m = 0.0
-        self._told_orbit_m = (math.inf, math.inf)
-        self._told_goal_m: tuple[float, float] | None = None
-        self._to_say: list[AnyMessage] = []
+        self._sent_orbit_m = (math.inf, math.inf)
+        self._sent_goal_m: tuple[float, float] | None = None
+        self._outbox: list[AnyMessage] = []
         self.map.start(fire, at_us)
         self.maps.set(fire, NO_CELLS)
 
     # What comes in ----------------------------------------------------------------------------
 
-    def hear(self, message: AnyMessage) -> None:
+    def receive(self, message: AnyMessage) -> None:
         """Take in what another UAV has said."""
         match message:
             case State():
-                self.peers.hear(message)
-                self._silent.heard(message)
+                self.peers.receive(message)
+                self._lost_peers.update(message)
             case Leaving():
                 self.peers.forget(message.sender)
-                self._silent.left(message.sender)
+                self._lost_peers.remove(message.sender)
             case _:
-                self.maps.set(*self.map.hear(message))
+                self.maps.set(*self.map.receive(message))
 
-    def see(self, burning: Cells, unburned: Cells, at_us: int) -> None:
+    def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
         """Take in what the camera saw: cells that burn, and cells that do not."""
-        self.maps.set(*self.map.see(burning, unburned, at_us))
+        self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
     # What comes out ---------------------------------------------------------------------------
 
@@ -156,8 +156,8 @@ class Agent:
         """Where the UAV is now; returns what it means to fly from here on."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
-        for state in self._silent.states(own.at_us):
-            self.peers.hear(state)
+        for state in self._lost_peers.states(own.at_us):
+            self.peers.receive(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
             self._move_agent(own, peers)
@@ -165,13 +165,13 @@ class Agent:
 
     def messages(self, at_us: int) -> list[AnyMessage]:
         """What is to be said now."""
-        said, self._to_say = self._to_say, []
-        return [*said, *self.map.messages(at_us)]
+        outbox, self._outbox = self._outbox, []
+        return [*outbox, *self.map.messages(at_us)]
 
     def leave(self, at_us: int, why: str) -> None:
         """The UAV is lost, or on the ground: the others need not mind it until it steps again."""
         self.agent_m = self._choice = None
-        self._to_say.append(Leaving(at_us, self.name, why))
+        self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
         """From now on it flies to a circle there, without a virtual agent, and minds the others."""
@@ -187,7 +187,7 @@ class Agent:
         """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``AgentMover`` has it."""
         settings = self.settings
         agent_m = self.agent_m
-        if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m:
+        if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.restart_m:
             yaw_rad = math.atan2(own.velocity_y_m_s, own.velocity_x_m_s)
             agent_m = (
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
@@ -236,7 +236,7 @@ class Agent:
             *(self.agent_m or NOWHERE),
             conflict,
         )
-        self._tell(own, intention)
+        self._queue_state(own, intention)
         return intention
 
     def _orbit(self, own: OwnState, peers: Floats) -> IntendedOrbit:
@@ -279,14 +279,14 @@ class Agent:
             self._settled_at_us = own.at_us
         return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
 
-    def _tell(self, own: OwnState, intention: Intention) -> None:
+    def _queue_state(self, own: OwnState, intention: Intention) -> None:
         """Say the state when it is time, or at once when another orbit is meant."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
-        is_news = math.dist(self._told_orbit_m, orbit_m) > NEWS_M or goal_m != self._told_goal_m
-        if own.at_us < self._state_due_us and not is_news:
+        changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_m != self._sent_goal_m
+        if own.at_us < self._state_due_us and not changed:
             return
-        self._told_orbit_m, self._told_goal_m = orbit_m, goal_m
+        self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
         state = State(
             own.at_us,
@@ -306,4 +306,4 @@ class Agent:
             goal_m and goal_m[0],
             goal_m and goal_m[1],
         )
-        self._to_say.append(state)
+        self._outbox.append(state)

@@ -37,7 +37,7 @@ def changed_cells(
     row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
     room = _room(across, along)
     burning, unburned = np.empty((2, room), dtype=np.int64)
-    count, cleared = see(
+    count, cleared = fill_changed_cells(
         row, col, course_rad, across, along, arrival_s, at_s, fire, burning, unburned
     )
     return burning[:count], unburned[:cleared]
@@ -55,7 +55,7 @@ def mark_seen(
 ) -> None:
     """Write into ``seen_s`` (y, x) when the cells in view were last seen: now."""
     row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
-    mark_view(row, col, course_rad, across, along, seen_s, at_s)
+    fill_seen(row, col, course_rad, across, along, seen_s, at_s)
 
 
 def cells_in_view(
@@ -69,7 +69,9 @@ def cells_in_view(
     """Numbers of the cells in view, rising."""
     row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
     cells = np.empty(_room(across, along), dtype=np.int64)
-    return cells[: list_view(row, col, course_rad, across, along, grid.rows, grid.cols, cells)]
+    return cells[
+        : fill_cells_in_view(row, col, course_rad, across, along, grid.rows, grid.cols, cells)
+    ]
 
 
 def in_cells(
@@ -116,7 +118,7 @@ def _within(low, high, slope, off, most):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def see(  # type: ignore[no-untyped-def]
+def fill_changed_cells(  # type: ignore[no-untyped-def]
     row, col, course_rad, across, along, arrival_s, at_s, fire, burning, unburned
 ):
     """``changed_cells`` in cells: fills ``burning``, ``unburned``; returns how many of each."""
@@ -138,7 +140,7 @@ def see(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def mark_view(row, col, course_rad, across, along, seen_s, at_s):  # type: ignore[no-untyped-def]
+def fill_seen(row, col, course_rad, across, along, seen_s, at_s):  # type: ignore[no-untyped-def]
     """As ``mark_seen``, in cells."""
     rows, cols = seen_s.shape
     first, end = first_row_and_end(row, course_rad, across, along, rows)
@@ -149,7 +151,7 @@ def mark_view(row, col, course_rad, across, along, seen_s, at_s):  # type: ignor
 
 
 @kernel
-def list_view(row, col, course_rad, across, along, rows, cols, cells):  # type: ignore[no-untyped-def]
+def fill_cells_in_view(row, col, course_rad, across, along, rows, cols, cells):  # type: ignore[no-untyped-def]
     """As ``cells_in_view``, in cells; returns how many."""
     count = 0
     first, end = first_row_and_end(row, course_rad, across, along, rows)

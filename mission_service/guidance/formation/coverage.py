@@ -25,7 +25,7 @@ from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.coverage_kernels import (
     crowding,
     extent,
-    find_ways,
+    find_paths,
     first_leg,
     is_clear,
     is_free,
@@ -61,8 +61,8 @@ class Goal:
     ``since_s`` is when it chose the goal.
     """
 
-    goal_x_m: float
-    goal_y_m: float
+    x_m: float
+    y_m: float
     via_x_m: float
     via_y_m: float
     since_s: float
@@ -74,7 +74,7 @@ class _Workspace:
 
     half_widths: NDArray[np.int64]
     sums: NDArray[np.int32]  # (rows, cols + 1)
-    ways: Floats
+    distances: Floats
     before: NDArray[np.int64]
     queue: NDArray[np.int64]
     queued: NDArray[np.bool_]
@@ -100,7 +100,7 @@ def next_goal(
     at_s: float,
     x_m: float,
     y_m: float,
-    errand: Goal | None,
+    goal: Goal | None,
     others_x_m: Floats,
     others_y_m: Floats,
     fire: NDArray[np.bool_],
@@ -112,7 +112,7 @@ def next_goal(
 ) -> Goal | None:
     """Where the agent at (x, y) goes now; None outside its area, to which forces must bring it.
 
-    ``errand`` is what this said last (None at first), ``others_*`` (n) the places of the other
+    ``goal`` is what this said last (None at first), ``others_*`` (n) the places of the other
     agents. Maps are (rows, cols), not 0 within their distances of fire
     (``AgentMaps``): ``monitored`` is d_mon. To be asked every few seconds (``AgentMover``).
     """
@@ -120,17 +120,17 @@ def next_goal(
     row, col = grid.row_col_of(x_m, y_m)
     if not (-0.5 <= row < grid.rows - 0.5 and -0.5 <= col < grid.cols - 0.5):
         return None
-    goal_row, goal_col = grid.row_col_of(errand.goal_x_m, errand.goal_y_m) if errand else (row, col)
-    since_s = errand.since_s if errand else at_s
+    goal_row, goal_col = grid.row_col_of(goal.x_m, goal.y_m) if goal else (row, col)
+    since_s = goal.since_s if goal else at_s
     patience = min(max(at_s - since_s, 0.0) / LATER_S, 1.0)
     stride = max(round(LATTICE_M / cell_m), 1)
     radius = settings.coverage_radius_m / cell_m
-    room = _workspace(grid.rows, grid.cols, stride, radius)
-    found = room.found
+    workspace = _workspace(grid.rows, grid.cols, stride, radius)
+    found = workspace.found
     if not _next_goal(
         row,
         col,
-        errand is not None,
+        goal is not None,
         goal_row,
         goal_col,
         (grid.north_m - others_y_m) / cell_m - 0.5,
@@ -148,26 +148,26 @@ def next_goal(
         settings.spacing_m / cell_m,
         CROWD_M / cell_m,
         stride,
-        room.half_widths,
-        room.sums,
-        room.ways,
-        room.before,
-        room.queue,
-        room.queued,
+        workspace.half_widths,
+        workspace.sums,
+        workspace.distances,
+        workspace.before,
+        workspace.queue,
+        workspace.queued,
         found,
     ):
         return None
     goal_x_m, goal_y_m = grid.xy_of(*found[:2].tolist())
-    if errand is None or math.hypot(goal_x_m - errand.goal_x_m, goal_y_m - errand.goal_y_m) > 1e-6:
+    if goal is None or math.hypot(goal_x_m - goal.x_m, goal_y_m - goal.y_m) > 1e-6:
         since_s = at_s
     return Goal(goal_x_m, goal_y_m, *grid.xy_of(*found[2:].tolist()), since_s)
 
 
 def velocity(
-    x_m: float, y_m: float, errand: Goal, most_m_s: float, step_s: float
+    x_m: float, y_m: float, goal: Goal, most_m_s: float, step_s: float
 ) -> tuple[float, float]:
     """East and north in m/s with which the agent goes on for a step; it stops where it must."""
-    east, north = errand.via_x_m - x_m, errand.via_y_m - y_m
+    east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
     way_m = math.hypot(east, north)
     if way_m < ARRIVED_M or step_s <= 0.0:
         return 0.0, 0.0
@@ -183,7 +183,7 @@ class AgentMover:
 
     def __init__(self, settings: Settings, grid: MapGrid, tie_rad: float) -> None:
         self.settings, self.grid = settings, grid
-        self.errand: Goal | None = None
+        self.goal: Goal | None = None
         self._constants = constants_array(settings.constants)
         self._tie_rad = tie_rad
         self._due_s: float | None = None
@@ -192,8 +192,8 @@ class AgentMover:
     @property
     def goal_m(self) -> tuple[float, float] | None:
         """Where it is going, for the others to know; None while forces move it."""
-        errand = self.errand
-        return None if errand is None else (errand.goal_x_m, errand.goal_y_m)
+        goal = self.goal
+        return None if goal is None else (goal.x_m, goal.y_m)
 
     def velocity(
         self,
@@ -216,15 +216,15 @@ class AgentMover:
         if self._due_s is None:  # not all at once
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
-            at_s >= self._due_s or (self.errand and self._is_at_via(x_m, y_m, self.errand))
+            at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
         ):
             # Its own moments stay its own, so that no two decide together again and again.
             if at_s >= self._due_s:
                 self._due_s += DECIDE_EVERY_S * (1.0 + (at_s - self._due_s) // DECIDE_EVERY_S)
             others_m = np.stack([others_x_m, others_y_m], axis=1)
             self._decide(at_s, x_m, y_m, others_m[np.isfinite(others_x_m)], maps)
-        if self.errand is not None:
-            return velocity(x_m, y_m, self.errand, settings.agent_speed_m_s, step_s)
+        if self.goal is not None:
+            return velocity(x_m, y_m, self.goal, settings.agent_speed_m_s, step_s)
         east_m_s, north_m_s = velocity_of_forces(
             x_m,
             y_m,
@@ -248,13 +248,13 @@ class AgentMover:
     ) -> None:
         """A new errand. Who stands still does not give way to others that are only passing."""
         before_m, self._others_m = self._others_m, others_m
-        errand = self._next(at_s, x_m, y_m, others_m, maps)
-        if self.errand and errand and errand.since_s == at_s and self._is_at(x_m, y_m, self.errand):
+        goal = self._next(at_s, x_m, y_m, others_m, maps)
+        if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
             away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (before, now)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
             alone = self._next(at_s, x_m, y_m, still_m, maps)
-            errand = errand if alone is None or alone.since_s == at_s else self.errand
-        self.errand = errand
+            goal = goal if alone is None or alone.since_s == at_s else self.goal
+        self.goal = goal
 
     def _next(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
@@ -263,7 +263,7 @@ class AgentMover:
             at_s,
             x_m,
             y_m,
-            self.errand,
+            self.goal,
             others_m[:, 0].copy(),
             others_m[:, 1].copy(),
             maps.fire,
@@ -274,13 +274,13 @@ class AgentMover:
             self.settings,
         )
 
-    def _is_at(self, x_m: float, y_m: float, errand: Goal) -> bool:
-        return math.dist((x_m, y_m), (errand.goal_x_m, errand.goal_y_m)) < ARRIVED_M
+    def _is_at(self, x_m: float, y_m: float, goal: Goal) -> bool:
+        return math.dist((x_m, y_m), (goal.x_m, goal.y_m)) < ARRIVED_M
 
-    def _is_at_via(self, x_m: float, y_m: float, errand: Goal) -> bool:
+    def _is_at_via(self, x_m: float, y_m: float, goal: Goal) -> bool:
         """At a corner of its way, before the goal."""
-        at_via = math.dist((x_m, y_m), (errand.via_x_m, errand.via_y_m)) < ARRIVED_M
-        return at_via and not self._is_at(x_m, y_m, errand)
+        at_via = math.dist((x_m, y_m), (goal.via_x_m, goal.via_y_m)) < ARRIVED_M
+        return at_via and not self._is_at(x_m, y_m, goal)
 
 
 @kernel
@@ -307,7 +307,7 @@ def _next_goal(  # type: ignore[no-untyped-def]
     stride,
     half_widths,
     sums,
-    ways,
+    distances,
     before,
     queue,
     queued,
@@ -360,9 +360,9 @@ def _next_goal(  # type: ignore[no-untyped-def]
     found[2], found[3] = found[0], found[1]
     if is_clear(row, col, found[0], found[1], augmentation):
         return True
-    if not find_ways(row, col, augmentation, field, stride, ways, before, queue, queued):
+    if not find_paths(row, col, augmentation, field, stride, distances, before, queue, queued):
         return False
-    return first_leg(row, col, augmentation, field, stride, ways, before, found)
+    return first_leg(row, col, augmentation, field, stride, distances, before, found)
 
 
 @kernel

@@ -17,7 +17,7 @@ from firemodel.compiled import kernel
 NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
 RINGS = 8  # so far, in strides, the first free node is looked for
 PER_CELL = 4  # places looked at along a straight way
-NO_WAY = math.inf
+NO_PATH = math.inf
 
 
 @kernel
@@ -140,10 +140,10 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 
 
 @kernel
-def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):  # type: ignore[no-untyped-def]
-    """The way's length from (row, col) to each node in the box, ``NO_WAY`` where there is none.
+def find_paths(row, col, augmentation, box, stride, distances, previous, queue, queued):  # type: ignore[no-untyped-def]
+    """The way's length from (row, col) to each node in the box, ``NO_PATH`` where there is none.
 
-    ``before`` is the node before it on that way, -1 for the first. The first ones are the free
+    ``previous`` is the node before it on that way, -1 for the first. The first ones are the free
     nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
     whether there are any. ``queue``, ``queued`` are room for an entry a node.
     """
@@ -152,7 +152,7 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
     j_left, j_end = (box[2] + stride - 1) // stride, (box[3] - 1) // stride + 1
     for i in range(i_top, i_end):
         for j in range(j_left, j_end):
-            ways[i * wide + j], queued[i * wide + j] = NO_WAY, False
+            distances[i * wide + j], queued[i * wide + j] = NO_PATH, False
     first, count = 0, 0
     inside = not is_free(math.floor(row + 0.5), math.floor(col + 0.5), augmentation, 0)
     i0, j0 = math.floor(row / stride), math.floor(col / stride)
@@ -164,7 +164,7 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
                     inside or is_clear(row, col, r, c, augmentation)
                 ):
                     node = i * wide + j
-                    ways[node], before[node] = math.hypot(r - row, c - col), -1
+                    distances[node], previous[node] = math.hypot(r - row, c - col), -1
                     queue[count], queued[node] = node, True
                     count += 1
         if count:
@@ -179,12 +179,12 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
         i, j = node // wide, node % wide
         for a in range(max(i - 1, i_top), min(i + 2, i_end)):
             for b in range(max(j - 1, j_left), min(j + 2, j_end)):
-                longer = ways[np.uint64(node)] + (stride if a == i or b == j else slant)
+                longer = distances[np.uint64(node)] + (stride if a == i or b == j else slant)
                 other = np.uint64(a * wide + b)
-                if longer < ways[other] - 1e-9 and is_clear(
+                if longer < distances[other] - 1e-9 and is_clear(
                     i * stride, j * stride, a * stride, b * stride, augmentation
                 ):
-                    ways[other], before[other] = longer, node
+                    distances[other], previous[other] = longer, node
                     if not queued[other]:
                         queue[np.uint64((first + count) % queue.size)] = other
                         queued[other] = True
@@ -193,32 +193,32 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
 
 
 @kernel
-def node_next_to(row, col, stride, box, wide, ways):  # type: ignore[no-untyped-def]
+def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
     """The node around a cell over which the way to it is shortest, -1 if there is none; the way."""
-    best, best_node = NO_WAY, -1
+    best, best_node = NO_PATH, -1
     for i in range(row // stride, row // stride + 2):
         for j in range(col // stride, col // stride + 2):
             r, c = i * stride, j * stride
             if box[0] <= r < box[1] and box[2] <= c < box[3]:
-                way = ways[i * wide + j] + math.hypot(r - row, c - col)
+                way = distances[i * wide + j] + math.hypot(r - row, c - col)
                 if way < best:
                     best, best_node = way, i * wide + j
     return best_node, best
 
 
 @kernel
-def first_leg(row, col, augmentation, box, stride, ways, before, found):  # type: ignore[no-untyped-def]
+def first_leg(row, col, augmentation, box, stride, distances, previous, found):  # type: ignore[no-untyped-def]
     """Put into ``found[2:]`` how far one can go straight on the way to ``found[:2]``.
 
-    Returns whether there is a way (``find_ways``).
+    Returns whether there is a way (``find_paths``).
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
-    node, _ = node_next_to(goal_row, goal_col, stride, box, wide, ways)
+    node, _ = node_next_to(goal_row, goal_col, stride, box, wide, distances)
     if node < 0:
         return False
     while True:
         found[2], found[3] = node // wide * stride, node % wide * stride
-        if before[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
+        if previous[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
             return True
-        node = before[node]
+        node = previous[node]

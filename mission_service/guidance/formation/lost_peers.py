@@ -41,11 +41,11 @@ class LostPeers:
         self._last: dict[str, State] = {}
         self._due_us = 0
 
-    def heard(self, state: State) -> None:
+    def update(self, state: State) -> None:
         """It speaks."""
         self._last[state.sender] = state
 
-    def left(self, name: str) -> None:
+    def remove(self, name: str) -> None:
         """It has said that it leaves: it is no matter any more."""
         self._last.pop(name, None)
 

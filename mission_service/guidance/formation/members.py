@@ -80,8 +80,8 @@ class FormationMember:
         self.here: Here | None = None
         self.flies = False
         self.state: State | None = None  # said last
-        self.by_hand = False  # in the air, and flown by somebody else
-        self.moved: deque[ObservedMotion] = deque()  # by hand, over the last second or so
+        self.manual_control = False  # in the air, and flown by somebody else
+        self.recent: deque[ObservedMotion] = deque()  # by hand, over the last second or so
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
@@ -103,7 +103,7 @@ class FormationMember:
         rows, columns = np.divmod(places, width)
         cells = (observed.row + rows) * cols + observed.col + columns
         burns = codes[places] == BURNING
-        self.agent.see(cells[burns], cells[~burns], observed.at_us)
+        self.agent.add_view(cells[burns], cells[~burns], observed.at_us)
         self._formation.burns(cells[burns])
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
@@ -140,10 +140,10 @@ class Formation:
         told = scenario.formation
         self._range_m, self._near_m = told.range_m, told.neighbourhood_m
         self._talks = told.talks
-        self._said: list[Say] = []
+        self._outgoing: list[Say] = []
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
-        self.seats: dict[str, FormationMember] = {
+        self.members: dict[str, FormationMember] = {
             section.name: FormationMember(
                 Agent(
                     section.name,
@@ -175,8 +175,8 @@ class Formation:
 
     def step(self, name: str, here: Here) -> Intention:
         """A vehicle of the formation is here now; what it means to fly, told to the others."""
-        seat = self.seats[name]
-        seat.here, seat.flies, seat.by_hand = here, True, False
+        member = self.members[name]
+        member.here, member.flies, member.manual_control = here, True, False
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
         own = OwnState(
             round(here.at_s * 1e6),
@@ -184,96 +184,96 @@ class Formation:
             here.y_m,
             here.altitude_m,
             *velocity_m_s,
-            math.dist(velocity_m_s, seat.wind_m_s),
-            *seat.wind_m_s,
-            here.at_s < seat.hot_until_s,
+            math.dist(velocity_m_s, member.wind_m_s),
+            *member.wind_m_s,
+            here.at_s < member.hot_until_s,
         )
         self._lost.discard(name)
-        intention = seat.agent.step(own)
-        self._hand_on(seat, own.at_us)
+        intention = member.agent.step(own)
+        self._publish(member, own.at_us)
         return intention
 
-    def watch(self, name: str, here: Here) -> None:
+    def track_manual(self, name: str, here: Here) -> None:
         """Somebody else flies this vehicle: the others are told where, twice a second."""
-        seat = self.seats[name]
+        member = self.members[name]
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
-        if not seat.by_hand:
-            seat.left(here.at_s)
-            seat.by_hand, seat.state = True, None
-            seat.moved.clear()
-        seat.here = here
-        seat.moved.append((here.at_s, here.x_m, here.y_m, *velocity_m_s))
-        while len(seat.moved) > 2 and seat.moved[1][0] <= here.at_s - MEASURED_OVER_S:
-            seat.moved.popleft()
+        if not member.manual_control:
+            member.left(here.at_s)
+            member.manual_control, member.state = True, None
+            member.recent.clear()
+        member.here = here
+        member.recent.append((here.at_s, here.x_m, here.y_m, *velocity_m_s))
+        while len(member.recent) > 2 and member.recent[1][0] <= here.at_s - MEASURED_OVER_S:
+            member.recent.popleft()
         at_us = round(here.at_s * 1e6)
-        if seat.state is not None and at_us - seat.state.at_us < STATE_EVERY_US:
+        if member.state is not None and at_us - member.state.at_us < STATE_EVERY_US:
             return
-        radius_m = seat.agent.settings.loiter_radius_m
-        orbit = expected_orbit(seat.moved[0], seat.moved[-1], radius_m)
-        speed_m_s = math.dist(velocity_m_s, seat.wind_m_s)
+        radius_m = member.agent.settings.loiter_radius_m
+        orbit = expected_orbit(member.recent[0], member.recent[-1], radius_m)
+        speed_m_s = math.dist(velocity_m_s, member.wind_m_s)
         place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
-        seat.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
-        self._tell(seat, seat.state)
+        member.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
+        self._send(member, member.state)
 
     def is_near_others(self, name: str) -> bool:
         """Whether another of the formation is in its neighbourhood."""
-        here = self.seats[name].here
+        here = self.members[name].here
         return here is not None and any(
-            (other.flies or other.by_hand)
+            (other.flies or other.manual_control)
             and other.here is not None
             and name != other_name
             and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
-            for other_name, other in self.seats.items()
+            for other_name, other in self.members.items()
         )
 
     def leave(self, name: str, at_s: float) -> None:
         """A vehicle is not of the formation now: on its way home, lost, or on the ground."""
-        seat, at_us = self.seats[name], round(at_s * 1e6)
-        seat.agent.leave(at_us, "left")
-        self._hand_on(seat, at_us)
+        member, at_us = self.members[name], round(at_s * 1e6)
+        member.agent.leave(at_us, "left")
+        self._publish(member, at_us)
 
-    def lost(self, name: str) -> None:
+    def on_link_lost(self, name: str) -> None:
         """The link of a vehicle is lost: it has no agent, but the others mind where it must be."""
-        state = self.seats[name].state
+        state = self.members[name].state
         if state is not None:
             self._lost.add(name)
-            self._tell(self.seats[name], state)
+            self._send(self.members[name], state)
 
-    def not_lost(self, name: str, at_us: int) -> None:
+    def end_tracking(self, name: str, at_us: int) -> None:
         """It is known to fly otherwise, or not at all."""
-        seat = self.seats[name]
-        if name in self._lost or seat.by_hand:
+        member = self.members[name]
+        if name in self._lost or member.manual_control:
             self._lost.discard(name)
-            seat.by_hand = False
-            self._tell(seat, Leaving(at_us, name, "flies otherwise"))
+            member.manual_control = False
+            self._send(member, Leaving(at_us, name, "flies otherwise"))
 
-    def hear(self, name: str, message: AnyMessage) -> None:
+    def receive(self, name: str, message: AnyMessage) -> None:
         """A vehicle hears another: everything, but of states only those within range.
 
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
-        seat = self.seats[name]
-        if isinstance(message, State) and seat.here is not None:
-            here_m = (seat.here.x_m, seat.here.y_m)
+        member = self.members[name]
+        if isinstance(message, State) and member.here is not None:
+            here_m = (member.here.x_m, member.here.y_m)
             if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
                 return
-        seat.agent.hear(message)
+        member.agent.receive(message)
 
-    def said(self) -> list[Say]:
+    def outgoing(self) -> list[Say]:
         """What those of other processes are to be told since the last call."""
-        said, self._said = self._said, []
-        return said
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
 
-    def _hand_on(self, seat: FormationMember, at_us: int) -> None:
+    def _publish(self, member: FormationMember, at_us: int) -> None:
         """What its agent has to say, to all others."""
-        for message in seat.agent.messages(at_us):
+        for message in member.agent.messages(at_us):
             if isinstance(message, State):
-                seat.state = message
-            self._tell(seat, message)
+                member.state = message
+            self._send(member, message)
 
-    def _tell(self, seat: FormationMember, message: AnyMessage) -> None:
+    def _send(self, member: FormationMember, message: AnyMessage) -> None:
         if self._talks:
-            self._said.append(Say(seat.agent.name, message))
-        for name, other in self.seats.items():
-            if other is not seat:
-                self.hear(name, message)
+            self._outgoing.append(Say(member.agent.name, message))
+        for name, other in self.members.items():
+            if other is not member:
+                self.receive(name, message)

@@ -61,11 +61,11 @@ class SharedMap:
         self._seed = zlib.crc32(name.encode())
         self._draws = 0
         self._now_us = 0
-        self._news: list[Cells] = []
+        self._unsent: list[Cells] = []
         self._peers: dict[str, int] = {}  # when heard
-        self._gives: dict[int, int] = {}  # cell: when to say it
-        self._asks: dict[int, tuple[int, int]] = {}  # tile: when to ask, another's checksum
-        self._tells: dict[int, tuple[int, int]] = {}  # tile: when to say it whole, likewise
+        self._cells_due: dict[int, int] = {}  # cell: when to say it
+        self._requests_due: dict[int, tuple[int, int]] = {}  # tile: when to ask, another's checksum
+        self._tiles_due: dict[int, tuple[int, int]] = {}  # tile: when to say it whole, likewise
         self._digest_at_us = self._ask_at_us = self._difference_at_us = 0  # not before
         self._next_tile = 0
         self._map = f"the map of {shape[0]} x {shape[1]} cells; all must have the same landscape"
@@ -76,18 +76,20 @@ class SharedMap:
 
     def start(self, cells_burning: Cells, at_us: int) -> None:
         """The map that all were given before the mission: known, and not news."""
-        self.see(cells_burning, NONE, at_us)
-        self._news.clear()
+        self.add_view(cells_burning, NONE, at_us)
+        self._unsent.clear()
 
-    def see(self, cells_burning: Cells, cells_unburned: Cells, at_us: int) -> tuple[Cells, Cells]:
+    def add_view(
+        self, cells_burning: Cells, cells_unburned: Cells, at_us: int
+    ) -> tuple[Cells, Cells]:
         """Take in what is seen now; it is later than all that was heard before.
 
         Returns the cells that burn now and did not on this map, and the other way round.
         """
         self._now_us = max(self._now_us, at_us)
-        return self._sight(cells_burning, True, at_us), self._sight(cells_unburned, False, at_us)
+        return self._record(cells_burning, True, at_us), self._record(cells_unburned, False, at_us)
 
-    def _sight(self, cells: Cells, burns: bool, at_us: int) -> Cells:
+    def _record(self, cells: Cells, burns: bool, at_us: int) -> Cells:
         if not len(cells):
             return NONE
         changed: Cells = np.empty(len(cells), dtype=np.int64)
@@ -97,11 +99,11 @@ class SharedMap:
         self._check(cells, off_map, "sight")
         changed = changed[:count]
         if count:
-            self._news.append(changed)
+            self._unsent.append(changed)
         return changed
 
-    def hear(self, message: MapMessage) -> tuple[Cells, Cells]:
-        """Take in what another said; returns what changed, as ``see``.
+    def receive(self, message: MapMessage) -> tuple[Cells, Cells]:
+        """Take in what another said; returns what changed, as ``add_view``.
 
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
@@ -127,9 +129,9 @@ class SharedMap:
         """What is to be said now: what was seen since, and what is due."""
         self._now_us = max(self._now_us, at_us)
         said: list[MapMessage] = list(self._updates())
-        if at_us >= self._difference_at_us and (self._gives or self._tells):
+        if at_us >= self._difference_at_us and (self._cells_due or self._tiles_due):
             said += self._difference(at_us)
-        if at_us >= self._ask_at_us and self._asks:
+        if at_us >= self._ask_at_us and self._requests_due:
             said += self._question(at_us)
         if at_us >= self._digest_at_us:
             said.append(self._digest(at_us))
@@ -137,13 +139,13 @@ class SharedMap:
 
     def _updates(self) -> list[FireUpdate]:
         found = []
-        for cells in self._news:
+        for cells in self._unsent:
             stamps = self.stamps.ravel()[cells]
             for stamp in np.unique(stamps).tolist():
                 of_it = tuple(cells[stamps == stamp].tolist())
                 both = (of_it, ()) if stamp & 1 else ((), of_it)
                 found.append(FireUpdate(stamp >> 1, self.name, *both))
-        self._news.clear()
+        self._unsent.clear()
         return found
 
     def _digest(self, at_us: int) -> Digest:
@@ -181,16 +183,16 @@ class SharedMap:
                 tile, checksum, self.stamps, self._sums, self._found, self._shares
             )
             if lacks:
-                self._give(lacks, due_us)
+                self._schedule_cells(lacks, due_us)
             elif digest.first == digest.end:
-                self._tells.setdefault(tile, (due_us, checksum))
+                self._tiles_due.setdefault(tile, (due_us, checksum))
             else:
-                self._asks.setdefault(tile, (due_us, checksum))
+                self._requests_due.setdefault(tile, (due_us, checksum))
 
-    def _give(self, count: int, due_us: int) -> None:
+    def _schedule_cells(self, count: int, due_us: int) -> None:
         """Mean to say the first so many cells of ``_found``."""
         for cell in self._found[:count].tolist():
-            self._gives.setdefault(cell, due_us)
+            self._cells_due.setdefault(cell, due_us)
 
     def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
         """All cells of its runs, and their stamps."""
@@ -215,10 +217,10 @@ class SharedMap:
         changed: Cells = np.empty(len(cells), dtype=np.int64)
         on, off, off_map = merge(cells, stamps, self.stamps, self.fire, self._sums, changed)
         self._check(cells, off_map, f"fire map of {sender}")
-        if self._gives:
+        if self._cells_due:
             own = self.stamps.ravel()[cells]
             for cell in cells[own == stamps].tolist():
-                self._gives.pop(cell, None)
+                self._cells_due.pop(cell, None)
         return changed[:on], changed[len(cells) - off :]
 
     def _check(self, cells: Cells, off_map: int, where: str) -> None:
@@ -227,32 +229,32 @@ class SharedMap:
 
     def _answer(self, tile: int, cells: Cells, stamps: Cells) -> None:
         """Somebody said all it knows of a tile: say what is newer here."""
-        self._tells.pop(tile, None)
+        self._tiles_due.pop(tile, None)
         self._shares[:] = 0
         count = newer_cells(tile, cells, stamps, self.stamps, self._shares, self._found)
-        self._give(count, self._slot_us())
+        self._schedule_cells(count, self._slot_us())
 
     def _difference(self, at_us: int) -> list[MapMessage]:
-        due = [cell for cell, due_us in self._gives.items() if due_us <= at_us]
-        due.sort(key=self._gives.__getitem__)
+        due = [cell for cell, due_us in self._cells_due.items() if due_us <= at_us]
+        due.sort(key=self._cells_due.__getitem__)
         stamps = self.stamps.ravel()
         runs = _runs(np.array(due, dtype=np.int64), stamps)[:DIFFERENCE_RUNS]
         for first, count, _, _ in runs:
             for cell in range(first, first + count):
-                del self._gives[cell]
+                del self._cells_due[cell]
         whole: list[int] = []
-        for tile, (due_us, checksum) in list(self._tells.items()):
+        for tile, (due_us, checksum) in list(self._tiles_due.items()):
             if due_us > at_us:
                 continue
             cells = self._found[: known_cells(tile, self.stamps, self._found)]
             more = _runs(cells, stamps)
             if runs and len(runs) + len(more) > DIFFERENCE_RUNS:
                 break
-            del self._tells[tile]
+            del self._tiles_due[tile]
             if checksum != self._sums[tile]:
                 runs += more
                 whole.append(tile)
-                self._asks.pop(tile, None)  # who knows more says so
+                self._requests_due.pop(tile, None)  # who knows more says so
         if not runs and not whole:
             return []
         self._difference_at_us = at_us + AGAIN_US
@@ -260,9 +262,9 @@ class SharedMap:
 
     def _question(self, at_us: int) -> list[MapMessage]:
         tiles: list[int] = []
-        for tile, (due_us, checksum) in list(self._asks.items()):
+        for tile, (due_us, checksum) in list(self._requests_due.items()):
             if due_us <= at_us and len(tiles) < DIGEST_TILES:
-                del self._asks[tile]
+                del self._requests_due[tile]
                 if checksum != self._sums[tile]:
                     tiles.append(tile)
         if not tiles:

@@ -25,9 +25,9 @@ def warm_up(avoidance: Avoidance) -> None:
         for number, agent in enumerate(agents):
             east_m = 100.0 + 200.0 * number
             seen = fire + step + 64 * number
-            agent.see(seen, seen + 128, at_us)
+            agent.add_view(seen, seen + 128, at_us)
             agent.step(OwnState(at_us, east_m, 20.0 + 4.0 * step, 300.0, 0.0, 17.0, 17.0, 1.0, 1.0))
             for message in agent.messages(at_us):
                 for other in agents:
                     if other is not agent and not isinstance(message, FireUpdate):
-                        other.hear(message)
+                        other.receive(message)

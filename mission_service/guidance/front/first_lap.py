@@ -22,7 +22,7 @@ class LapProgress:
     bearing_deg: float | None = None  # where it was last
     swept_deg: float = 0.0
 
-    def reach(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
+    def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
         """The vehicle is at this bearing now; true once the degrees that count are a whole lap."""
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
@@ -46,8 +46,8 @@ def recentred_map(
     """
     outer, _ = fire_map.filled_outer()
     centre = centre_of_area(outer, fire_map.centre_row, fire_map.centre_col)
-    anew = FireMap(fire_map.shape, *centre, fire_map.ignited_at_s, fire_map.baseline_s)
+    renewed = FireMap(fire_map.shape, *centre, fire_map.ignited_at_s, fire_map.baseline_s)
     in_view = np.zeros(BEARINGS, dtype=bool)
     for window in seen:
-        in_view = anew.observe(*window)
-    return anew, in_view
+        in_view = renewed.observe(*window)
+    return renewed, in_view

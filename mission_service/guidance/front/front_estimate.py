@@ -97,27 +97,27 @@ class FrontEstimate:
         self.wind_m_s: Floats | None = None  # towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
-        self._begin_to_learn()
+        self._reset_learning()
         room = PLACES * BEARINGS
         self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
         self._edge = distance_to_edge(shape, centre)
         self._believed_fuel = self._anchor_fuel
-        self._least, self._most = np.zeros(BEARINGS), np.zeros(BEARINGS)
+        self._burned_to, self._unburned_from = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
     @property
     def modelled(self) -> bool:
         """Whether the fire model drives the front; otherwise only what was measured."""
         return self.model is not None and self.wind_m_s is not None
 
-    def _begin_to_learn(self) -> None:
+    def _reset_learning(self) -> None:
         """Factors as they are before anything was seen."""
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
         self._anchor_fuel = self._fuel_at(self.front)
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
-        self._since = np.zeros(BEARINGS)  # the same since it was last seen
+        self._unseen = np.zeros(BEARINGS)  # the same since it was last seen
         scale = 1.0 if self.modelled else UNMODELLED
         apart = np.abs(np.arange(SECTORS)[:, None] - np.arange(SECTORS)) * PER_SECTOR
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / ALIKE_DEG)
@@ -134,16 +134,16 @@ class FrontEstimate:
         rows, cols = np.clip(rows, 0, self._shape[0] - 1), np.clip(cols, 0, self._shape[1] - 1)
         return self.model.landscape.fuel_model[rows, cols]
 
-    def begun_anew(
+    def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
         """One around another centre, with the same model and wind, before anything was seen."""
-        anew = FrontEstimate(self._shape, centre, self.model, front, at_s)
-        anew.wind_m_s = self.wind_m_s
-        anew._short_wind, anew._long_wind = self._short_wind, self._long_wind
-        anew._wind_at_s = self._wind_at_s
-        anew._begin_to_learn()
-        return anew
+        renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
+        renewed.wind_m_s = self.wind_m_s
+        renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
+        renewed._wind_at_s = self._wind_at_s
+        renewed._reset_learning()
+        return renewed
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Take in a measured wind (at 20 ft, from true north): the mean of a quarter of an hour.
@@ -154,7 +154,7 @@ class FrontEstimate:
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
         if self.wind_m_s is None:
             self.wind_m_s = self._short_wind = self._long_wind = new
-            self._begin_to_learn()
+            self._reset_learning()
         else:
             elapsed_s = max(at_s - self._wind_at_s, 0.0)
             short = 1.0 - math.exp(-elapsed_s / SHORT_WIND_S)
@@ -178,7 +178,7 @@ class FrontEstimate:
             self.front += self.speed_cells_s * step_s
             np.minimum(self.front, self._edge, out=self.front)
             self._modelled += unit * step_s
-            self._since += unit * step_s
+            self._unseen += unit * step_s
             self.at_s = to_s if step_s < LONGEST_STEP_S else self.at_s + step_s
             self._covariance += step_s / 3600.0 * self._drift
 
@@ -188,7 +188,7 @@ class FrontEstimate:
         spread_out(self.factor, found)
         return found
 
-    def doubt(self) -> Floats:
+    def factor_sd(self) -> Floats:
         """Standard deviation of the factor on all bearings."""
         found = np.empty(BEARINGS)
         spread_out(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
@@ -200,7 +200,7 @@ class FrontEstimate:
 
     def unseen_advance(self) -> Floats:
         """Advance since each bearing was last seen, with a factor of 1."""
-        return self._since
+        return self._unseen
 
     def _model_speed(self) -> Floats:
         """Speed outwards in cells/s on all bearings with a factor of 1."""
@@ -237,13 +237,13 @@ class FrontEstimate:
         )
         return self._unit
 
-    def see(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
+    def add_view(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
         """Take in one camera window; returns on which bearings the front is in view.
 
         ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
         """
         self.advance(at_s)
-        least, most = self._least, self._most
+        least, most = self._burned_to, self._unburned_from
         watch(window, row, col, self.centre_row, self.centre_col, NORTH, EAST, least, most)
         np.maximum(self.burned, least, out=self.burned)
         in_view = (least >= self.burned) & (most <= least + WITHIN_CELLS)
@@ -257,7 +257,7 @@ class FrontEstimate:
         if new.any():
             self._scale_unseen(np.flatnonzero(new), before)
         self.seen_at_s[in_view] = at_s
-        self._since[in_view] = 0.0
+        self._unseen[in_view] = 0.0
         self._learn(in_view, at_s)
         return in_view
 
@@ -268,7 +268,7 @@ class FrontEstimate:
         not_burned, least = taken_back(row, col, window, centre, self.burned)
         self.burned[not_burned] = least[not_burned]
         self.front[not_burned] = np.minimum(self.front[not_burned], least[not_burned] + 0.5)
-        least, most = self._least, self._most
+        least, most = self._burned_to, self._unburned_from
         watch(window, row, col, *centre, NORTH, EAST, least, most)
         np.maximum(self.burned, least, out=self.burned)
         told = (least >= self.burned) & (most <= least + WITHIN_CELLS)
@@ -276,14 +276,14 @@ class FrontEstimate:
         self._bound(window, told)
         self.seen_at_s[told] = at_s
         moved = told | not_burned
-        self._since[moved] = self._modelled[moved] = 0.0
+        self._unseen[moved] = self._modelled[moved] = 0.0
         self._anchor[moved] = self.front[moved]
         self._anchor_at_s[moved] = at_s
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
         """The front is not within ground seen burned, nor beyond ground seen unburned."""
-        least, most, front = self._least, self._most, self.front
+        least, most, front = self._burned_to, self._unburned_from, self.front
         short = ~in_view & np.isfinite(most) & (most > self.burned)
         front[short] = np.minimum(front[short], most[short])
         if not (window == BURNED).any():
@@ -333,5 +333,5 @@ class FrontEstimate:
         self._anchor_at_s[due] = at_s
         self._modelled[due] = 0.0
         # What was learned here holds for what has gone on unseen nearby as well.
-        self.front += (self.factors() - factors) * self._since
+        self.front += (self.factors() - factors) * self._unseen
         np.maximum(self.front, self.burned - 0.5, out=self.front)

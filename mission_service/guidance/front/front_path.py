@@ -26,7 +26,7 @@ class PathSettings:
     """How far a path reaches and where it begins, in cells."""
 
     horizon_cells: float
-    lead_cells: float
+    lookahead_cells: float
 
 
 class PolarMap(Protocol):
@@ -121,7 +121,7 @@ def path_along(
     order = (start + step * np.arange(BEARINGS * 5 // 6)) % BEARINGS
     north, east = front[order] * NORTH[order], front[order] * EAST[order]
     own_north, own_east = fire_map.centre_row - row, col - fire_map.centre_col
-    far = np.hypot(north - own_north, east - own_east) >= settings.lead_cells
+    far = np.hypot(north - own_north, east - own_east) >= settings.lookahead_cells
     first = int(np.argmax(far)) if far.any() else 0
     north, east = north[first:], east[first:]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])

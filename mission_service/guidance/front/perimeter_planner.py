@@ -96,18 +96,20 @@ class PerimeterPlanner:
         if self.phase == "initial circle" and not self.settings.ignition_known:
             append_view(self._observations, (observed.row, observed.col, window, at_s))
 
-    def correct(self, told: Observed) -> None:
+    def correct(self, observed: Observed) -> None:
         """Take in what people say of a window of the fire."""
-        self.map.correct(told.row, told.col, window_codes(told.cells), told.at_us / 1e6)
+        self.map.correct(
+            observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
+        )
 
-    def tune(self, told: SettingsTold) -> None:
+    def tune(self, event: SettingsTold) -> None:
         """Other settings from now on."""
-        self.settings = replace(self.settings, **told.given)
+        self.settings = replace(self.settings, **event.given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
-        if self._lap.reach(bearing, self.clockwise, counts=circling):
+        if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
         cell = (round(row), round(col))
         if cell == self._cell or self.phase != "monitor":

@@ -1,6 +1,6 @@
 """One vehicle on one fire, by prediction: believe where the front is, fly where that is least sure.
 
-The front is believed to be where it was last seen plus what it has advanced since (``belief``).
+The front is believed to be where it was last seen plus what it has advanced since (``estimate``).
 How much a part of it may be wrong grows with its speed times the doubt about that speed, which the
 belief learns from how far its predictions were off. At every new cell of the grid plans of sweeps
 and circles are flown ahead on that front (``sweeps``), those that go on and those that turn back
@@ -89,7 +89,7 @@ class PredictivePlanner:
         self.clockwise = settings.clockwise_first
         self.reversals = 0
         self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
-        self.belief = FrontEstimate(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
+        self.estimate = FrontEstimate(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
         self._observations: list[CameraView] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
@@ -110,17 +110,22 @@ class PredictivePlanner:
                 if self.phase == "initial circle":
                     append_view(self._observations, seen)
                 return
-        self.belief.see(*seen)
+        self.estimate.add_view(*seen)
 
-    def correct(self, told: Observed) -> None:
+    def correct(self, observed: Observed) -> None:
         """Take in what people say of a window of the fire."""
-        window = (told.row, told.col, window_codes(told.cells), told.at_us / 1e6)
+        window = (
+            observed.row,
+            observed.col,
+            window_codes(observed.cells),
+            observed.at_us / 1e6,
+        )
         self.map.correct(*window)
-        self.belief.correct(*window)
+        self.estimate.correct(*window)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Take in a wind measured in the air; from true north."""
-        self.belief.wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
+        self.estimate.wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
         """There is nobody else to take over."""
@@ -129,7 +134,7 @@ class PredictivePlanner:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
         bearing = bearing_deg(self.map, row, col)
         circling = self.phase == "initial circle"
-        if self._lap.reach(bearing, self.clockwise, counts=circling):
+        if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
             bearing = bearing_deg(self.map, row, col)
         cell = (round(row), round(col))
@@ -137,7 +142,7 @@ class PredictivePlanner:
         self._cell = cell
         if self.phase != "monitor":
             return None
-        self.belief.advance(at_s)
+        self.estimate.advance(at_s)
         return self._decide(round(bearing) % BEARINGS, at_s) if new else None
 
     def _finish_initial_circle(self) -> None:
@@ -147,14 +152,14 @@ class PredictivePlanner:
             self.map, self._in_view = recentred_map(self.map, self._observations)
             centre = (self.map.centre_row, self.map.centre_col)
             outer, _ = self.map.filled_outer()
-            self.belief = self.belief.begun_anew(centre, outer, self._observations[0][3])
+            self.estimate = self.estimate.reset_around(centre, outer, self._observations[0][3])
             for seen in self._observations:
-                self.belief.see(*seen)
+                self.estimate.add_view(*seen)
             self._observations.clear()
 
     def _decide(self, bearing: int, at_s: float) -> Decision:
         settings = self.settings
-        length = self._look_round()
+        length = self._fill_ring()
         node, ring = int(self._node_of[bearing]), self._ring
         lap_s = float(ring.ahead_s.sum() + ring.back_s.sum()) / 2.0
         turn_s = TURN_BACK * settings.turn_radius_cells / settings.speed_cells_s
@@ -173,18 +178,18 @@ class PredictivePlanner:
         # What speaks for turning back is what going on would cost.
         return Decision(self.clockwise, turns, on, back, round(length))
 
-    def _look_round(self) -> float:
+    def _fill_ring(self) -> float:
         """Fill in the ring from the belief; returns its length."""
-        belief, settings = self.belief, self.settings
-        doubt = belief.doubt()
-        left = LEFT_CELLS * belief.slant()
+        estimate, settings = self.estimate, self.settings
+        factor_sd = estimate.factor_sd()
+        left = LEFT_CELLS * estimate.slant()
         wind = np.zeros(2)
-        if settings.flies_in_wind and belief.wind_m_s is not None:
-            wind = belief.wind_m_s / settings.wind_20ft_share / self._cell_m
+        if settings.flies_in_wind and estimate.wind_m_s is not None:
+            wind = estimate.wind_m_s / settings.wind_20ft_share / self._cell_m
         length: float = fill_ring(
-            belief.front,
-            left + doubt * belief.unseen_advance(),
-            doubt * belief.speed_cells_s,
+            estimate.front,
+            left + factor_sd * estimate.unseen_advance(),
+            factor_sd * estimate.speed_cells_s,
             left,
             settings.speed_cells_s,
             wind,
@@ -195,7 +200,7 @@ class PredictivePlanner:
 
     def shape(self, row: float, col: float) -> Floats:
         """The believed front: its distance in cells on 360 bearings (see ``hedge``)."""
-        return robust_front(self.belief.front)
+        return robust_front(self.estimate.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
@@ -204,7 +209,7 @@ class PredictivePlanner:
         """
         settings = self.settings.path
         if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
-            front = self.belief.front
-            return path_along(front, self.belief, row, col, self.clockwise, settings, 0)
+            front = self.estimate.front
+            return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
         front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, settings)

@@ -71,7 +71,7 @@ class FrontMonitor:
         self._watching: set[str] = set()
         self._alarm: RaiseAlarm | None = None  # by the vehicle that left it last
 
-    def raised(self) -> list[AnyCommand]:
+    def standing_alarms(self) -> list[AnyCommand]:
         """The alarm that stands, to be raised again after the service was restarted."""
         return [] if self._alarm is None else [self._alarm]
 

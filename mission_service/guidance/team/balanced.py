@@ -56,10 +56,10 @@ class Balanced:
         self._pattern_cost = np.inf
         self._untried: list[Pattern] = []
         self._next_pattern_s = -np.inf
-        self.flown_ahead = 0
+        self.rollouts = 0
         self.turns = 0
         # The vehicles (k): who; cells to go before each turn; the next cell, when due, which way.
-        self._seats: list[int] = []
+        self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
         self._due_s = np.empty(0)
@@ -70,10 +70,10 @@ class Balanced:
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Clockwise from here? A few plans are tried for this vehicle, the others' given."""
         if ring is not self._ring:
-            self._look(ring, fleet)
-        seats: list[int] = fleet.seat.tolist()
-        if seats != self._seats:
-            self._team_is(seats, fleet, at_s)
+            self._update_ring(ring, fleet)
+        members: list[int] = fleet.member.tolist()
+        if members != self._members:
+            self._set_team(members, fleet, at_s)
         if at_s >= self._next_pattern_s:
             self._next_pattern_s = at_s + SEARCH_S
             self._try_patterns(fleet)
@@ -83,7 +83,7 @@ class Balanced:
             self._improve(fleet, which, at_s)
         return self._advance(which, ring, fleet, at_s)
 
-    def regrown(self, place_of: Integers) -> None:
+    def on_ring_changed(self, place_of: Integers) -> None:
         """The cells where turns are planned have moved along with the front."""
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
@@ -105,11 +105,11 @@ class Balanced:
         """How many the ring has on which plans are flown ahead."""
         return int(self._step_m.size)
 
-    def expected(self, seat: int) -> int:
+    def next_cell(self, member: int) -> int:
         """The cell to which a vehicle is thought to come next."""
-        return int(self._goal[self._seats.index(seat)])
+        return int(self._goal[self._members.index(member)])
 
-    def _look(self, ring: FrontRing, fleet: ActiveFleet) -> None:
+    def _update_ring(self, ring: FrontRing, fleet: ActiveFleet) -> None:
         """Everything about a ring that does not change from decision to decision."""
         self._ring = ring
         size = ring.step_m.size
@@ -119,7 +119,7 @@ class Balanced:
         self._step_m = np.add.reduceat(ring.step_m, self._edges)
         rates = np.add.reduceat(ring.spread_rate_m_s, self._edges)
         self._scale, self._power = self._integral(rates, self._counts)
-        self._room = workspace_for(self._step_m.size, fleet.seat.size)
+        self._room = workspace_for(self._step_m.size, fleet.member.size)
         self._lap_s = float(ring.step_m.sum() / fleet.speed_m_s.mean())
         parts_m, rates = _in_parts(ring.step_m), _in_parts(ring.spread_rate_m_s)
         scale, power = self._integral(rates, np.full(PARTS, size / PARTS))
@@ -134,22 +134,22 @@ class Balanced:
         return cells / power, power
 
     def _settled(self, pattern: Pattern, fleet: ActiveFleet) -> float:
-        self.flown_ahead += 1
+        self.rollouts += 1
         return settled_cost(
             pattern,
             self._parts,
             fleet.speed_m_s,
             self._turn_s,
-            workspace_for(PARTS, fleet.seat.size),
+            workspace_for(PARTS, fleet.member.size),
         )
 
     def _try_patterns(self, fleet: ActiveFleet) -> None:
         """Try one more pattern; all vehicles are planned anew if it is better."""
         if not self._untried:
-            self._untried = [LAPS, *candidates(fleet.seat.size)][::-1]
+            self._untried = [LAPS, *candidates(fleet.member.size)][::-1]
         pattern = self._untried.pop()
         cost = self._settled(pattern, fleet)
-        margin = PATTERN_MARGIN * (fleet.seat.size - 1) ** 2
+        margin = PATTERN_MARGIN * (fleet.member.size - 1) ** 2
         if cost < (1.0 - margin) * self._pattern_cost:
             self._pattern, self._pattern_cost = pattern, cost
             self._plan_all()
@@ -172,9 +172,9 @@ class Balanced:
         middle = (2 * self._pattern.first + self._pattern.length) * size // (2 * PARTS)
         away = (self._goal - middle) % size
         nearest = np.argsort(np.minimum(away, size - away), kind="stable")
-        self._sweeps = np.zeros(len(self._seats), np.bool_)
+        self._sweeps = np.zeros(len(self._members), np.bool_)
         self._sweeps[nearest[: self._pattern.sweeping]] = True
-        for who in range(len(self._seats)):
+        for who in range(len(self._members)):
             self._plan(who)
 
     def _size(self) -> int:
@@ -205,23 +205,23 @@ class Balanced:
             pair = pair[::-1]
         self._legs[who] = legs
 
-    def _team_is(self, seats: list[int], fleet: ActiveFleet, at_s: float) -> None:
+    def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
         """Somebody has come or gone: all lap until a better pattern is found."""
-        before = {seat: place for place, seat in enumerate(self._seats)}
+        before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
-        self._seats = seats
-        self._legs = np.full((len(seats), LEGS), NEVER)
+        self._members = members
+        self._legs = np.full((len(members), LEGS), NEVER)
         self._goal = fleet.cell.copy()
-        self._due_s = np.full(len(seats), at_s)
+        self._due_s = np.full(len(members), at_s)
         self._heading = np.where(fleet.clockwise, 1, -1)
-        self._searched_s = np.full(len(seats), -np.inf)
-        for place, seat in enumerate(seats):
-            if seat in before:
+        self._searched_s = np.full(len(members), -np.inf)
+        for place, member in enumerate(members):
+            if member in before:
                 for now, then in zip(
                     (self._legs, self._goal, self._due_s, self._heading), old, strict=True
                 ):
-                    now[place] = then[before[seat]]
-        self._room = workspace_for(self._step_m.size, len(seats))
+                    now[place] = then[before[member]]
+        self._room = workspace_for(self._step_m.size, len(members))
         self._pattern, self._untried = LAPS, []
         self._pattern_cost = self._settled(LAPS, fleet)
         self._plan_all()
@@ -254,9 +254,7 @@ class Balanced:
         moves = self._moves
         if self._pattern.length:
             moves = moves._replace(backs=moves.backs[:0])
-        self.flown_ahead += improve(
-            nodes, start, self._legs, span, self._room, which, moves, MARGIN
-        )
+        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, MARGIN)
 
     def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
         """Turn if it is time to, and go on by one cell."""

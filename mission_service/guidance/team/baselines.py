@@ -12,7 +12,7 @@ class Circling:
         """Clockwise."""
         return True
 
-    def regrown(self, place_of: Integers) -> None:
+    def on_ring_changed(self, place_of: Integers) -> None:
         """Nothing is kept."""
 
 
@@ -31,23 +31,23 @@ class Bumper:
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """As before, unless the neighbour ahead comes the other way and is one cell on."""
-        seats = fleet.seat.tolist()
-        if sorted(self._around) != sorted(seats):
-            self._around = [seats[place] for place in np.argsort(fleet.cell, kind="stable")]
+        members = fleet.member.tolist()
+        if sorted(self._around) != sorted(members):
+            self._around = [members[place] for place in np.argsort(fleet.cell, kind="stable")]
             self._cells_on.clear()
-            for place, seat in enumerate(self._around):
-                self._clockwise.setdefault(seat, place % 2 == 0)
-        cell_of = dict(zip(seats, fleet.cell.tolist(), strict=True))
-        seat = seats[which]
-        clockwise, place = self._clockwise[seat], self._around.index(seat)
-        behind, after = self._around[place - 1], self._around[(place + 1) % len(seats)]
+            for place, member in enumerate(self._around):
+                self._clockwise.setdefault(member, place % 2 == 0)
+        cell_of = dict(zip(members, fleet.cell.tolist(), strict=True))
+        member = members[which]
+        clockwise, place = self._clockwise[member], self._around.index(member)
+        behind, after = self._around[place - 1], self._around[(place + 1) % len(members)]
         # Both are counted, whichever way it flies, so that neither count loses a lap.
-        since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, seat))
+        since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, member))
         met, gap = (after, until) if clockwise else (behind, since)
         if gap <= 1 and self._clockwise[met] is not clockwise:
             self._clockwise[met] = clockwise
-            self._clockwise[seat] = not clockwise
-        return self._clockwise[seat]
+            self._clockwise[member] = not clockwise
+        return self._clockwise[member]
 
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
         """Cells from one vehicle on to the next; the count nearest to the last one."""
@@ -57,5 +57,5 @@ class Bumper:
         self._cells_on[rear] = gap
         return gap
 
-    def regrown(self, place_of: Integers) -> None:
+    def on_ring_changed(self, place_of: Integers) -> None:
         """Cells between neighbours are counted anew at the next decision."""

@@ -76,26 +76,26 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 
 @compiled
 def chunk(  # type: ignore[no-untyped-def]
-    rate, visited, first, way, most_cells, offer, at_s, exponential
+    rate, visited, first, way, max_cells, offer, at_s, exponential
 ):
     """How many cells from ``first`` inwards (way 1 or -1) are worth no more than an offer."""
     n = rate.size
     worth = 0.0
-    for count in range(most_cells):
+    for count in range(max_cells):
         place = (first + way * count) % n
         worth += _importance(rate[place], at_s - visited[place], exponential)
         if worth > offer:
             return count
-    return most_cells
+    return max_cells
 
 
 @compiled
 def most_centred(  # type: ignore[no-untyped-def]
-    rate, visited, begin, end, most_first, most_last, at_s, exponential
+    rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
     """How many cells to give at either end so that the centre of importance is most central.
 
-    Returns (at the beginning, at the end), at most ``most_first`` and ``most_last``; tried from all
+    Returns (at the beginning, at the end), at most ``max_first`` and ``max_last``; tried from all
     to none, and (0, 0) unless another pair is better (4.2.2).
     """
     n = rate.size
@@ -111,19 +111,19 @@ def most_centred(  # type: ignore[no-untyped-def]
     least = abs(moment / worth - (begin + end - 1) / 2.0)
     # Sums without the cells given so far: all of the first chunk, put back one by one.
     worth_first, moment_first = worth, moment
-    for cell in range(begin, begin + most_first):
+    for cell in range(begin, begin + max_first):
         place = cell % n
         importance = _importance(rate[place], at_s - visited[place], exponential)
         worth_first -= importance
         moment_first -= importance * cell
-    for first in range(most_first, -1, -1):
-        if first < most_first:
+    for first in range(max_first, -1, -1):
+        if first < max_first:
             place = (begin + first) % n
             importance = _importance(rate[place], at_s - visited[place], exponential)
             worth_first += importance
             moment_first += importance * (begin + first)
         worth_both, moment_both = worth_first, moment_first
-        for last in range(most_last + 1):
+        for last in range(max_last + 1):
             if last:
                 place = (end - last) % n
                 importance = _importance(rate[place], at_s - visited[place], exponential)

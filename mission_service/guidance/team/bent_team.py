@@ -42,7 +42,7 @@ class RegionTeam:
         self._regions: Regions | None = None
         self._growths: list[Integers] = []
         self._courses: dict[int, Course] = {}
-        self._fleet_seats: list[int] = []
+        self._fleet_members: list[int] = []
         self._index: dict[int, int] = {}
 
     @property
@@ -53,23 +53,23 @@ class RegionTeam:
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Back into the vehicle's own region, or as its planner steers."""
         regions = self._now(ring, fleet, at_s)
-        seat = int(fleet.seat[which])
-        begin, end = served(regions, self._index[seat])
+        member = int(fleet.member[which])
+        begin, end = served(regions, self._index[member])
         here = lifted(int(fleet.cell[which]), begin, regions.cells)
         speed_m_s = float(fleet.speed_m_s[which])
         region = Region(ring, begin, end, here, at_s, speed_m_s, self._exponential)
         if here >= end:
             course = course_back(region)
         else:
-            before = self._courses.get(seat, Course())
+            before = self._courses.get(member, Course())
             if before.target is not None:
                 target = lifted(before.target, begin, regions.cells)
                 before = Course(before.clockwise, target)
             course = self._steer(region, before)
-        self._courses[seat] = course
+        self._courses[member] = course
         return course.clockwise
 
-    def regrown(self, place_of: Integers) -> None:
+    def on_ring_changed(self, place_of: Integers) -> None:
         """Borders and targets move with their cells."""
         # How many cells the new ring has is known only with the next decision, or growth.
         self._growths.append(place_of)
@@ -77,20 +77,20 @@ class RegionTeam:
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
         """The regions after all that has happened since the last decision."""
         cells = ring.step_m.size
-        seats = fleet.seat.tolist()
+        members = fleet.member.tolist()
         regions = self._regions
         if regions is None:
-            regions = equal_regions(seats, fleet.cell.tolist(), cells)
+            regions = equal_regions(members, fleet.cell.tolist(), cells)
             self._growths.clear()
             self._next_s = at_s + self._every_s
         for number, place_of in enumerate(self._growths, 1):
             last = number == len(self._growths)
             regions = self._grown(regions, place_of, cells if last else self._growths[number].size)
         self._growths.clear()
-        if seats != self._fleet_seats:
-            regions = _with_team(regions, seats, fleet.cell.tolist())
-            self._fleet_seats = seats
-            self._index = {seat: index for index, seat in enumerate(regions.seats)}
+        if members != self._fleet_members:
+            regions = _with_team(regions, members, fleet.cell.tolist())
+            self._fleet_members = members
+            self._index = {member: index for index, member in enumerate(regions.members)}
         if at_s >= self._next_s:
             self._next_s = at_s + self._every_s
             regions = self._negotiated(regions, ring, fleet, at_s)
@@ -98,23 +98,23 @@ class RegionTeam:
         return regions
 
     def _grown(self, regions: Regions, place_of: Integers, cells: int) -> Regions:
-        for seat, course in self._courses.items():
+        for member, course in self._courses.items():
             if course.target is not None:
                 target = int(place_of[course.target % place_of.size])
-                self._courses[seat] = Course(course.clockwise, target)
+                self._courses[member] = Course(course.clockwise, target)
         return on_new_ring(regions, place_of, cells)
 
     def _negotiated(
         self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
     ) -> Regions:
         """One after the other gives to its neighbours what the negotiation says (4.2.1)."""
-        count = len(regions.seats)
+        count = len(regions.members)
         if count == 1:
             return regions
-        which_of = {seat: which for which, seat in enumerate(fleet.seat.tolist())}
+        which_of = {member: which for which, member in enumerate(fleet.member.tolist())}
         for index in range(count):
             parts = {
-                other: self._part(regions, other, fleet, which_of[regions.seats[other]])
+                other: self._part(regions, other, fleet, which_of[regions.members[other]])
                 for other in {(index - 1) % count, index, (index + 1) % count}
             }
             own = parts[index]
@@ -133,21 +133,21 @@ class RegionTeam:
         cell, cells = int(fleet.cell[which]), regions.cells
         here = lifted(cell, begin, cells)
         following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
-        target = self._courses.get(regions.seats[index], Course()).target
+        target = self._courses.get(regions.members[index], Course()).target
         going_to = here if target is None else lifted(target, begin, cells)
         return Share(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
 
 
-def _with_team(regions: Regions, seats: list[int], cells_of: list[int]) -> Regions:
+def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
     """Those who have come are taken in and those who have gone are left out."""
-    for seat, cell in zip(seats, cells_of, strict=True):
-        if seat not in regions.seats:
-            at = dict(zip(seats, cells_of, strict=True))
+    for member, cell in zip(members, cells_of, strict=True):
+        if member not in regions.members:
+            at = dict(zip(members, cells_of, strict=True))
             # One that has gone as well may be anywhere: where its region begins.
-            begins = dict(zip(regions.seats, regions.borders, strict=True))
-            others = [at.get(other, begins[other].right.place) for other in regions.seats]
-            regions = with_member(regions, seat, others, cell)
-    for seat in regions.seats:
-        if seat not in seats:
-            regions = without_member(regions, seat)
+            begins = dict(zip(regions.members, regions.borders, strict=True))
+            others = [at.get(other, begins[other].right.place) for other in regions.members]
+            regions = with_member(regions, member, others, cell)
+    for member in regions.members:
+        if member not in members:
+            regions = without_member(regions, member)
     return regions

@@ -12,7 +12,7 @@ from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 class ReportedPosition:
     """The last that a vehicle told."""
 
-    seat: int
+    member: int
     cell: int
     clockwise: bool
     speed_m_s: float
@@ -20,21 +20,21 @@ class ReportedPosition:
 
 
 def dead_reckoned_fleet(
-    heard: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
+    reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
     """Where the vehicles are now: each goes on as it was heard; lost ones are left out."""
     here = sorted(
-        (one for one in heard if at_s - one.at_s <= lost_after_s), key=lambda one: one.seat
+        (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )
     return ActiveFleet(
-        np.array([one.seat for one in here], np.int64),
-        np.array([_reckoned(one, ring, at_s) for one in here], np.int64),
+        np.array([one.member for one in here], np.int64),
+        np.array([_dead_reckoned_cell(one, ring, at_s) for one in here], np.int64),
         np.array([one.clockwise for one in here], np.bool_),
         np.array([one.speed_m_s for one in here]),
     )
 
 
-def _reckoned(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
+def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
     """The last cell that it has come to by now."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])

@@ -106,43 +106,45 @@ def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
     count = room.node.size
     size = nodes.step_m.size
     while True:
-        who = 0
+        vehicle = 0
         at_s = room.arrival_s[0]
         for other in range(1, count):
             if room.arrival_s[other] < at_s:
-                who, at_s = other, room.arrival_s[other]
+                vehicle, at_s = other, room.arrival_s[other]
         if at_s >= until_s:
             return ended
-        place = room.node[who]
+        place = room.node[vehicle]
         ended += _up_to(nodes, place, at_s - room.visited_s[place])
         room.visited_s[place] = at_s
-        heading = room.heading[who]
-        while room.left[who] == 0:
-            room.heading[who] = -room.heading[who]
-            room.leg[who] = room.leg[who] + 1 if room.leg[who] + 1 < LEGS else LEGS - 2
-            room.left[who] = (legs[who, room.leg[who]] + nodes.cells // 2) // nodes.cells
-        room.left[who] -= 1
-        if room.heading[who] > 0:
+        heading = room.heading[vehicle]
+        while room.left[vehicle] == 0:
+            room.heading[vehicle] = -room.heading[vehicle]
+            room.leg[vehicle] = room.leg[vehicle] + 1 if room.leg[vehicle] + 1 < LEGS else LEGS - 2
+            room.left[vehicle] = (
+                legs[vehicle, room.leg[vehicle]] + nodes.cells // 2
+            ) // nodes.cells
+        room.left[vehicle] -= 1
+        if room.heading[vehicle] > 0:
             step_m = nodes.step_m[place]
-            room.node[who] = place + 1 if place + 1 < size else 0
+            room.node[vehicle] = place + 1 if place + 1 < size else 0
         else:
-            room.node[who] = place - 1 if place > 0 else size - 1
-            step_m = nodes.step_m[room.node[who]]
-        room.arrival_s[who] = at_s + step_m / start.speed_m_s[who]
-        if room.heading[who] != heading:
-            room.arrival_s[who] += start.turn_s
+            room.node[vehicle] = place - 1 if place > 0 else size - 1
+            step_m = nodes.step_m[room.node[vehicle]]
+        room.arrival_s[vehicle] = at_s + step_m / start.speed_m_s[vehicle]
+        if room.heading[vehicle] != heading:
+            room.arrival_s[vehicle] += start.turn_s
 
 
 @kernel
 def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
     for place in range(nodes.visited_s.size):
         room.visited_s[place] = nodes.visited_s[place]
-    for who in range(start.node.size):
-        room.node[who] = start.node[who]
-        room.arrival_s[who] = start.arrival_s[who]
-        room.heading[who] = start.heading[who]
-        room.leg[who] = 0
-        room.left[who] = (legs[who, 0] + nodes.cells // 2) // nodes.cells
+    for vehicle in range(start.node.size):
+        room.node[vehicle] = start.node[vehicle]
+        room.arrival_s[vehicle] = start.arrival_s[vehicle]
+        room.heading[vehicle] = start.heading[vehicle]
+        room.leg[vehicle] = 0
+        room.left[vehicle] = (legs[vehicle, 0] + nodes.cells // 2) // nodes.cells
 
 
 @kernel
@@ -172,37 +174,37 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _tried(nodes, start, legs, span, room, who, best, best_cost):  # type: ignore[no-untyped-def]
+def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
     """Fly the plans; if that is cheaper keep this vehicle's in ``best`` (LEGS)."""
     cost = roll_out(nodes, start, legs, span, room)
     if cost < best_cost:
         for leg in range(LEGS):
-            best[leg] = legs[who, leg]
+            best[leg] = legs[vehicle, leg]
         return cost
     return best_cost
 
 
 @kernel
-def improve(nodes, start, legs, span, room, who, moves, margin):  # type: ignore[no-untyped-def]
+def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
     """Change the plan of one vehicle if another is cheaper by a share ``margin``.
 
     Tried are: going back for each of ``moves.backs`` cells and coming again, now; making each of
     the next turns ``moves.shifts`` cells later; leaving out the next two turns. ``legs`` (k, LEGS)
-    are the plans, the row of ``who`` is written on. How many plans were flown.
+    are the plans, the row of ``vehicle`` is written on. How many plans were flown.
     """
     kept, best = moves.kept, moves.best
     for leg in range(LEGS):
-        kept[leg] = best[leg] = legs[who, leg]
+        kept[leg] = best[leg] = legs[vehicle, leg]
     first = roll_out(nodes, start, legs, span, room)
     best_cost = first
     flown = 1
     for back in moves.backs:
         # Two more turns at the beginning: the last two legs are repeated ones.
-        legs[who, 0], legs[who, 1] = 0, back
-        legs[who, 2] = min(kept[0] + back, NEVER)
+        legs[vehicle, 0], legs[vehicle, 1] = 0, back
+        legs[vehicle, 2] = min(kept[0] + back, NEVER)
         for leg in range(3, LEGS):
-            legs[who, leg] = kept[leg - 2]
-        best_cost = _tried(nodes, start, legs, span, room, who, best, best_cost)
+            legs[vehicle, leg] = kept[leg - 2]
+        best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
         flown += 1
     for turn in range(3):
         if kept[turn] >= NEVER:
@@ -211,20 +213,20 @@ def improve(nodes, start, legs, span, room, who, moves, margin):  # type: ignore
             if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
                 continue
             for leg in range(LEGS):
-                legs[who, leg] = kept[leg]
-            legs[who, turn] += shift
-            legs[who, turn + 1] = min(kept[turn + 1] + shift, NEVER)
+                legs[vehicle, leg] = kept[leg]
+            legs[vehicle, turn] += shift
+            legs[vehicle, turn + 1] = min(kept[turn + 1] + shift, NEVER)
             if kept[turn + 1] >= NEVER:
-                legs[who, turn + 1] = NEVER
-            best_cost = _tried(nodes, start, legs, span, room, who, best, best_cost)
+                legs[vehicle, turn + 1] = NEVER
+            best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
             flown += 1
     if kept[0] < NEVER and kept[1] < NEVER and (kept[2] >= NEVER or kept[0] + kept[2] >= kept[1]):
-        legs[who, 0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
+        legs[vehicle, 0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
         for leg in range(1, LEGS):
-            legs[who, leg] = kept[leg + 2] if leg + 2 < LEGS else kept[leg]
-        best_cost = _tried(nodes, start, legs, span, room, who, best, best_cost)
+            legs[vehicle, leg] = kept[leg + 2] if leg + 2 < LEGS else kept[leg]
+        best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
         flown += 1
     chosen = best if best_cost < (1.0 - margin) * first else kept
     for leg in range(LEGS):
-        legs[who, leg] = chosen[leg]
+        legs[vehicle, leg] = chosen[leg]
     return flown

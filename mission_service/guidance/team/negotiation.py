@@ -11,24 +11,24 @@ from mission_service.guidance.team.ring import FrontRing
 class Share:
     """A vehicle as a negotiation sees it; cells are lifted (see ``regions``).
 
-    ``held`` are the first and the last of the cells that it does not give away: its own, its next
-    one and its target, those of them that are in its region.
+    ``reserved`` are the first and the last of the cells that it does not give away: its own, its
+    next one and its target, those of them that are in its region.
     """
 
     begin: int
     end: int
     here: int
-    held: tuple[int, int]
+    reserved: tuple[int, int]
 
     @property
-    def most_first(self) -> int:
+    def max_first(self) -> int:
         """How many cells it may give at the beginning of its region."""
-        return max(self.held[0] - self.begin, 0)
+        return max(self.reserved[0] - self.begin, 0)
 
     @property
-    def most_last(self) -> int:
+    def max_last(self) -> int:
         """How many it may give at the end."""
-        return max(self.end - 1 - self.held[1], 0)
+        return max(self.end - 1 - self.reserved[1], 0)
 
 
 # (ring, the vehicle left of it, it, the one right of it, time in s, exponential importance) to the
@@ -71,8 +71,8 @@ def largest_chunks(
 
     alone = left is right
     to_left, to_right = offers(worth(own), worth(left), worth(right), alone)
-    first = chunk(rate, visited, own.begin, 1, own.most_first, to_left, at_s, exponential)
-    last = chunk(rate, visited, own.end - 1, -1, own.most_last, to_right, at_s, exponential)
+    first = chunk(rate, visited, own.begin, 1, own.max_first, to_left, at_s, exponential)
+    last = chunk(rate, visited, own.end - 1, -1, own.max_last, to_right, at_s, exponential)
     # Cells worth nothing are no reason to trade.
     return int(first) if to_left else 0, int(last) if to_right else 0
 

@@ -18,4 +18,4 @@ def on_arrival(
     # A cell just as near to both stays where it is.
     first = (behind + own.here + 1) // 2 - own.begin
     last = own.end - 1 - (ahead + own.here) // 2
-    return min(max(first, 0), own.most_first), min(max(last, 0), own.most_last)
+    return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)

@@ -68,14 +68,14 @@ def settled_cost(
     lapping = count - sweeping
     arc_s += turn_s if length else 0.0
     period_s = lap_s + (2.0 * arc_s if sweeping == 0 else 0.0)
-    for who in range(count):
-        if who < lapping:
+    for vehicle in range(count):
+        if vehicle < lapping:
             twice = length > 0 and sweeping == 0
-            legs[who] = repeated(PARTS + length, length) if twice else NEVER
-            arrival_s[who] = period_s * who / lapping
+            legs[vehicle] = repeated(PARTS + length, length) if twice else NEVER
+            arrival_s[vehicle] = period_s * vehicle / lapping
         else:
-            legs[who] = repeated(length, length)
-            arrival_s[who] = 2.0 * arc_s * (who - lapping) / sweeping
+            legs[vehicle] = repeated(length, length)
+            arrival_s[vehicle] = 2.0 * arc_s * (vehicle - lapping) / sweeping
     start = StartState(node, arrival_s, np.ones(count, np.int64), speed_m_s, turn_s)
     span = Horizon((3.0 if sweeping == 0 else 4.0) * period_s, 1.5 * period_s, 0.0)
     if sweeping == 0:

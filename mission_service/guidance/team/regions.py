@@ -53,21 +53,21 @@ class Regions:
     growths of the ring and changes of the team, which all vehicles know of.
     """
 
-    seats: tuple[int, ...]
+    members: tuple[int, ...]
     borders: tuple[Border, ...]
     cells: int
     epoch: int = 0
 
 
-def equal_regions(seats: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
+def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
 
     As Bent's begin (4.2), wherever the vehicles are.
     """
-    order = sorted(range(len(seats)), key=lambda which: (cells_of[which], seats[which]))
+    order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
     begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
     return Regions(
-        tuple(seats[which] for which in order), tuple(_agreed(begin) for begin in begins), cells
+        tuple(members[which] for which in order), tuple(_agreed(begin) for begin in begins), cells
     )
 
 
@@ -177,15 +177,15 @@ def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
         return Side(new(old.place) or 0, old.version, new(old.offered))
 
     borders = tuple(Border(side(left), side(right)) for left, right in regions.borders)
-    return Regions(regions.seats, borders, cells, regions.epoch + 1)
+    return Regions(regions.members, borders, cells, regions.epoch + 1)
 
 
-def without_member(regions: Regions, seat: int) -> Regions:
+def without_member(regions: Regions, member: int) -> Regions:
     """A vehicle has left: its neighbours share its region. All are told, offers are off.
 
     The last one cannot leave; raises ValueError.
     """
-    index, count = regions.seats.index(seat), len(regions.seats)
+    index, count = regions.members.index(member), len(regions.members)
     if count == 1:
         raise ValueError("the last vehicle cannot leave its region to another one")
     begins = list(ledger(regions))
@@ -197,10 +197,10 @@ def without_member(regions: Regions, seat: int) -> Regions:
     else:
         begins[0] = middle - regions.cells
     del begins[index]
-    return _settled(regions, regions.seats[:index] + regions.seats[index + 1 :], begins)
+    return _settled(regions, regions.members[:index] + regions.members[index + 1 :], begins)
 
 
-def with_member(regions: Regions, seat: int, cells_of: Sequence[int], cell: int) -> Regions:
+def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
     """A vehicle has come to a cell: the region there is halved. All are told, offers are off.
 
     ``cells_of`` are the cells of the others, clockwise; the one whose region it was keeps the half
@@ -214,12 +214,12 @@ def with_member(regions: Regions, seat: int, cells_of: Sequence[int], cell: int)
     first_half = begin + (cells_of[host] - begin) % regions.cells < middle
     begins.insert(host + 1, middle)
     after = host + 1 if first_half else host
-    return _settled(regions, (*regions.seats[:after], seat, *regions.seats[after:]), begins)
+    return _settled(regions, (*regions.members[:after], member, *regions.members[after:]), begins)
 
 
-def _settled(regions: Regions, seats: tuple[int, ...], begins: Sequence[int]) -> Regions:
+def _settled(regions: Regions, members: tuple[int, ...], begins: Sequence[int]) -> Regions:
     borders = tuple(_agreed(begin) for begin in begins)
-    return Regions(seats, borders, regions.cells, regions.epoch + 1)
+    return Regions(members, borders, regions.cells, regions.epoch + 1)
 
 
 def _agreed(place: int) -> Border:

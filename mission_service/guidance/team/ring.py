@@ -29,7 +29,7 @@ class FrontRing:
 class ActiveFleet:
     """The vehicles that fly now; arrays (k), in rising order of seat."""
 
-    seat: Integers  # who; stays the same as long as the vehicle is in the team
+    member: Integers  # who; stays the same as long as the vehicle is in the team
     cell: Integers  # where on the ring
     clockwise: Booleans
     speed_m_s: Floats
@@ -41,7 +41,7 @@ class TeamRule(Protocol):
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Vehicle ``which`` (place in the fleet) has come to a new cell: clockwise from here?"""
 
-    def regrown(self, place_of: Integers) -> None:
+    def on_ring_changed(self, place_of: Integers) -> None:
         """The ring has changed: ``place_of[i]`` is the new place of what was cell i.
 
         It keeps the order around the ring; several old cells may share a new one.

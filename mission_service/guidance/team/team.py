@@ -77,16 +77,16 @@ class Team:
         self.surveyed = False  # the first lap is over
         self.map = FireMap(shape, *centre, ignited_at_s, settings.baseline_s)
         self._observations: list[CameraView] = []
-        self._seats = {
+        self._members = {
             name: TeamMember(self, number, flyer)
             for number, (name, flyer) in enumerate(flyers.items())
         }
 
-    def seat(self, name: str) -> "TeamMember":
+    def member(self, name: str) -> "TeamMember":
         """The planner of one vehicle."""
-        return self._seats[name]
+        return self._members[name]
 
-    def see(self, observed: Observed) -> NDArray[np.bool_]:
+    def add_view(self, observed: Observed) -> NDArray[np.bool_]:
         """Take in what a camera saw; returns the bearings (360) in its view."""
         window = window_codes(observed.cells)
         seen = (observed.row, observed.col, window, observed.at_us / 1e6)
@@ -115,25 +115,25 @@ class Team:
     @property
     def flying(self) -> int:
         """How many fly the front, as far as is known."""
-        return sum(seat.flies for seat in self._seats.values())
+        return sum(member.flies for member in self._members.values())
 
     def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
         """The vehicles that fly the front now.
 
         One that has been silent is reckoned to have flown on, and after a while not to fly.
         """
-        heard = [
+        reports = [
             ReportedPosition(
-                seat.number,
-                seat.bearing,
-                seat.clockwise,
-                seat.flyer.speed_m_s,
-                seat.heard_at_s if at_s - seat.heard_at_s > FRESH_S else at_s,
+                member.number,
+                member.bearing,
+                member.clockwise,
+                member.flyer.speed_m_s,
+                member.reported_at_s if at_s - member.reported_at_s > FRESH_S else at_s,
             )
-            for seat in self._seats.values()
-            if seat.flies
+            for member in self._members.values()
+            if member.flies
         ]
-        return dead_reckoned_fleet(heard, ring, at_s, LOST_AFTER_S)
+        return dead_reckoned_fleet(reports, ring, at_s, LOST_AFTER_S)
 
 
 class TeamMember:
@@ -143,7 +143,7 @@ class TeamMember:
         self.number = number
         self.flyer = flyer
         self.flies = False  # in the air, heard, and the front was in view
-        self.heard_at_s = -np.inf
+        self.reported_at_s = -np.inf
         self.bearing = 0  # the cell of the ring to which it has come
         # On the first lap neighbours by number fly opposite ways: half a lap shows all.
         self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
@@ -168,13 +168,13 @@ class TeamMember:
 
     def observe(self, observed: Observed) -> None:
         """Take in what the camera saw, for all."""
-        self._in_view = self._team.see(observed)
+        self._in_view = self._team.add_view(observed)
         self._found |= bool(self._in_view.any())
 
-    def correct(self, told: Observed) -> None:
+    def correct(self, observed: Observed) -> None:
         """Take in what people say of a window of the fire, for all."""
-        window = window_codes(told.cells)
-        self._team.map.correct(told.row, told.col, window, told.at_us / 1e6)
+        window = window_codes(observed.cells)
+        self._team.map.correct(observed.row, observed.col, window, observed.at_us / 1e6)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """The rules of teams do not ask for the wind."""
@@ -192,12 +192,12 @@ class TeamMember:
         it comes to a new cell when it has passed the one where it turned.
         """
         team = self._team
-        self.heard_at_s = at_s
+        self.reported_at_s = at_s
         self.flies |= bool(self._in_view.any())
         if not self.flies:
             return None
         before, bearing = self._lap.bearing_deg, bearing_deg(team.map, row, col)
-        round_again = self._lap.reach(bearing, self.clockwise, counts=not team.surveyed)
+        round_again = self._lap.update(bearing, self.clockwise, counts=not team.surveyed)
         if before is not None and not team.surveyed and (team.map.complete or round_again):
             team.end_survey()
             bearing = bearing_deg(team.map, row, col)
@@ -222,7 +222,7 @@ class TeamMember:
         for _ in range(passed):
             self.bearing = (self.bearing + step) % BEARINGS
             fleet = self._team.fleet(ring, at_s)
-            which = fleet.seat.tolist().index(self.number)
+            which = fleet.member.tolist().index(self.number)
             turn = bool(self._team.rule.decide(ring, fleet, which, at_s)) != self.clockwise
             if turn:
                 self.clockwise = not self.clockwise

@@ -19,7 +19,7 @@ class CoverageTargets:
 
 
 def team_size_advice(
-    ring: FrontRing, speed_m_s: Floats, wishes: CoverageTargets
+    ring: FrontRing, speed_m_s: Floats, targets: CoverageTargets
 ) -> tuple[bool, str]:
     """Whether the team (speeds, k) is too small for the wishes, and what to tell its user.
 
@@ -35,17 +35,17 @@ def team_size_advice(
         f"the front then gets {split.worst_advance_m:.0f} m further unseen at most{lapping}"
     )
     most = 0
-    if wishes.worst_age_s is not None:
-        needed = vehicles_for_age(length_m, mean_m_s, wishes.worst_age_s)
+    if targets.worst_age_s is not None:
+        needed = vehicles_for_age(length_m, mean_m_s, targets.worst_age_s)
         most = max(most, needed)
-        text += f"; every {wishes.worst_age_s:g} s takes {_vehicles(needed)}"
-    if wishes.unseen_advance_m is not None:
+        text += f"; every {targets.worst_age_s:g} s takes {_vehicles(needed)}"
+    if targets.unseen_advance_m is not None:
         enough = vehicles_needed(
-            ring.step_m, ring.spread_rate_m_s, mean_m_s, wishes.unseen_advance_m
+            ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.unseen_advance_m
         )
         needed = enough.lapping + enough.sweeping
         most = max(most, needed)
-        text += f"; no more than {wishes.unseen_advance_m:g} m takes {_vehicles(needed)}"
+        text += f"; no more than {targets.unseen_advance_m:g} m takes {_vehicles(needed)}"
     return most > vehicles, text
 
 
@@ -56,18 +56,20 @@ def _vehicles(count: int) -> str:
 class TeamSizeAdviser:
     """Tells it when the team or what it needs has changed, at most every five minutes."""
 
-    def __init__(self, wishes: CoverageTargets) -> None:
-        self._wishes = wishes
-        self._told: tuple[int, bool] | None = None
+    def __init__(self, targets: CoverageTargets) -> None:
+        self._targets = targets
+        self._last_advice: tuple[int, bool] | None = None
         self._next_s = -np.inf
 
     def is_due(self, vehicles: int, at_s: float) -> bool:
         """Whether to look again."""
-        return at_s >= self._next_s or (self._told is not None and self._told[0] != vehicles)
+        return at_s >= self._next_s or (
+            self._last_advice is not None and self._last_advice[0] != vehicles
+        )
 
     def at(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
         """(too few, what to say) if there is something new to say."""
         self._next_s = at_s + AGAIN_S
-        too_few, text = team_size_advice(ring, speed_m_s, self._wishes)
-        told, self._told = self._told, (speed_m_s.size, too_few)
-        return None if told == self._told else (too_few, text)
+        too_few, text = team_size_advice(ring, speed_m_s, self._targets)
+        last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)
+        return None if last == self._last_advice else (too_few, text)
