@@ -13,7 +13,6 @@ from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_
 from mission_service.guidance.team.ring import ActiveFleet, Floats, FrontRing, TeamRule
 from mission_service.guidance.team.team_size import (
     best_split,
-    mixed_worst,
     vehicles_for_advance,
     vehicles_for_age,
     vehicles_needed,
@@ -151,10 +150,10 @@ def test_how_many_are_needed() -> None:
     [(0.1, 6.0, 0.60, 1.50), (0.2, 4.0, 0.80, 1.00), (0.3, 2.0, 0.60, 0.50)],
 )
 def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: float) -> None:
-    worst = [mixed_worst(share, weight, 4, sweeping) for sweeping in range(5)]
-    assert min(worst[1:]) == pytest.approx(mixed)
-    assert worst[0] == pytest.approx(lapping)
-    # The same from the spread along a ring of 64 x 10 cells: the arc is found.
+    """Worst weighted ages in L/v: of one to three that sweep the hot arc, and of four that lap."""
+    sweeps = [max(2.0 * weight * share / k, 1.0 / (4 - k)) for k in range(1, 4)]
+    assert (min(sweeps), weight / 4) == (pytest.approx(mixed), pytest.approx(lapping))
+    # From the spread along a ring of 64 x 10 cells: the arc is found.
     hot = round(640 * share)
     rates = np.full(640, 0.1)
     rates[100 : 100 + hot] = 0.1 * weight

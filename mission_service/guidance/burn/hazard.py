@@ -173,21 +173,6 @@ class Hazard:
         raster = (self.at_s, west_m, north_m, cell_m, *margins, self.margins.time_s)
         return bool(_surely(*raster, *leg))
 
-    def margins_s(self, x_m: Floats, y_m: Floats, at_s: Floats, spacing_m: float = 0.0) -> Floats:
-        """That of each sample (n,); they stand for what is around them, ``spacing_m`` apart."""
-        found = np.empty(len(x_m))
-        if len(x_m):
-            box = (float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max()))
-            self._look(*box, spacing_m / 2.0)
-        _sample_margins(*self._raster(), x_m, y_m, at_s, spacing_m / 2.0, found)
-        return found
-
-    def in_danger(
-        self, x_m: Floats, y_m: Floats, at_s: Floats, spacing_m: float = 0.0
-    ) -> NDArray[np.bool_]:
-        """Whether each sample (n,) is in danger."""
-        return self.margins_s(x_m, y_m, at_s, spacing_m) < self.margins.time_s
-
 
 def cell_for(box: Box, margins: Margins) -> float:
     """The size of cells for what can be reached in a box, by the budget of nodes.
@@ -349,14 +334,3 @@ def _surely(  # type: ignore[no-untyped-def]
                     if away <= reach or away * away <= reach * away + along:
                         return True
     return False
-
-
-@kernel
-def _sample_margins(  # type: ignore[no-untyped-def]
-    first, last, west, north, cell, reach, wx, wy, residence, x, y, at_s, slack, found
-):
-    for number in range(x.shape[0]):
-        found[number] = _margin(
-            *(first, last, west, north, cell, reach, wx, wy, residence),
-            *(x[number], y[number], at_s[number], at_s[number], slack),
-        )

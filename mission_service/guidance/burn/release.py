@@ -33,22 +33,6 @@ class ImpactPoint(NamedTuple):
     after_s: float
 
 
-class TelemetryErrors(NamedTuple):
-    """Standard deviations, along each axis, of what telemetry tells (positions by satellite).
-
-    ``delay_s`` is how much the delay of link and dropper varies.
-    """
-
-    position_m: float = 1.5
-    height_m: float = 2.0
-    speed_m_s: float = 0.3
-    wind_m_s: float = 1.0
-    delay_s: float = 0.1
-
-
-TYPICAL_ERRORS = TelemetryErrors()
-
-
 def impact_point(
     vehicle: VehicleMotion, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
 ) -> ImpactPoint:
@@ -121,36 +105,6 @@ def _pull(velocity: Vector, drag_per_m: float) -> Vector:
     east, north, up = velocity
     drag = drag_per_m * math.sqrt(east * east + north * north + up * up)
     return -drag * east, -drag * north, -drag * up - GRAVITY_M_S2
-
-
-def impact_spread_m(
-    vehicle: VehicleMotion,
-    wind_m_s: tuple[float, float],
-    terminal_speed_m_s: float,
-    delay_s: float,
-    errors: TelemetryErrors = TYPICAL_ERRORS,
-) -> float:
-    """How far off its predicted place the sphere lies: the root of the mean squared distance.
-
-    First order: each error moves the landing on its own.
-    """
-    there = impact_point(vehicle, wind_m_s, terminal_speed_m_s, delay_s)
-    speed, wind = errors.speed_m_s, errors.wind_m_s
-    along = (vehicle.east_m_s + speed, vehicle.north_m_s)
-    across = (vehicle.east_m_s, vehicle.north_m_s + speed)
-    off = [
-        impact_point(moved, blown, terminal_speed_m_s, delay_s)
-        for moved, blown in (
-            (vehicle._replace(height_m=vehicle.height_m + errors.height_m), wind_m_s),
-            (vehicle._replace(east_m_s=along[0], north_m_s=along[1]), wind_m_s),
-            (vehicle._replace(east_m_s=across[0], north_m_s=across[1]), wind_m_s),
-            (vehicle, (wind_m_s[0] + wind, wind_m_s[1])),
-            (vehicle, (wind_m_s[0], wind_m_s[1] + wind)),
-        )
-    ]
-    squares = [(end.x_m - there.x_m) ** 2 + (end.y_m - there.y_m) ** 2 for end in off]
-    late_m = errors.delay_s * math.hypot(vehicle.east_m_s, vehicle.north_m_s)
-    return math.sqrt(sum(squares) + late_m**2 + 2.0 * errors.position_m**2)
 
 
 def release_decision(

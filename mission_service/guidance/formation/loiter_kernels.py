@@ -30,12 +30,6 @@ def sense_of(radius_m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def side_of_agent_m(x_m, y_m, course_rad, agent_x_m, agent_y_m):  # type: ignore[no-untyped-def]
-    """Eq. 14: how far to the left of a course the agent is; negative to the right."""
-    return math.cos(course_rad) * (agent_y_m - y_m) - math.sin(course_rad) * (agent_x_m - x_m)
-
-
-@kernel
 def wanted_course_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, agent_x_m, agent_y_m, radius_m
 ):
@@ -47,20 +41,6 @@ def wanted_course_rad(  # type: ignore[no-untyped-def]
     distance_m = math.hypot(x_m - agent_x_m, y_m - agent_y_m)
     sense = sense_of(radius_m)
     return polar_rad + sense * 2.0 * math.atan(distance_m / abs(radius_m))
-
-
-@kernel
-def literal_course_rad(  # type: ignore[no-untyped-def]
-    x_m, y_m, course_rad, agent_x_m, agent_y_m, radius_m, turn_rad
-):
-    """Eqs. 14 and 15 to the letter: turn on until the agent is on the right side, then eq. 15.
-
-    Anticlockwise that is to the right until it is on the left. Nothing here flies by it, see above.
-    """
-    sense = sense_of(radius_m)
-    if sense * side_of_agent_m(x_m, y_m, course_rad, agent_x_m, agent_y_m) <= 0.0:
-        return course_rad - sense * turn_rad
-    return wanted_course_rad(x_m, y_m, agent_x_m, agent_y_m, radius_m)
 
 
 @kernel

@@ -41,19 +41,6 @@ def _at_least(number: float) -> int:
     return max(1, math.ceil(number - 1e-9))
 
 
-def mixed_worst(hot_share: float, hot_weight: float, vehicles: int, sweeping: int) -> float:
-    """Worst weighted age, in L/v of the cold part: max(2 w h / k, 1 / (n - k)); w / n if k is 0.
-
-    A hot arc is ``hot_share`` of the ring and ``hot_weight`` times as fast as the rest. With
-    ``sweeping`` = ``vehicles`` the rest is never seen: infinite.
-    """
-    if sweeping == 0:
-        return hot_weight / vehicles
-    if sweeping == vehicles:
-        return math.inf
-    return max(2.0 * hot_weight * hot_share / sweeping, 1.0 / (vehicles - sweeping))
-
-
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
     """The split and the arc that keep the worst advance least, from the measured spread.
 
