@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from firemodel.compiled import kernel
 from mission_service.experiments.formation_fires import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
-from mission_service.guidance.formation.camera_footprint import changed_cells, mark_seen
+from mission_service.guidance.formation.camera_footprint import Footprint, changed_cells, mark_seen
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
@@ -239,7 +239,7 @@ class FormationWorld:
         height_m, airspeed_m_s = float(self.heights_m[number]), float(self.motion[number, 1])
         return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
-    def view(self, number: int) -> tuple[float, float, float, float, float]:
+    def view(self, number: int) -> Footprint:
         """x, y, course, half across, half along of what a camera sees now."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
@@ -249,9 +249,9 @@ class FormationWorld:
 
     def _look(self, number: int, agent: Agent, at_us: int) -> None:
         view = self.view(number)
-        mark_seen(self.grid, *view, self.seen_s, self.at_s)
+        mark_seen(self.grid, view, self.seen_s, self.at_s)
         burning, unburned = changed_cells(
-            self.grid, *view, self.arrival_s, self.at_s, agent.maps.fire
+            self.grid, view, self.arrival_s, self.at_s, agent.maps.fire
         )
         if len(burning) or len(unburned):
             agent.add_view(burning, unburned, at_us)

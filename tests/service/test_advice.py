@@ -3,8 +3,8 @@
 import numpy as np
 
 from mission_service.guidance.team.ring import FrontRing
-from mission_service.guidance.team.team_size_advice import (
-    AGAIN_S,
+from mission_service.guidance.team.team_size import (
+    ADVISE_EVERY_S,
     CoverageTargets,
     TeamSizeAdviser,
     team_size_advice,
@@ -48,11 +48,11 @@ def test_it_speaks_when_the_team_changes_or_no_longer_suffices() -> None:
     first = adviser.at(RING, speeds(4), 0.0)
     assert first is not None
     assert not first[0]
-    assert not adviser.is_due(4, AGAIN_S - 1.0)
+    assert not adviser.is_due(4, ADVISE_EVERY_S - 1.0)
     assert adviser.is_due(3, 1.0)
     fewer = adviser.at(RING, speeds(3), 1.0)
     assert fewer is not None
     assert fewer[0]
-    assert adviser.at(RING, speeds(3), 2.0 + AGAIN_S) is None
+    assert adviser.at(RING, speeds(3), 2.0 + ADVISE_EVERY_S) is None
     grown = FrontRing(2.0 * RING.step_m, RING.spread_rate_m_s, RING.visited_at_s)
     assert TeamSizeAdviser(CoverageTargets(100.0)).at(grown, speeds(4), 0.0) is not None

@@ -152,7 +152,7 @@ def test_how_many_are_needed() -> None:
 def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: float) -> None:
     """Worst weighted ages in L/v: of one to three that sweep the hot arc, and of four that lap."""
     sweeps = [max(2.0 * weight * share / k, 1.0 / (4 - k)) for k in range(1, 4)]
-    assert (min(sweeps), weight / 4) == (pytest.approx(mixed), pytest.approx(lapping))
+    assert [min(sweeps), weight / 4] == pytest.approx([mixed, lapping])
     # From the spread along a ring of 64 x 10 cells: the arc is found.
     hot = round(640 * share)
     rates = np.full(640, 0.1)

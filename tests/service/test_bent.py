@@ -7,11 +7,6 @@ import pytest
 
 from mission_service.experiments.ring_flight import SEPARATION_M, fly_team
 from mission_service.experiments.ring_history import RingStep
-from mission_service.guidance.team.bent_back_and_forth import back_and_forth
-from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
-from mission_service.guidance.team.bent_highest_static import highest_static
-from mission_service.guidance.team.bent_predictive import predictive
-from mission_service.guidance.team.bent_predictive_kept import predictive_kept
 from mission_service.guidance.team.bent_region import Course, Region, course_back, lifted
 from mission_service.guidance.team.bent_rules import (
     LATER_NEGOTIATIONS,
@@ -20,10 +15,22 @@ from mission_service.guidance.team.bent_rules import (
     PLANNERS,
     bent_rule,
 )
+from mission_service.guidance.team.bent_steering import (
+    back_and_forth,
+    highest_dynamic,
+    highest_static,
+    predictive,
+    predictive_kept,
+)
 from mission_service.guidance.team.bent_team import RegionTeam
-from mission_service.guidance.team.negotiation import Share, offers, on_importance, reserved_cells
-from mission_service.guidance.team.negotiation_arrival import on_arrival
-from mission_service.guidance.team.negotiation_centre import on_centre
+from mission_service.guidance.team.negotiation import (
+    Share,
+    offers,
+    on_arrival,
+    on_centre,
+    on_importance,
+    reserved_cells,
+)
 from mission_service.guidance.team.regions import ledger, owners
 from mission_service.guidance.team.ring import Floats, FrontRing
 from tests.service.test_ring_flight import CELL_M, SPEED_M_S, settled, still

@@ -121,7 +121,7 @@ def test_what_was_seen_counts_for_a_minute() -> None:
     area.burn(growing(3), 40.0)
     seen_s = np.full((ROWS, COLS), -np.inf)
     x_m, y_m = GRID.xy_of(12.0, 30.0)
-    mark_seen(GRID, x_m, y_m, 0.0, 50.0, 80.0, seen_s, 100.0)
+    mark_seen(GRID, (x_m, y_m, 0.0, 50.0, 80.0), seen_s, 100.0)
     expected = area.priority[7:18, 22:39].sum() / area.priority.sum()
     assert 0.1 < expected < 0.9
     assert area.seen_coverage(seen_s, 130.0) == pytest.approx(expected)

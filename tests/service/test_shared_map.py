@@ -330,7 +330,7 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
                 east, north = 460.0 * math.cos(k * math.pi / 4), 460.0 * math.sin(k * math.pi / 4)
                 x_m, y_m = 800.0 + east + 150 * math.cos(way), 800.0 + north + 150 * math.sin(way)
                 view = (x_m, y_m, way + math.pi / 2, 152.0, 130.0)
-                shared.add_view(*changed_cells(grid, *view, arrival_s, at_s, shared.fire), at_us)
+                shared.add_view(*changed_cells(grid, view, arrival_s, at_s, shared.fire), at_us)
             for message in shared.messages(at_us):
                 lost = rng.random(8) < (loss if at_s < lossy_until_s else 0.0)
                 under_way += [(i, message) for i in range(8) if i != k and not lost[i]]

@@ -201,10 +201,7 @@ def test_an_agent_goes_round_the_fire_never_through_it() -> None:
     goal, gone_m = None, 0.0
     for tick in range(200):
         if tick % 2 == 0:
-            goal = next_goal(
-                tick * STEP_S, x_m, y_m, goal, others_m[:, 0].copy(), others_m[:, 1].copy(),
-                maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
-            )  # fmt: skip
+            goal = next_goal(tick * STEP_S, x_m, y_m, goal, others_m, maps, GRID, SETTINGS)
         assert goal is not None
         east_m_s, north_m_s = velocity(x_m, y_m, goal, 25.0, STEP_S)
         x_m, y_m = x_m + east_m_s * STEP_S, y_m + north_m_s * STEP_S
@@ -220,10 +217,8 @@ def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_f
     nobody = np.empty(0)
 
     def asked(x_m: float, y_m: float) -> object:
-        return next_goal(
-            0.0, MIDDLE_M + x_m, MIDDLE_M + y_m, None, nobody, nobody,
-            maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
-        )  # fmt: skip
+        place_m = (MIDDLE_M + x_m, MIDDLE_M + y_m)
+        return next_goal(0.0, *place_m, None, np.empty((0, 2)), maps, GRID, SETTINGS)
 
     assert asked(-1390.0, 1390.0) is None
     assert asked(0.0, 99999.0) is None

@@ -15,10 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from firemodel.ellipses.marks import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.hazard_kernels import (
+    bound_times,
+    is_surely_in_danger,
+    least_margin_s,
+    mark_lit,
+)
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
@@ -123,9 +128,9 @@ class Hazard:
         at_s = np.maximum(at_s, LONG_AGO_S).reshape(rows.size, cols.size)
         self.at_s[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] = at_s
         first, last = self.first_s[top:bottom, left:right], self.last_s[top:bottom, left:right]
-        _steep_bounds(self.at_s, self.cell_m, self._begins_s, top, left, first, last)
+        bound_times(self.at_s, self.cell_m, self._begins_s, top, left, first, last)
         west_m, north_m = self.west_m + left * self.cell_m, self.north_m - top * self.cell_m
-        _mark_lit(self._sources, west_m, north_m, self.cell_m, first)
+        mark_lit(self._sources, west_m, north_m, self.cell_m, first)
 
     @cached_property
     def fine(self) -> "Hazard":
@@ -161,7 +166,7 @@ class Hazard:
         ``more_m`` is added to the distance margin.
         """
         self._look(x0_m, y0_m, x1_m, y1_m, more_m)
-        return float(_leg_margin(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
+        return float(least_margin_s(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
 
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
@@ -171,7 +176,7 @@ class Hazard:
         self._look(x0_m, y0_m, x1_m, y1_m, 0.0)
         leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
         raster = (self.at_s, west_m, north_m, cell_m, *margins, self.margins.time_s)
-        return bool(_surely(*raster, *leg))
+        return bool(is_surely_in_danger(*raster, *leg))
 
 
 def cell_for(box: Box, margins: Margins) -> float:
@@ -219,118 +224,3 @@ def sources_of(fire: Any) -> Floats:
     if len(lit):
         lit[:, 2] = fire.ignition_time_s(lit[:, :2])
     return lit
-
-
-@kernel
-def _mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
-    """A small fire may reach into the next cell before it comes to any corner."""
-    rows, cols = first.shape
-    for number in range(sources.shape[0]):
-        col = math.floor((sources[number, 0] - west) / cell)
-        row = math.floor((north - sources[number, 1]) / cell)
-        # Not beyond the raster: a fire far away has no row to speak of.
-        if not (-2 < row < rows + 1 and -2 < col < cols + 1):
-            continue
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(col - 1, 0), min(col + 2, cols)):
-                first[r, c] = min(first[r, c], sources[number, 2])
-
-
-@kernel
-def _steep_bounds(at_s, cell, begins, top, left, first, last):  # type: ignore[no-untyped-def]
-    """From the four corners, by the steepest slope among them and their neighbours.
-
-    That finds fires lit between nodes and ridges where fires meet: all of a cell is within half
-    its diagonal of a corner.
-    """
-    most_row, most_col = at_s.shape[0] - 1, at_s.shape[1] - 1
-    for here in range(first.shape[0]):
-        for there in range(first.shape[1]):
-            row, col = top + here, left + there
-            low, high, east, south = math.inf, -math.inf, 0.0, 0.0
-            for r in range(row, row + 2):
-                for c in range(col, col + 2):
-                    low, high = min(low, at_s[r, c]), max(high, at_s[r, c])
-            if low == math.inf:
-                first[here, there], last[here, there] = low, low
-                continue
-            r1, c1 = min(row + 2, most_row), min(col + 2, most_col)
-            for r in range(max(row - 1, 0), r1 + 1):
-                for c in range(max(col - 1, 0), c1 + 1):
-                    if at_s[r, c] == math.inf:
-                        continue
-                    if c < c1 and at_s[r, c + 1] < math.inf:
-                        east = max(east, abs(at_s[r, c + 1] - at_s[r, c]))
-                    if r < r1 and at_s[r + 1, c] < math.inf:
-                        south = max(south, abs(at_s[r + 1, c] - at_s[r, c]))
-            spare = math.sqrt(0.5) * math.hypot(east, south)
-            first[here, there], last[here, there] = max(low - spare, begins), high + spare
-
-
-@kernel
-def _margin(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, t1, slack):  # type: ignore[no-untyped-def]
-    """Of what is within ``slack`` of a place from t0 to t1."""
-    rows, cols = first.shape
-    wind = math.hypot(wx, wy)
-    most = reach + wind + slack
-    left, right = math.floor((x - most - west) / cell), math.floor((x + most - west) / cell)
-    top, bottom = math.floor((north - y - most) / cell), math.floor((north - y + most) / cell)
-    if left < 0 or top < 0 or right >= cols or bottom >= rows:
-        return -math.inf
-    about = slack + math.sqrt(0.5) * cell  # of all of a cell, seen from its middle
-    least = math.inf
-    for row in range(top, bottom + 1):
-        for col in range(left, right + 1):
-            if last[row, col] <= t0 - residence or first[row, col] - t1 >= least:
-                continue
-            # From the middle of the cell, where it may burn, to the vehicle.
-            dx, dy = x - (west + (col + 0.5) * cell), y - (north - (row + 0.5) * cell)
-            away = math.hypot(max(abs(dx) - 0.5 * cell, 0.0), max(abs(dy) - 0.5 * cell, 0.0))
-            along = wx * dx + wy * dy + wind * about
-            gap = math.hypot(dx, dy) - about
-            more = 0.0
-            if along > 0.0:
-                more = wind if along >= wind * gap else along / gap
-            if away <= reach + more + slack:
-                least = first[row, col] - t1
-    return least
-
-
-@kernel
-def _leg_margin(  # type: ignore[no-untyped-def]
-    first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
-):
-    # Also straight up and down by half a cell, so that what is safe there is so on the leg after.
-    count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
-    least = math.inf
-    for number in range(count):
-        part, middle, end = number / count, (number + 0.5) / count, (number + 1) / count
-        here = _margin(
-            *(first, last, west, north, cell, reach, wx, wy, residence),
-            *(x0 + middle * (x1 - x0), y0 + middle * (y1 - y0)),
-            *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * cell),
-        )
-        least = min(least, here)
-    return least
-
-
-@kernel
-def _surely(  # type: ignore[no-untyped-def]
-    at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
-):
-    most = reach + math.hypot(wx, wy)
-    count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
-    for number in range(count + 1):
-        part = number / count
-        x, y, t = x0 + part * (x1 - x0), y0 + part * (y1 - y0), t0 + part * (t1 - t0)
-        left, right = math.ceil((x - most - west) / cell), math.floor((x + most - west) / cell)
-        top, bottom = math.ceil((north - y - most) / cell), math.floor((north - y + most) / cell)
-        for row in range(max(top, 0), min(bottom, at_s.shape[0] - 1) + 1):
-            for col in range(max(left, 0), min(right, at_s.shape[1] - 1) + 1):
-                if t - residence < at_s[row, col] < t + time:
-                    dx, dy = x - (west + col * cell), y - (north - row * cell)
-                    away = math.hypot(dx, dy)
-                    along = max(wx * dx + wy * dy, 0.0)
-                    if away <= reach or away * away <= reach * away + along:
-                        return True
-    return False

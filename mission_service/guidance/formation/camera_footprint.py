@@ -1,8 +1,8 @@
-"""What a camera that looks straight down sees of a map: the cells whose centres are in its view.
+"""The cells of a map that a camera looking straight down has in view: their centres are in it.
 
-The view is a rectangle around the vehicle, ``half_along_m`` ahead and astern and
-``half_across_m`` to either side of its course (radians anticlockwise from east). It is gone through
-row by row, each from the first to the last column within both pairs of edges.
+The footprint is a rectangle around the vehicle, ``half_along_m`` ahead and astern and
+``half_across_m`` to either side of its course (radians anticlockwise from east). It is scanned row
+by row, each from the first to the last column within both pairs of edges.
 """
 
 import math
@@ -15,80 +15,65 @@ from mission_service.guidance.formation.map_grid import MapGrid
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Footprint = tuple[float, float, float, float, float]
+# x_m, y_m, course_rad, half_across_m, half_along_m; for kernels row, col and half sides in cells
+
 EDGE = 1e-9  # cells; a centre on an edge is in view
 
 
 def changed_cells(
     grid: MapGrid,
-    x_m: float,
-    y_m: float,
-    course_rad: float,
-    half_across_m: float,
-    half_along_m: float,
+    footprint: Footprint,
     arrival_s: Floats,
     at_s: float,
     fire: NDArray[np.bool_],
 ) -> tuple[Cells, Cells]:
-    """What a sight changes: cells that burn and are not known to, and the other way round.
+    """Cells in view whose state on a map is wrong: those that burn, and those that do not.
 
-    ``arrival_s`` (y, x) is the true fire's, infinity where it does not come; burned is burning.
-    ``fire`` (y, x) is what is known. Returns two arrays of cell numbers, rising.
+    Args:
+        grid: the map's grid.
+        footprint: of the camera, in metres.
+        arrival_s: (y, x) the true fire's arrival times, infinity for never; burned is burning.
+        at_s: now.
+        fire: (y, x) true where the map has fire.
+
+    Returns:
+        Two arrays of cell numbers ``row * cols + col``, rising.
     """
-    row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
-    room = _room(across, along)
-    burning, unburned = np.empty((2, room), dtype=np.int64)
-    count, cleared = fill_changed_cells(
-        row, col, course_rad, across, along, arrival_s, at_s, fire, burning, unburned
-    )
+    view = in_cells(grid, footprint)
+    burning, unburned = np.empty((2, _max_cells(view)), dtype=np.int64)
+    count, cleared = fill_changed_cells(view, arrival_s, at_s, fire, burning, unburned)
     return burning[:count], unburned[:cleared]
 
 
-def mark_seen(
-    grid: MapGrid,
-    x_m: float,
-    y_m: float,
-    course_rad: float,
-    half_across_m: float,
-    half_along_m: float,
-    seen_s: Floats,
-    at_s: float,
-) -> None:
-    """Write into ``seen_s`` (y, x) when the cells in view were last seen: now."""
-    row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
-    fill_seen(row, col, course_rad, across, along, seen_s, at_s)
+def mark_seen(grid: MapGrid, footprint: Footprint, seen_s: Floats, at_s: float) -> None:
+    """Set ``seen_s`` (y, x), when cells were last in view, to ``at_s`` for those in view."""
+    fill_seen(in_cells(grid, footprint), seen_s, at_s)
 
 
-def cells_in_view(
-    grid: MapGrid,
-    x_m: float,
-    y_m: float,
-    course_rad: float,
-    half_across_m: float,
-    half_along_m: float,
-) -> Cells:
+def cells_in_view(grid: MapGrid, footprint: Footprint) -> Cells:
     """Numbers of the cells in view, rising."""
-    row, col, across, along = in_cells(grid, x_m, y_m, half_across_m, half_along_m)
-    cells = np.empty(_room(across, along), dtype=np.int64)
-    return cells[
-        : fill_cells_in_view(row, col, course_rad, across, along, grid.rows, grid.cols, cells)
-    ]
+    view = in_cells(grid, footprint)
+    cells = np.empty(_max_cells(view), dtype=np.int64)
+    return cells[: fill_cells_in_view(view, grid.shape, cells)]
 
 
-def in_cells(
-    grid: MapGrid, x_m: float, y_m: float, half_across_m: float, half_along_m: float
-) -> tuple[float, float, float, float]:
-    """Where a view is, and its half sides, in cells: row, column, across, along."""
-    return *grid.row_col_of(x_m, y_m), half_across_m / grid.cell_m, half_along_m / grid.cell_m
+def in_cells(grid: MapGrid, footprint: Footprint) -> Footprint:
+    """A footprint in cells: row, column, course_rad, half sides across and along."""
+    x_m, y_m, course_rad, half_across_m, half_along_m = footprint
+    row, col = grid.row_col_of(x_m, y_m)
+    return row, col, course_rad, half_across_m / grid.cell_m, half_along_m / grid.cell_m
 
 
-def _room(across: float, along: float) -> int:
-    """At least as many as there can be cells in a rectangle of these half sides."""
-    return int((2.0 * (across + along) + 2.0) ** 2)
+def _max_cells(view: Footprint) -> int:
+    """At least as many as there can be cells in a footprint."""
+    return int((2.0 * (view[3] + view[4]) + 2.0) ** 2)
 
 
 @kernel
-def first_row_and_end(row, course_rad, across, along, rows):  # type: ignore[no-untyped-def]
+def first_row_and_end(view, rows):  # type: ignore[no-untyped-def]
     """Rows of the map that a view can touch; lengths in cells."""
+    row, _, course_rad, across, along = view
     high = abs(along * math.sin(course_rad)) + abs(across * math.cos(course_rad)) + EDGE
     # Clipped as floats: a view may be far off the map.
     first = math.ceil(min(max(row - high, 0.0), rows + 0.0))
@@ -96,8 +81,9 @@ def first_row_and_end(row, course_rad, across, along, rows):  # type: ignore[no-
 
 
 @kernel
-def first_col_and_end(r, row, col, course_rad, across, along, cols):  # type: ignore[no-untyped-def]
+def first_col_and_end(r, view, cols):  # type: ignore[no-untyped-def]
     """Columns of row ``r`` of the map that are in view; lengths in cells."""
+    row, col, course_rad, across, along = view
     cos, sin = math.cos(course_rad), math.sin(course_rad)
     north = row - r
     low, high = -col, cols - 1.0 - col  # of columns from the vehicle's
@@ -118,15 +104,13 @@ def _within(low, high, slope, off, most):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_changed_cells(  # type: ignore[no-untyped-def]
-    row, col, course_rad, across, along, arrival_s, at_s, fire, burning, unburned
-):
+def fill_changed_cells(view, arrival_s, at_s, fire, burning, unburned):  # type: ignore[no-untyped-def]
     """``changed_cells`` in cells: fills ``burning``, ``unburned``; returns how many of each."""
     rows, cols = fire.shape
     count, cleared = 0, 0
-    first, end = first_row_and_end(row, course_rad, across, along, rows)
+    first, end = first_row_and_end(view, rows)
     for r in range(first, end):
-        left, right = first_col_and_end(r, row, col, course_rad, across, along, cols)
+        left, right = first_col_and_end(r, view, cols)
         for c in range(left, right):
             burns = arrival_s[r, c] <= at_s
             if burns != fire[r, c]:
@@ -140,23 +124,24 @@ def fill_changed_cells(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_seen(row, col, course_rad, across, along, seen_s, at_s):  # type: ignore[no-untyped-def]
-    """As ``mark_seen``, in cells."""
+def fill_seen(view, seen_s, at_s):  # type: ignore[no-untyped-def]
+    """``mark_seen`` in cells."""
     rows, cols = seen_s.shape
-    first, end = first_row_and_end(row, course_rad, across, along, rows)
+    first, end = first_row_and_end(view, rows)
     for r in range(first, end):
-        left, right = first_col_and_end(r, row, col, course_rad, across, along, cols)
+        left, right = first_col_and_end(r, view, cols)
         for c in range(left, right):
             seen_s[r, c] = at_s
 
 
 @kernel
-def fill_cells_in_view(row, col, course_rad, across, along, rows, cols, cells):  # type: ignore[no-untyped-def]
-    """As ``cells_in_view``, in cells; returns how many."""
+def fill_cells_in_view(view, shape, cells):  # type: ignore[no-untyped-def]
+    """``cells_in_view`` in cells: fills ``cells``; returns how many."""
+    rows, cols = shape
     count = 0
-    first, end = first_row_and_end(row, course_rad, across, along, rows)
+    first, end = first_row_and_end(view, rows)
     for r in range(first, end):
-        left, right = first_col_and_end(r, row, col, course_rad, across, along, cols)
+        left, right = first_col_and_end(r, view, cols)
         for c in range(left, right):
             cells[count] = r * cols + c
             count += 1

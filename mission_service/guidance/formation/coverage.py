@@ -15,24 +15,12 @@ Weights count in fifths: 5 for a cell within the augmentation (priority 1), 1 wi
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from mission_service.guidance.formation.agent_maps import AgentMaps
-from mission_service.guidance.formation.coverage_kernels import (
-    crowding,
-    extent,
-    find_paths,
-    first_leg,
-    is_clear,
-    is_free,
-    sum_left_over,
-    weight_within,
-    wider,
-)
+from mission_service.guidance.formation.coverage_kernels import find_goal
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.virtual_forces_kernels import (
@@ -45,10 +33,9 @@ Floats = NDArray[np.float64]
 # What a move must gain at once (half a percent of what four cover), and after some time in a place.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 WAY_PER_M = 0.03  # what a metre of way costs
-# Others nearer than the spacing cost up to this, nearer than the second number up to the third.
-NEIGHBOUR, CROWD_M, CROWD = 800.0, 150.0, 5000.0
+CROWD_M = 150.0  # others nearer than this cost much more (``coverage_kernels.CROWD``)
 LATTICE_M = 60.0
-MARGIN_M, TOUCHING = 10.0, 50.0  # what it costs to be so near to the augmented fire, for it grows
+MARGIN_M = 10.0  # a place nearer to the augmented fire costs something, for the fire grows
 ARRIVED_M = 0.5
 STILL_M = 5.0  # another that went farther since the last decision is on its way
 DECIDE_EVERY_S = 2.0
@@ -101,20 +88,15 @@ def next_goal(
     x_m: float,
     y_m: float,
     goal: Goal | None,
-    others_x_m: Floats,
-    others_y_m: Floats,
-    fire: NDArray[np.bool_],
-    augmentation: NDArray[Any],
-    monitored: NDArray[Any],
-    area: NDArray[Any],
+    others_m: Floats,
+    maps: AgentMaps,
     grid: MapGrid,
     settings: Settings,
 ) -> Goal | None:
     """Where the agent at (x, y) goes now; None outside its area, to which forces must bring it.
 
-    ``goal`` is what this said last (None at first), ``others_*`` (n) the places of the other
-    agents. Maps are (rows, cols), not 0 within their distances of fire
-    (``AgentMaps``): ``monitored`` is d_mon. To be asked every few seconds (``AgentMover``).
+    ``goal`` is the previous result (None at first), ``others_m`` (n, 2) x, y of the other agents,
+    or of where they go. To be called every few seconds (``AgentMover``).
     """
     cell_m = grid.cell_m
     row, col = grid.row_col_of(x_m, y_m)
@@ -127,18 +109,18 @@ def next_goal(
     radius = settings.coverage_radius_m / cell_m
     workspace = _workspace(grid.rows, grid.cols, stride, radius)
     found = workspace.found
-    if not _next_goal(
+    if not find_goal(
         row,
         col,
         goal is not None,
         goal_row,
         goal_col,
-        (grid.north_m - others_y_m) / cell_m - 0.5,
-        (others_x_m - grid.west_m) / cell_m - 0.5,
-        fire,
-        augmentation,
-        monitored,
-        area,
+        (grid.north_m - others_m[:, 1]) / cell_m - 0.5,
+        (others_m[:, 0] - grid.west_m) / cell_m - 0.5,
+        maps.fire,
+        maps.augmentation,
+        maps.monitored,
+        maps.area,
         WORTH + patience * (WORTH_LATER - WORTH),
         WAY_PER_M * cell_m,
         math.ceil(MARGIN_M / cell_m),
@@ -259,20 +241,7 @@ class AgentMover:
     def _next(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
     ) -> Goal | None:
-        return next_goal(
-            at_s,
-            x_m,
-            y_m,
-            self.goal,
-            others_m[:, 0].copy(),
-            others_m[:, 1].copy(),
-            maps.fire,
-            maps.augmentation,
-            maps.monitored,
-            maps.area,
-            self.grid,
-            self.settings,
-        )
+        return next_goal(at_s, x_m, y_m, self.goal, others_m, maps, self.grid, self.settings)
 
     def _is_at(self, x_m: float, y_m: float, goal: Goal) -> bool:
         return math.dist((x_m, y_m), (goal.x_m, goal.y_m)) < ARRIVED_M
@@ -281,116 +250,3 @@ class AgentMover:
         """At a corner of its way, before the goal."""
         at_via = math.dist((x_m, y_m), (goal.via_x_m, goal.via_y_m)) < ARRIVED_M
         return at_via and not self._is_at(x_m, y_m, goal)
-
-
-@kernel
-def _next_goal(  # type: ignore[no-untyped-def]
-    row,
-    col,
-    has_goal,
-    goal_row,
-    goal_col,
-    others_row,
-    others_col,
-    fire,
-    augmentation,
-    monitored,
-    area,
-    worth,
-    way_cost,
-    margin,
-    radius,
-    monitored_reach,
-    area_reach,
-    spacing,
-    crowd_at,
-    stride,
-    half_widths,
-    sums,
-    distances,
-    before,
-    queue,
-    queued,
-    found,
-):
-    """``next_goal`` in cells; ``found`` (4) is the goal and the via. False for None."""
-    if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
-        return False
-    burning = extent(fire)
-    box = wider(burning, monitored_reach, fire.shape)
-    sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums)
-    scene = (
-        augmentation,
-        margin,
-        half_widths,
-        box,
-        sums,
-        others_row,
-        others_col,
-        spacing,
-        crowd_at,
-    )
-    # What there is already: the goal, unless the fire has come; and what is near it.
-    found[0], found[1] = goal_row, goal_col
-    r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
-    least, best = -math.inf, -math.inf
-    if is_free(r, c, augmentation, 0):
-        least = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
-        near_row, near_col = climb(r, c, stride, area, scene)
-        way = math.hypot(near_row - row, near_col - col)
-        best = value(near_row, near_col, scene) - way_cost * way
-        if best > least:
-            found[0], found[1] = near_row, near_col
-    # What there is elsewhere: on the lattice, and from there uphill.
-    field = wider(burning, area_reach, fire.shape)
-    on_lattice, node_row, node_col = -math.inf, -1, -1
-    for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
-        for c in range((field[2] + stride - 1) // stride * stride, field[3], stride):
-            if area[r, c] != 0 and augmentation[r, c] == 0:
-                new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
-                if new > on_lattice:
-                    on_lattice, node_row, node_col = new, r, c
-    if node_row >= 0:
-        r, c = climb(node_row, node_col, stride, area, scene)
-        new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
-        if new > max(best, least):
-            found[0], found[1] = r, c
-    elif least == -math.inf:
-        return False
-    found[2], found[3] = found[0], found[1]
-    if is_clear(row, col, found[0], found[1], augmentation):
-        return True
-    if not find_paths(row, col, augmentation, field, stride, distances, before, queue, queued):
-        return False
-    return first_leg(row, col, augmentation, field, stride, distances, before, found)
-
-
-@kernel
-def value(row, col, scene):  # type: ignore[no-untyped-def]
-    """What a free cell is worth to an agent."""
-    augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
-    gain = weight_within(row, col, half_widths, box, sums) - crowding(
-        row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
-    )
-    return gain if is_free(row, col, augmentation, margin) else gain - TOUCHING
-
-
-@kernel
-def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
-    """The best place near a cell, in the area: uphill with smaller and smaller steps."""
-    augmentation = scene[0]
-    best = value(row, col, scene)
-    while step > 1:
-        step = (step + 1) // 2
-        gained = True
-        while gained:
-            gained = False
-            for side in range(9):
-                r, c = row + step * (side // 3 - 1), col + step * (side % 3 - 1)
-                if is_free(r, c, augmentation, 0) and area[r, c] != 0:
-                    new = value(r, c, scene)
-                    if new > best + 1e-9:
-                        best, next_row, next_col, gained = new, r, c, True
-            if gained:
-                row, col = next_row, next_col
-    return row, col

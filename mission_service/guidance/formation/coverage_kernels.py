@@ -18,6 +18,9 @@ NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
 RINGS = 8  # so far, in strides, the first free node is looked for
 PER_CELL = 4  # places looked at along a straight way
 NO_PATH = math.inf
+# Others nearer than the spacing cost up to the first, nearer than CROWD_M up to the second more.
+NEIGHBOUR, CROWD = 800.0, 5000.0
+TOUCHING = 50.0  # what a place within the margin of the augmented fire costs
 
 
 @kernel
@@ -222,3 +225,116 @@ def first_leg(row, col, augmentation, box, stride, distances, previous, found): 
         if previous[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
             return True
         node = previous[node]
+
+
+@kernel
+def find_goal(  # type: ignore[no-untyped-def]
+    row,
+    col,
+    has_goal,
+    goal_row,
+    goal_col,
+    others_row,
+    others_col,
+    fire,
+    augmentation,
+    monitored,
+    area,
+    worth,
+    way_cost,
+    margin,
+    radius,
+    monitored_reach,
+    area_reach,
+    spacing,
+    crowd_at,
+    stride,
+    half_widths,
+    sums,
+    distances,
+    before,
+    queue,
+    queued,
+    found,
+):
+    """``coverage.next_goal`` in cells: fills ``found`` (4), goal and via; False for None."""
+    if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
+        return False
+    burning = extent(fire)
+    box = wider(burning, monitored_reach, fire.shape)
+    sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums)
+    scene = (
+        augmentation,
+        margin,
+        half_widths,
+        box,
+        sums,
+        others_row,
+        others_col,
+        spacing,
+        crowd_at,
+    )
+    # What there is already: the goal, unless the fire has come; and what is near it.
+    found[0], found[1] = goal_row, goal_col
+    r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
+    least, best = -math.inf, -math.inf
+    if is_free(r, c, augmentation, 0):
+        least = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        near_row, near_col = climb(r, c, stride, area, scene)
+        way = math.hypot(near_row - row, near_col - col)
+        best = value(near_row, near_col, scene) - way_cost * way
+        if best > least:
+            found[0], found[1] = near_row, near_col
+    # What there is elsewhere: on the lattice, and from there uphill.
+    field = wider(burning, area_reach, fire.shape)
+    on_lattice, node_row, node_col = -math.inf, -1, -1
+    for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
+        for c in range((field[2] + stride - 1) // stride * stride, field[3], stride):
+            if area[r, c] != 0 and augmentation[r, c] == 0:
+                new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+                if new > on_lattice:
+                    on_lattice, node_row, node_col = new, r, c
+    if node_row >= 0:
+        r, c = climb(node_row, node_col, stride, area, scene)
+        new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        if new > max(best, least):
+            found[0], found[1] = r, c
+    elif least == -math.inf:
+        return False
+    found[2], found[3] = found[0], found[1]
+    if is_clear(row, col, found[0], found[1], augmentation):
+        return True
+    if not find_paths(row, col, augmentation, field, stride, distances, before, queue, queued):
+        return False
+    return first_leg(row, col, augmentation, field, stride, distances, before, found)
+
+
+@kernel
+def value(row, col, scene):  # type: ignore[no-untyped-def]
+    """What a free cell is worth to an agent."""
+    augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
+    gain = weight_within(row, col, half_widths, box, sums) - crowding(
+        row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
+    )
+    return gain if is_free(row, col, augmentation, margin) else gain - TOUCHING
+
+
+@kernel
+def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
+    """The best place near a cell, in the area: uphill with smaller and smaller steps."""
+    augmentation = scene[0]
+    best = value(row, col, scene)
+    while step > 1:
+        step = (step + 1) // 2
+        gained = True
+        while gained:
+            gained = False
+            for side in range(9):
+                r, c = row + step * (side // 3 - 1), col + step * (side % 3 - 1)
+                if is_free(r, c, augmentation, 0) and area[r, c] != 0:
+                    new = value(r, c, scene)
+                    if new > best + 1e-9:
+                        best, next_row, next_col, gained = new, r, c, True
+            if gained:
+                row, col = next_row, next_col
+    return row, col

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from firemodel.compiled import kernel
 from mission_service.guidance.formation.agent_maps import check_cells, disc, no_counts, stamp
 from mission_service.guidance.formation.camera_footprint import (
+    Footprint,
     first_col_and_end,
     first_row_and_end,
     in_cells,
@@ -98,25 +99,13 @@ class MonitoringArea:
         share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
         return share
 
-    def efficiency(self, views: Sequence[tuple[float, float, float, float, float]]) -> float:
-        """Priorities of all views together over the sum of each one's; 1 where there are none.
-
-        A view is (x_m, y_m, course_rad, half_across_m, half_along_m), as in ``sight``.
-        """
+    def efficiency(self, footprints: Sequence[Footprint]) -> float:
+        """Priorities in all footprints together over the sum of each one's; 1 without any."""
         union = total = 0.0
         self._view += 1
-        for x_m, y_m, course_rad, half_across_m, half_along_m in views:
-            row, col, across, along = in_cells(self.grid, x_m, y_m, half_across_m, half_along_m)
-            new, all_of_it = _in_view(
-                row,
-                col,
-                course_rad,
-                across,
-                along,
-                self.priority,
-                self._views,
-                self._view,
-            )
+        for footprint in footprints:
+            view = in_cells(self.grid, footprint)
+            new, all_of_it = _in_view(view, self.priority, self._views, self._view)
             union += new
             total += all_of_it
         return union / total if total else 1.0
@@ -171,16 +160,16 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _in_view(row, col, course_rad, across, along, priority, views, view):  # type: ignore[no-untyped-def]
+def _in_view(view, priority, views, number):  # type: ignore[no-untyped-def]
     """Priorities in a view that are in none with this number yet, and all of them."""
     rows, cols = priority.shape
     new, total = 0.0, 0.0
-    first, end = first_row_and_end(row, course_rad, across, along, rows)
+    first, end = first_row_and_end(view, rows)
     for r in range(first, end):
-        left, right = first_col_and_end(r, row, col, course_rad, across, along, cols)
+        left, right = first_col_and_end(r, view, cols)
         for c in range(left, right):
             total += priority[r, c]
-            if views[r, c] != view:
-                views[r, c] = view
+            if views[r, c] != number:
+                views[r, c] = number
                 new += priority[r, c]
     return new, total

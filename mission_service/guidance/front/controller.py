@@ -14,7 +14,7 @@ from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEve
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision, Planner
 from mission_service.guidance.team.team import TeamMember
-from mission_service.guidance.team.team_size_advice import CoverageTargets, TeamSizeAdviser
+from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import Here

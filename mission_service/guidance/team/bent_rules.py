@@ -3,16 +3,21 @@
 from collections.abc import Mapping
 
 from mission_service.guidance.team.baselines import Bumper, Circling
-from mission_service.guidance.team.bent_back_and_forth import back_and_forth
-from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
-from mission_service.guidance.team.bent_highest_static import highest_static
-from mission_service.guidance.team.bent_predictive import predictive
-from mission_service.guidance.team.bent_predictive_kept import predictive_kept
 from mission_service.guidance.team.bent_region import CourseRule
+from mission_service.guidance.team.bent_steering import (
+    back_and_forth,
+    highest_dynamic,
+    highest_static,
+    predictive,
+    predictive_kept,
+)
 from mission_service.guidance.team.bent_team import RegionTeam
-from mission_service.guidance.team.negotiation import Negotiation, on_importance
-from mission_service.guidance.team.negotiation_arrival import on_arrival
-from mission_service.guidance.team.negotiation_centre import on_centre
+from mission_service.guidance.team.negotiation import (
+    Negotiation,
+    on_arrival,
+    on_centre,
+    on_importance,
+)
 from mission_service.guidance.team.ring import TeamRule
 
 PLANNERS: Mapping[str, CourseRule] = {

@@ -185,48 +185,66 @@ def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: i
 
 
 @kernel
-def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
-    """Change the plan of one vehicle if another is cheaper by a share ``margin``.
+def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
+    """Two more turns at the beginning: back for some cells and on again."""
+    plan[0], plan[1] = 0, back
+    plan[2] = min(kept[0] + back, NEVER)
+    for leg in range(3, LEGS):  # the last two legs are repeated ones
+        plan[leg] = kept[leg - 2]
 
-    Tried are: going back for each of ``moves.backs`` cells and coming again, now; making each of
-    the next turns ``moves.shifts`` cells later; leaving out the next two turns. ``legs`` (k, LEGS)
-    are the plans, the row of ``vehicle`` is written on. How many plans were flown.
-    """
-    kept, best = moves.kept, moves.best
+
+@kernel
+def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
+    """One turn some cells later; False if a leg would be shorter than nothing."""
+    if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
+        return False
     for leg in range(LEGS):
-        kept[leg] = best[leg] = legs[vehicle, leg]
+        plan[leg] = kept[leg]
+    plan[turn] += shift
+    plan[turn + 1] = NEVER if kept[turn + 1] >= NEVER else min(kept[turn + 1] + shift, NEVER)
+    return True
+
+
+@kernel
+def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
+    """Without the next two turns; False if there are not two, or they gain ground backwards."""
+    if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
+        return False
+    plan[0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
+    for leg in range(1, LEGS):
+        plan[leg] = kept[leg + 2] if leg + 2 < LEGS else kept[leg]
+    return True
+
+
+@kernel
+def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
+    """Change the plan of one vehicle if another one is cheaper by a share ``margin``.
+
+    Tried are: to go back for each of ``moves.backs`` cells and on again, now; to make each of the
+    next turns ``moves.shifts`` cells later; to leave out the next two turns. ``legs`` (k, LEGS) are
+    the plans, of which the row of ``vehicle`` is written on. Returns how many roll-outs were made.
+    """
+    kept, best, plan = moves.kept, moves.best, legs[vehicle]
+    for leg in range(LEGS):
+        kept[leg] = best[leg] = plan[leg]
     first = roll_out(nodes, start, legs, span, room)
     best_cost = first
-    flown = 1
+    count = 1
     for back in moves.backs:
-        # Two more turns at the beginning: the last two legs are repeated ones.
-        legs[vehicle, 0], legs[vehicle, 1] = 0, back
-        legs[vehicle, 2] = min(kept[0] + back, NEVER)
-        for leg in range(3, LEGS):
-            legs[vehicle, leg] = kept[leg - 2]
+        _turn_back_now(plan, kept, back)
         best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
-        flown += 1
+        count += 1
     for turn in range(3):
         if kept[turn] >= NEVER:
             break
         for shift in moves.shifts:
-            if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
-                continue
-            for leg in range(LEGS):
-                legs[vehicle, leg] = kept[leg]
-            legs[vehicle, turn] += shift
-            legs[vehicle, turn + 1] = min(kept[turn + 1] + shift, NEVER)
-            if kept[turn + 1] >= NEVER:
-                legs[vehicle, turn + 1] = NEVER
-            best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
-            flown += 1
-    if kept[0] < NEVER and kept[1] < NEVER and (kept[2] >= NEVER or kept[0] + kept[2] >= kept[1]):
-        legs[vehicle, 0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
-        for leg in range(1, LEGS):
-            legs[vehicle, leg] = kept[leg + 2] if leg + 2 < LEGS else kept[leg]
+            if _shift_turn(plan, kept, turn, shift):
+                best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
+                count += 1
+    if _leave_out_turns(plan, kept):
         best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
-        flown += 1
+        count += 1
     chosen = best if best_cost < (1.0 - margin) * first else kept
     for leg in range(LEGS):
-        legs[vehicle, leg] = chosen[leg]
-    return flown
+        plan[leg] = chosen[leg]
+    return count

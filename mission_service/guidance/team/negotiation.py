@@ -1,9 +1,10 @@
-"""Negotiation on importance (Bent 4.2.1), and what all negotiations share."""
+"""Negotiations between neighbours about the borders of their regions (Bent, 4.2 and 6.1)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mission_service.guidance.team.bent_kernels import chunk, total
+from mission_service.guidance.team.bent_kernels import chunk, most_centred, total
+from mission_service.guidance.team.bent_region import lifted
 from mission_service.guidance.team.ring import FrontRing
 
 
@@ -60,10 +61,10 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
     return scale * more_left, scale * more_right
 
 
-def largest_chunks(
+def on_importance(
     ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """As many cells as are worth no more than the offer, at either end."""
+    """4.2.1: as many cells as are worth no more than the offer, at either end."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Share) -> float:
@@ -77,4 +78,43 @@ def largest_chunks(
     return int(first) if to_left else 0, int(last) if to_right else 0
 
 
-on_importance: Negotiation = largest_chunks
+def on_centre(
+    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
+) -> tuple[int, int]:
+    """4.2.2: of all chunks within the offers, those that best centre the importance that is left.
+
+    The pseudocode is garbled: it compares signed differences, never refills a chunk that it has
+    emptied and tries the first chunk without the second only if there is no second. The text says
+    what is meant: every combination is tried for the least distance of centre and middle.
+    """
+    first, last = on_importance(ring, left, own, right, at_s, exponential)
+    if not first and not last:
+        return 0, 0
+    found = most_centred(
+        ring.spread_rate_m_s,
+        ring.visited_at_s,
+        own.begin,
+        own.end,
+        first,
+        last,
+        at_s,
+        exponential,
+    )
+    return int(found[0]), int(found[1])
+
+
+def on_arrival(
+    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
+) -> tuple[int, int]:
+    """6.1 (future work, after Ahmadi & Stone): the cells that the neighbour would reach sooner.
+
+    It would fly there at once. All have the same speed, so sooner is nearer; in cells, as steps are
+    much alike.
+    """
+    cells = ring.step_m.size
+    behind = lifted(left.here, own.here - cells, cells)
+    ahead = lifted(right.here, own.here + 1, cells)
+    # A cell just as near to both stays where it is.
+    first = (behind + own.here + 1) // 2 - own.begin
+    last = own.end - 1 - (ahead + own.here) // 2
+    return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)
