@@ -58,10 +58,10 @@ class Scripted:
         self.home_m: tuple[float, float] | None = None
         self.to_say: list[AnyMessage] = []
 
-    def hear(self, message: AnyMessage) -> None:
+    def receive(self, message: AnyMessage) -> None:
         self.heard.append(message)
 
-    def see(self, burning: Any, unburned: Any, at_us: int) -> None:
+    def add_view(self, burning: Any, unburned: Any, at_us: int) -> None:
         self.seen.append((burning.tolist(), unburned.tolist()))
 
     def step(self, own: OwnState) -> Intention:
