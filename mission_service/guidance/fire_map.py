@@ -137,12 +137,12 @@ class FireMap:
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Take in what people say of a window: ground thought burned may be unburned after all."""
-        not_burned, least = taken_back(
+        not_burned, still_burned = taken_back(
             row, col, window, (self.centre_row, self.centre_col), self.burned
         )
-        self.burned[not_burned] = least[not_burned]
+        self.burned[not_burned] = still_burned[not_burned]
         for front in (self.outer, self.inner, self._next_inner):
-            front[not_burned] = np.fmin(front[not_burned], least[not_burned])
+            front[not_burned] = np.fmin(front[not_burned], still_burned[not_burned])
         self.observe(row, col, window, at_s)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
@@ -191,12 +191,12 @@ def taken_back(
 
     unburned = unburned_at(burned, NORTH, EAST)
     # From there inwards to the first cell that the window does not have unburned.
-    least = burned.copy()
+    still_burned = burned.copy()
     for bearing in np.flatnonzero(unburned).tolist():
         out = np.arange(burned[bearing], -0.5, -0.5)
         ends = np.flatnonzero(~unburned_at(out, NORTH[bearing], EAST[bearing]))
-        least[bearing] = out[ends[0]] if ends.size else 0.0
-    return unburned, least
+        still_burned[bearing] = out[ends[0]] if ends.size else 0.0
+    return unburned, still_burned
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:

@@ -269,7 +269,7 @@ class Service:
         if isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
         if self._interlock is not None:
-            self._interlock.on_event(event)
+            self._interlock.apply(event)
             self._interlock.on_commands(commands)
 
     def go_on(
@@ -410,7 +410,7 @@ class Service:
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:
-            self._interlock.on_event(event)
+            self._interlock.apply(event)
         return commands
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:

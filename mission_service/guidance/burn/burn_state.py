@@ -78,9 +78,9 @@ class BurnState:
         """Other spacings from now on; why they are not taken, or None."""
         line_m = event.line_spacing_m or self.burn.line_spacing_m
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
-        least_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
-        if drop_m < least_m or line_m <= 0.0:
-            return f"spacings not taken: drops must be at least {least_m:g} m apart"
+        min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
+        if drop_m < min_spacing_m or line_m <= 0.0:
+            return f"spacings not taken: drops must be at least {min_spacing_m:g} m apart"
         changed = {"line_spacing_m": line_m, "drop_spacing_m": drop_m}
         self.burn = self.burn.model_copy(update=changed)
         return None

@@ -28,7 +28,7 @@ class Checklist:
         """Whether every item has its GO; a list without items is complete."""
         return not self.open_items
 
-    def on_event(self, event: AnyEvent) -> str | None:
+    def apply(self, event: AnyEvent) -> str | None:
         """Take in an event; a line for the operator if it was of the list."""
         match event:
             case Answered():

@@ -134,10 +134,10 @@ class BurnFlight:
             case Rejected() if event.plan_hash == self.approvals.plan_hash:
                 return self._stop(f"rejected by {event.by}", "waiting")
             case Aborted():
-                self.checklist.on_event(event)
+                self.checklist.apply(event)
                 return self._stop(f"aborted by {event.by}", "waiting", always=True)
             case Resumed():
-                self.checklist.on_event(event)
+                self.checklist.apply(event)
                 self._by_hand, self._mode = False, ""
                 return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
             case _:
@@ -297,7 +297,7 @@ class BurnFlight:
         return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
     def _answered(self, event: Answered) -> list[AnyCommand]:
-        commands = self._say(self.checklist.on_event(event) or "")
+        commands = self._say(self.checklist.apply(event) or "")
         if not event.go and self.phase in ("approved", "flying"):
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
         if self.checklist.complete and self._reloads:

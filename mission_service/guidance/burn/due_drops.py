@@ -60,8 +60,8 @@ def _why_not(
     state: BurnState, flown: ApprovedPlan, moving: VehicleMotion, falls: ImpactPoint, here: Here
 ) -> str | None:
     plan, burn, at_us = flown.plan, state.burn, round(here.at_s * 1e6)
-    least_m, most_m = LOW_SHARE * plan.drop_height_m, HIGH_SHARE * plan.drop_height_m
-    if not least_m <= moving.height_m <= most_m:
+    min_height_m, max_height_m = LOW_SHARE * plan.drop_height_m, HIGH_SHARE * plan.drop_height_m
+    if not min_height_m <= moving.height_m <= max_height_m:
         return f"it is {moving.height_m:.0f} m above the ground"
     if math.hypot(here.east_m_s, here.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
         return "it is too fast"

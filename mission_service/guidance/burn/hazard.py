@@ -21,8 +21,8 @@ from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.hazard_kernels import (
     bound_times,
     is_surely_in_danger,
-    least_margin_s,
     mark_lit,
+    min_margin_s,
 )
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ Box = tuple[float, float, float, float]  # west, south, east, north
 
 FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, for where the other is in doubt
 # A raster of a unit of 20 acres has cells of about 2.3 m.
-LEAST_CELL_M, MOST_CELL_M, NODES = 1.5, 3.0, 20_000
+MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
 BLOCK = 32  # cells whose times are asked for at once
 SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times look at neighbours
@@ -166,7 +166,7 @@ class Hazard:
         ``more_m`` is added to the distance margin.
         """
         self._look(x0_m, y0_m, x1_m, y1_m, more_m)
-        return float(least_margin_s(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
+        return float(min_margin_s(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
 
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
@@ -186,7 +186,7 @@ def cell_for(box: Box, margins: Margins) -> float:
     margins.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
-    return max(LEAST_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MOST_CELL_M)))
+    return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
 
 
 def _reached_m2(box: Box, margins: Margins) -> float:

@@ -33,7 +33,7 @@ def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-
     That finds fires lit between nodes and ridges where fires meet: all of a cell is within half
     its diagonal of a corner.
     """
-    most_row, most_col = at_s.shape[0] - 1, at_s.shape[1] - 1
+    last_row, last_col = at_s.shape[0] - 1, at_s.shape[1] - 1
     for here in range(first.shape[0]):
         for there in range(first.shape[1]):
             row, col = top + here, left + there
@@ -44,7 +44,7 @@ def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-
             if low == math.inf:
                 first[here, there], last[here, there] = low, low
                 continue
-            r1, c1 = min(row + 2, most_row), min(col + 2, most_col)
+            r1, c1 = min(row + 2, last_row), min(col + 2, last_col)
             for r in range(max(row - 1, 0), r1 + 1):
                 for c in range(max(col - 1, 0), c1 + 1):
                     if at_s[r, c] == math.inf:
@@ -62,16 +62,22 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
     """Of what is within ``slack`` of a place from t0 to t1."""
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
-    most = reach + wind + slack
-    left, right = math.floor((x - most - west) / cell), math.floor((x + most - west) / cell)
-    top, bottom = math.floor((north - y - most) / cell), math.floor((north - y + most) / cell)
+    far = reach + wind + slack
+    left, right = (
+        math.floor((x - far - west) / cell),
+        math.floor((x + far - west) / cell),
+    )
+    top, bottom = (
+        math.floor((north - y - far) / cell),
+        math.floor((north - y + far) / cell),
+    )
     if left < 0 or top < 0 or right >= cols or bottom >= rows:
         return -math.inf
     about = slack + math.sqrt(0.5) * cell  # of all of a cell, seen from its middle
-    least = math.inf
+    min_s = math.inf
     for row in range(top, bottom + 1):
         for col in range(left, right + 1):
-            if last[row, col] <= t0 - residence or first[row, col] - t1 >= least:
+            if last[row, col] <= t0 - residence or first[row, col] - t1 >= min_s:
                 continue
             # From the middle of the cell, where it may burn, to the vehicle.
             dx, dy = x - (west + (col + 0.5) * cell), y - (north - (row + 0.5) * cell)
@@ -82,17 +88,17 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
             if along > 0.0:
                 more = wind if along >= wind * gap else along / gap
             if away <= reach + more + slack:
-                least = first[row, col] - t1
-    return least
+                min_s = first[row, col] - t1
+    return min_s
 
 
 @kernel
-def least_margin_s(  # type: ignore[no-untyped-def]
+def min_margin_s(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
     # Also straight up and down by half a cell, so that what is safe there is so on the leg after.
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
-    least = math.inf
+    min_s = math.inf
     for number in range(count):
         part, middle, end = number / count, (number + 0.5) / count, (number + 1) / count
         here = margin_near_s(
@@ -100,21 +106,27 @@ def least_margin_s(  # type: ignore[no-untyped-def]
             *(x0 + middle * (x1 - x0), y0 + middle * (y1 - y0)),
             *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * cell),
         )
-        least = min(least, here)
-    return least
+        min_s = min(min_s, here)
+    return min_s
 
 
 @kernel
 def is_surely_in_danger(  # type: ignore[no-untyped-def]
     at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
 ):
-    most = reach + math.hypot(wx, wy)
+    far = reach + math.hypot(wx, wy)
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
     for number in range(count + 1):
         part = number / count
         x, y, t = x0 + part * (x1 - x0), y0 + part * (y1 - y0), t0 + part * (t1 - t0)
-        left, right = math.ceil((x - most - west) / cell), math.floor((x + most - west) / cell)
-        top, bottom = math.ceil((north - y - most) / cell), math.floor((north - y + most) / cell)
+        left, right = (
+            math.ceil((x - far - west) / cell),
+            math.floor((x + far - west) / cell),
+        )
+        top, bottom = (
+            math.ceil((north - y - far) / cell),
+            math.floor((north - y + far) / cell),
+        )
         for row in range(max(top, 0), min(bottom, at_s.shape[0] - 1) + 1):
             for col in range(max(left, 0), min(right, at_s.shape[1] - 1) + 1):
                 if t - residence < at_s[row, col] < t + time:

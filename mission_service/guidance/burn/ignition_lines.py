@@ -47,8 +47,8 @@ class IgnitionLine:
 def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> IgnitionLine:
     """``spacing_m`` upwind of the most downwind vertex of an area that is not empty (line 1)."""
     flat = IgnitionLine(toward_rad, 0.0)
-    most_m = float(np.max(shapely.get_coordinates(area) @ flat.downwind))
-    return IgnitionLine(toward_rad, most_m - spacing_m)
+    downwind_m = float(np.max(shapely.get_coordinates(area) @ flat.downwind))
+    return IgnitionLine(toward_rad, downwind_m - spacing_m)
 
 
 def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:

@@ -55,7 +55,7 @@ AIRBORNE_M = 2.0
 # How exactly a sphere falls is for the leader (release.py); this is for what is grossly wrong.
 LATE_S = 1.0
 BESIDE_M = 5.0
-HEIGHT_SHARE, LEAST_BAND_M = 0.5, 5.0
+HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
 GRAVITY_M_S2 = 9.81
 
 Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
@@ -123,7 +123,7 @@ class Interlock:
 
     # What happens --------------------------------------------------------------------------------
 
-    def on_event(self, event: AnyEvent) -> None:
+    def apply(self, event: AnyEvent) -> None:
         """Take in an event, before the commands that it led to."""
         self._at_us = max(self._at_us, event.at_us)
         if isinstance(event, Crew):
@@ -381,7 +381,7 @@ class Interlock:
         if not beside_m <= self._burn.miss_m:
             return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
         height_m = math.nan if ground_m is None else here.altitude_amsl_m - ground_m
-        band_m = max(LEAST_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
+        band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
         if not abs(height_m - plan.drop_height_m) <= band_m:
             wanted = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"
             return f"{drop.vehicle} is {height_m:.0f} m over the drop's place, not {wanted}"

@@ -187,8 +187,8 @@ class SphereFires:
             short_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
             parts = max(math.ceil((end.at_s - begin.at_s) / short_s), 1)
         ends = [begin, *(point_on_leg(leg, number / parts) for number in range(1, parts)), end]
-        least_s = min(self._margin_s(part, nears) for part in pairwise(ends))
-        return least_s if nears or least_s < 0.0 else math.inf
+        min_margin_s = min(self._margin_s(part, nears) for part in pairwise(ends))
+        return min_margin_s if nears or min_margin_s < 0.0 else math.inf
 
     def _margin_s(self, leg: tuple[FlightPoint, FlightPoint], nears: bool) -> float:
         begin, end = leg
@@ -224,7 +224,7 @@ class LineFlight:
     route: tuple[FlightPoint, ...]
     drops: Floats
     skipped: Floats
-    least_margin_s: float
+    min_margin_s: float
     climbs_first: bool
     home_s: float  # from its end to the ground at home
     why_ended: Literal["", "spheres", "battery"]
@@ -267,7 +267,7 @@ def _flown(
     drops: list[tuple[float, float, float]] = []
     skipped: list[tuple[float, float]] = []
     why: Literal["", "spheres", "battery"] = ""
-    least_gap_s = 60.0 / air.settings.most_drops_per_min - ROUNDED_S
+    min_gap_s = 60.0 / air.settings.most_drops_per_min - ROUNDED_S
     for (x_m, y_m), base_s in zip(places_m.tolist(), burns_s.tolist(), strict=True):
         if len(drops) >= spheres:
             why = "spheres"
@@ -275,7 +275,7 @@ def _flown(
         found = flight.towards(x_m, y_m)
         at_s = math.inf if found is None else found[0][-1].at_s
         lands_s = at_s + air.settings.ignition_delay_s
-        good = base_s > lands_s and not (drops and at_s - drops[-1][2] < least_gap_s)
+        good = base_s > lands_s and not (drops and at_s - drops[-1][2] < min_gap_s)
         good = good and not (careful and flight.own.burns_by(x_m, y_m, lands_s))
         way_out = flight.way_out(found[0], at_s) if good and found is not None else None
         if found is None or way_out is None:
@@ -294,7 +294,7 @@ def _flown(
         tuple(flight.route),
         np.array(drops, np.float64).reshape(-1, 3),
         np.array(skipped, np.float64).reshape(-1, 2),
-        flight.least_s,
+        flight.min_margin_s,
         flight.climbs_first,
         home_s,
         why,
@@ -309,23 +309,23 @@ class LineFlightBuilder:
         self.own = SphereFires(air)
         self.route: Route = [start]
         self.out: Route = []  # from the last drop to the safe height
-        self.least_s = math.inf
+        self.min_margin_s = math.inf
         self.climbs_first = False
 
     def checked(self, route: Route, own: SphereFires | None = None) -> float | None:
         """The least margin of a route; None if it is unsafe."""
-        least_s = math.inf
+        min_margin_s = math.inf
         for leg in pairwise(route):
             margin_s = min(self.air.margin_s(leg), (own or self.own).margin_s(leg))
             if margin_s < self.settings.time_margin_s:
                 return None
-            least_s = min(least_s, margin_s)
-        return least_s
+            min_margin_s = min(min_margin_s, margin_s)
+        return min_margin_s
 
     def add_route(self, route: Route, margin_s: float) -> None:
         """Fly it."""
         self.route += route[1:]
-        self.least_s = min(self.least_s, margin_s)
+        self.min_margin_s = min(self.min_margin_s, margin_s)
 
     def climb_out_of_danger(self) -> None:
         """Where the start is in danger nothing is better than to climb at once."""

@@ -2,8 +2,8 @@
 
 - Burn complete is when nothing is left upwind of the next line. A line between the parts of an area
   in several is cut off as one without a safe drop is; more may be left upwind.
-- The faster of the two paths is taken, but only among those that drop at least ``MOST`` of what the
-  better one drops: a gap in a line costs more than a minute does.
+- The faster of the two paths is taken, but only among those that drop at least ``MIN_DROPS_SHARE``
+  of what the better one drops: a gap in a line costs more than a minute does.
 - A line that spheres or battery end early leaves the area as it was: the next plan is for the rest
   of the same line, since places near earlier drops are no longer candidates.
 """
@@ -39,9 +39,9 @@ from mission_service.guidance.burn.unit import BurnUnit
 
 Floats = NDArray[np.float64]
 
-MOST = 0.9  # of the drops of the path with more of them; the other may do with so many
+MIN_DROPS_SHARE = 0.9  # of the drops of the path with more of them; the other may do with so many
 ON_GROUND_M = 1.0
-MOST_LINES = 10_000  # of one burn
+MAX_LINES = 10_000  # of one burn
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
     if situation.height_m < ON_GROUND_M and not _safe_start(air, start):
         return NoPlan("danger", "fire is too near the place where the vehicle stands")
     area, lines_cut = situation.area, 0
-    for _ in range(MOST_LINES):
+    for _ in range(MAX_LINES):
         if area.is_empty:
             break
         line = line_across(area, situation.toward_rad, settings.line_spacing_m)
@@ -140,7 +140,7 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
         area, lines_cut = rest, lines_cut + 1
     else:
         raise MissionServiceError(
-            f"burn: more than {MOST_LINES} lines of {settings.line_spacing_m:g} m; make "
+            f"burn: more than {MAX_LINES} lines of {settings.line_spacing_m:g} m; make "
             "line_spacing_m larger"
         )
     cut = f"; on {lines_cut} more lines no drop is safe" if lines_cut else ""
@@ -193,10 +193,10 @@ def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
 
     One that comes to the line's end is better than one ended by spheres or battery.
     """
-    most = max((len(trip.drops) for trip in trips), default=0)
-    if most == 0:
+    max_drops = max((len(trip.drops) for trip in trips), default=0)
+    if max_drops == 0:
         return None
-    enough = [trip for trip in trips if len(trip.drops) >= MOST * most]
+    enough = [trip for trip in trips if len(trip.drops) >= MIN_DROPS_SHARE * max_drops]
     return min(enough, key=lambda trip: (trip.why_ended != "", trip.duration_s))
 
 
@@ -214,7 +214,7 @@ def _plan(
         drops=drops,
         skipped=trip.skipped,
         duration_s=trip.duration_s,
-        least_time_margin_s=trip.least_margin_s,
+        least_time_margin_s=trip.min_margin_s,
         area_left=left,
         line=line,
         ended=trip.why_ended,
@@ -230,9 +230,10 @@ def _safe_start(air: FlightConstraints, start: FlightPoint) -> bool:
 
 
 def _refuse_too_fast(settings: BurnSection) -> None:
-    least_m = settings.speed_m_s * 60.0 / settings.most_drops_per_min
-    if settings.drop_spacing_m < least_m * (1.0 - 1e-9):
+    min_spacing_m = settings.speed_m_s * 60.0 / settings.most_drops_per_min
+    if settings.drop_spacing_m < min_spacing_m * (1.0 - 1e-9):
         raise MissionServiceError(
-            f"burn: drop_spacing_m = {settings.drop_spacing_m:g} must be at least {least_m:g} m at "
-            f"{settings.speed_m_s:g} m/s and {settings.most_drops_per_min:g} drops a minute"
+            f"burn: drop_spacing_m = {settings.drop_spacing_m:g} must be at least "
+            f"{min_spacing_m:g} m at {settings.speed_m_s:g} m/s and "
+            f"{settings.most_drops_per_min:g} drops a minute"
         )

@@ -92,9 +92,9 @@ def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
     return float(round(float(ground_m) + scenario.burn.safe_height_m, 1))
 
 
-def _steps(least_m: float, most_m: float, landscape: Landscape) -> Floats:
-    count = math.ceil((most_m - least_m) / landscape.cell_size_m) + 2
-    return np.linspace(least_m, most_m, count)
+def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:
+    count = math.ceil((end_m - begin_m) / landscape.cell_size_m) + 2
+    return np.linspace(begin_m, end_m, count)
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
@@ -126,8 +126,8 @@ def plan_points(
             continue
         count = max(math.ceil(length_m * SAMPLES_A_CELL / landscape.cell_size_m), 4) + 1
         along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        least = _ground(along, landscape) + along[:, 2]
-        corners = _in_channel(least, least + BAND * along[:, 2], altitude_m)
+        lowest_m = _ground(along, landscape) + along[:, 2]
+        corners = _in_channel(lowest_m, lowest_m + BAND * along[:, 2], altitude_m)
         points += [(*along[place], altitude) for place, altitude in corners]
         altitude_m = corners[-1][1]
     table = np.array(points)
@@ -152,7 +152,7 @@ def _middle(ground_m: float, height_m: float) -> float:
     return float(ground_m + (1.0 + 0.5 * BAND) * height_m)
 
 
-def _in_channel(least: Floats, most: Floats, begin_m: float) -> list[tuple[int, float]]:
+def _in_channel(lowest_m: Floats, highest_m: Floats, begin_m: float) -> list[tuple[int, float]]:
     """Corners (sample, altitude) of a line from ``begin_m`` that stays between least and most.
 
     Each leg goes as far as one slope serves. Where none does from one sample to the next, that
@@ -160,20 +160,20 @@ def _in_channel(least: Floats, most: Floats, begin_m: float) -> list[tuple[int, 
     """
     corners: list[tuple[int, float]] = []
     at, altitude_m = 0, begin_m
-    last = len(least) - 1
+    last = len(lowest_m) - 1
     while at < last:
         low, high = -math.inf, math.inf
         reached = at
         for place in range(at + 1, last + 1):
             steps = place - at
-            low_there = max(low, (float(least[place]) - altitude_m) / steps)
-            high_there = min(high, (float(most[place]) - altitude_m) / steps)
+            low_there = max(low, (float(lowest_m[place]) - altitude_m) / steps)
+            high_there = min(high, (float(highest_m[place]) - altitude_m) / steps)
             if low_there > high_there:
                 break
             low, high, reached = low_there, high_there, place
         steps = max(reached - at, 1)
         reached = at + steps
-        middle_m = float(least[reached] + most[reached]) / 2.0
+        middle_m = float(lowest_m[reached] + highest_m[reached]) / 2.0
         slope = (middle_m - altitude_m) / steps
         altitude_m += steps * (slope if low == -math.inf else min(max(slope, low), high))
         at = reached

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
 ARC = 16  # sides of a quarter of a circle
-LEAST_M2 = 1.0  # of an area
+MIN_AREA_M2 = 1.0  # of an area
 CLEAR_M = 0.01  # on top of margins, for what is rounded
 
 
@@ -197,7 +197,7 @@ def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeomet
             f"burn: {where.removeprefix('burn: ')}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
             "its corners in order, around it, so that no two sides cross"
         )
-    if not area.area >= LEAST_M2:
+    if not area.area >= MIN_AREA_M2:
         raise MissionServiceError(f"{where}: has no area; give at least three corners not in line")
     if not box_of(landscape).covers(area):
         raise MissionServiceError(

@@ -21,7 +21,7 @@ from mission_service.guidance.burn.line_planner import (
 
 Floats = NDArray[np.float64]
 
-MOST_ROUNDS = 2_000  # lines, and reloads
+MAX_ROUNDS = 2_000  # lines, and reloads
 REST_S, REST_TIMES = 60.0, 60  # waits for fire near home to burn out, and how many
 
 
@@ -99,7 +99,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
     lines: list[BurnLine] = []
     load, resting = 1, 0
     fresh = now.spheres >= settings.spheres and now.battery_s >= settings.battery_s
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         plan = next_line(now, settings)
         short = plan.why in ("spheres", "battery") if isinstance(plan, NoPlan) else bool(plan.ended)
         if short and not fresh:
@@ -116,7 +116,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
         lit = np.concatenate([lit, plan.drops + np.array([0.0, 0.0, delay_s])])
         now, fresh = _after(now, plan, CombinedFires([base, now.lights(lit)]), pause_s), False
     else:
-        plan = NoPlan("complete", f"stopped after {MOST_ROUNDS} lines and reloads")
+        plan = NoPlan("complete", f"stopped after {MAX_ROUNDS} lines and reloads")
     home_s = _way_home_s(now, settings)
     return WholeBurn(
         lines=tuple(lines),

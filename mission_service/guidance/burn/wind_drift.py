@@ -10,7 +10,7 @@ from mission_service.guidance.burn.recheck import plan_problem
 from mission_service.guidance.burn.release import VehicleMotion, impact_point
 
 SAME_PLACE_M = 0.05
-LEAST_M = 0.2  # less is not worth another path
+MIN_DRIFT_M = 0.2  # less is not worth another path
 
 
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
@@ -28,7 +28,7 @@ def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -
     blown = (float(wind[0]), float(wind[1]))
     falls = impact_point(hover, blown, dropper.terminal_speed_m_s, dropper.delay_s)
     drift_m = np.array([falls.x_m, falls.y_m])
-    if np.hypot(*drift_m) < LEAST_M:
+    if np.hypot(*drift_m) < MIN_DRIFT_M:
         return plan
     path = plan.path.copy()
     gone = np.hypot(*(path[:, :2] - path[0, :2]).T) > SAME_PLACE_M

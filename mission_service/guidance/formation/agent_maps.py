@@ -87,17 +87,17 @@ def disc(reach_cells: float) -> Cells:
 
 def no_counts(shape: tuple[int, int], half_widths: Cells) -> Counts:
     """Zeros (y, x) of a type that can count all cells of a disc."""
-    most = int((2 * half_widths + 1).sum())
-    return np.zeros(shape, dtype=np.uint16 if most < 2**16 else np.int32)
+    cells = int((2 * half_widths + 1).sum())
+    return np.zeros(shape, dtype=np.uint16 if cells < 2**16 else np.int32)
 
 
 def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
     """Raise MissionServiceError for a cell that is not on a map of this shape."""
-    least, most = int(cells.min()), int(cells.max())
-    if least < 0 or most >= shape[0] * shape[1]:
+    min_cell, max_cell = int(cells.min()), int(cells.max())
+    if min_cell < 0 or max_cell >= shape[0] * shape[1]:
         raise MissionServiceError(
-            f"fire map: cell {least if least < 0 else most} is not on a map of {shape[0]} x "
-            f"{shape[1]} cells; all must fly with the same landscape"
+            f"fire map: cell {min_cell if min_cell < 0 else max_cell} is not on a map of "
+            f"{shape[0]} x {shape[1]} cells; all must fly with the same landscape"
         )
 
 

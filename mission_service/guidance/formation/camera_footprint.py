@@ -95,11 +95,11 @@ def first_col_and_end(r, view, cols):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _within(low, high, slope, off, most):  # type: ignore[no-untyped-def]
+def _within(low, high, slope, off, max_off):  # type: ignore[no-untyped-def]
     """The part of low <= c <= high where ``|slope c + off| <= most``."""
     if abs(slope) < EDGE:
-        return (low, high) if abs(off) <= most + EDGE else (1.0, 0.0)
-    one, other = (-most - off) / slope, (most - off) / slope
+        return (low, high) if abs(off) <= max_off + EDGE else (1.0, 0.0)
+    one, other = (-max_off - off) / slope, (max_off - off) / slope
     return max(low, min(one, other)), min(high, max(one, other))
 
 

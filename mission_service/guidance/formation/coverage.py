@@ -146,14 +146,14 @@ def next_goal(
 
 
 def velocity(
-    x_m: float, y_m: float, goal: Goal, most_m_s: float, step_s: float
+    x_m: float, y_m: float, goal: Goal, max_m_s: float, step_s: float
 ) -> tuple[float, float]:
     """East and north in m/s with which the agent goes on for a step; it stops where it must."""
     east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
     way_m = math.hypot(east, north)
     if way_m < ARRIVED_M or step_s <= 0.0:
         return 0.0, 0.0
-    speed_m_s = min(most_m_s, way_m / step_s)
+    speed_m_s = min(max_m_s, way_m / step_s)
     return east / way_m * speed_m_s, north / way_m * speed_m_s
 
 

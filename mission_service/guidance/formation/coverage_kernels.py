@@ -277,13 +277,13 @@ def find_goal(  # type: ignore[no-untyped-def]
     # What there is already: the goal, unless the fire has come; and what is near it.
     found[0], found[1] = goal_row, goal_col
     r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
-    least, best = -math.inf, -math.inf
+    threshold, best = -math.inf, -math.inf
     if is_free(r, c, augmentation, 0):
-        least = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        threshold = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
         near_row, near_col = climb(r, c, stride, area, scene)
         way = math.hypot(near_row - row, near_col - col)
         best = value(near_row, near_col, scene) - way_cost * way
-        if best > least:
+        if best > threshold:
             found[0], found[1] = near_row, near_col
     # What there is elsewhere: on the lattice, and from there uphill.
     field = wider(burning, area_reach, fire.shape)
@@ -297,9 +297,9 @@ def find_goal(  # type: ignore[no-untyped-def]
     if node_row >= 0:
         r, c = climb(node_row, node_col, stride, area, scene)
         new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
-        if new > max(best, least):
+        if new > max(best, threshold):
             found[0], found[1] = r, c
-    elif least == -math.inf:
+    elif threshold == -math.inf:
         return False
     found[2], found[3] = found[0], found[1]
     if is_clear(row, col, found[0], found[1], augmentation):

@@ -93,7 +93,7 @@ def _box(path, more_m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def clear_for_s(path, paths, notes, count, apart_at, most_m_s):  # type: ignore[no-untyped-def]
+def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[no-untyped-def]
     """How long a path (rows, 2) stays clear of the first ``count`` of ``paths`` (n, rows, 2).
 
     ``apart_at`` is the note (APART or HELD_APART) of how far apart is clear.
@@ -115,9 +115,9 @@ def clear_for_s(path, paths, notes, count, apart_at, most_m_s):  # type: ignore[
             away_y = paths[peer, row, 1] - path[row, 1]
             distance2 = away_x * away_x + away_y * away_y
             # Nobody gets through this much in a step, so as many steps need no look.
-            ahead = apart_m + 2.0 * most_m_s * STEP_S
+            ahead = apart_m + 2.0 * max_m_s * STEP_S
             if distance2 > ahead * ahead:
-                row += int((math.sqrt(distance2) - apart_m) / (2.0 * most_m_s * STEP_S))
+                row += int((math.sqrt(distance2) - apart_m) / (2.0 * max_m_s * STEP_S))
                 continue
             rel_x = paths[peer, row + 1, 0] - path[row + 1, 0] - away_x
             rel_y = paths[peer, row + 1, 1] - path[row + 1, 1] - away_y
@@ -173,9 +173,9 @@ def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ign
         # Who is too near already must not come nearer.
         now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
         late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
-        least_m = max(apart_m + 1.0, now_m - 2.0)
-        notes[count, APART] = min(apart_m + margin_m + late_m, least_m)
-        notes[count, HELD_APART] = min(apart_m + margin_m / 3.0, least_m)
+        clear_m = max(apart_m + 1.0, now_m - 2.0)
+        notes[count, APART] = min(apart_m + margin_m + late_m, clear_m)
+        notes[count, HELD_APART] = min(apart_m + margin_m / 3.0, clear_m)
         count += 1
     return count
 
@@ -237,26 +237,26 @@ KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 @kernel
 def slow_of(own, frame):  # type: ignore[no-untyped-def]
     """The airspeed to wait at: between cruise and the least, over the wind in any case."""
-    least_m_s, most_m_s, _ = frame
-    slow_m_s = 0.5 * (least_m_s + max(0.7 * most_m_s, least_m_s))
-    return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), most_m_s)
+    min_m_s, max_m_s, _ = frame
+    slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))
+    return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), max_m_s)
 
 
 @kernel
 def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
     """Fill in the orbit of one of KINDS ways: other airspeeds, waiting, ways round."""
-    least_m_s, most_m_s, _ = frame
+    min_m_s, max_m_s, _ = frame
     sense = 1.0 if wanted[2] > 0.0 else -1.0
-    least_m_s = max(least_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
+    min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
     slow_m_s = slow_of(own, frame)
     _copy(wanted, orbit)
     if number < AIRSPEEDS:  # as wanted, at another airspeed
-        orbit[3] = least_m_s + (most_m_s - least_m_s) * number / (AIRSPEEDS - 1)
+        orbit[3] = min_m_s + (max_m_s - min_m_s) * number / (AIRSPEEDS - 1)
         return
     number -= AIRSPEEDS
     if number < AIRSPEEDS:  # as it is, at another airspeed
         _copy(held, orbit)
-        orbit[3] = least_m_s + (most_m_s - least_m_s) * number / (AIRSPEEDS - 1)
+        orbit[3] = min_m_s + (max_m_s - min_m_s) * number / (AIRSPEEDS - 1)
         return
     number -= AIRSPEEDS
     orbit[3] = slow_m_s
@@ -275,7 +275,7 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
     number -= 2 * ROUND  # a circle that begins here, to the left and to the right
     radius_m = small_m * (1.0 + number // 4)
     left = number % 2 == 0
-    orbit[3] = slow_m_s if number // 2 % 2 == 0 else least_m_s
+    orbit[3] = slow_m_s if number // 2 % 2 == 0 else min_m_s
     off_m = radius_m if left else -radius_m
     orbit[0] = own[OWN_X] - off_m * math.sin(own[HEADING])
     orbit[1] = own[OWN_Y] + off_m * math.cos(own[HEADING])

@@ -52,8 +52,8 @@ def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def
 @kernel
 def next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s):  # type: ignore[no-untyped-def]
     """The airspeed at the end of a step."""
-    most = ACCELERATION_M_S2 * step_s
-    return airspeed_m_s + min(max(wanted_m_s - airspeed_m_s, -most), most)
+    max_change_m_s = ACCELERATION_M_S2 * step_s
+    return airspeed_m_s + min(max(wanted_m_s - airspeed_m_s, -max_change_m_s), max_change_m_s)
 
 
 @kernel

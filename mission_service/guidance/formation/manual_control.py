@@ -9,7 +9,7 @@ import math
 MEASURED_OVER_S = 1.0  # a turn; over less, noise would be taken for one
 STRAIGHT_RAD_S = 0.02  # who turns more slowly flies straight on, as far as others need to look
 AHEAD_S = 60.0
-LEAST_SPEED_M_S = 1.0
+MIN_SPEED_M_S = 1.0
 
 ObservedMotion = tuple[
     float, float, float, float, float
@@ -26,7 +26,7 @@ def expected_orbit(
     """
     at_s, x_m, y_m, vx_m_s, vy_m_s = now
     speed_m_s = math.hypot(vx_m_s, vy_m_s)
-    if speed_m_s < LEAST_SPEED_M_S:
+    if speed_m_s < MIN_SPEED_M_S:
         return x_m, y_m, -radius_m
     turned_rad = math.atan2(
         before[3] * vy_m_s - before[4] * vx_m_s, before[3] * vx_m_s + before[4] * vy_m_s

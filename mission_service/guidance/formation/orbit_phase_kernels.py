@@ -21,7 +21,7 @@ from mission_service.guidance.formation.peer_table import (
     Y,
 )
 
-LEAST_SHARE, CRUISE_SHARE, MOST_SHARE = 0.4, 0.7, 1.0  # of the most thrust (eq. 16)
+MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # of the most thrust (eq. 16)
 STEEPNESS = 2.3  # eq. 17, a radian
 ON_ORBIT = 0.25  # of the radius: nearer to the circle than this is on it
 NO_MEAN = 0.3  # mean of unit vectors shorter than this: phases are spread all round
@@ -38,23 +38,23 @@ def wrapped_rad(angle_rad):  # type: ignore[no-untyped-def]
 def thrust_share(ahead_rad):  # type: ignore[no-untyped-def]
     """Eqs. 16 and 17: of the most thrust, for one that is ahead of the mean by an angle."""
     share = CRUISE_SHARE + 0.3 * 2.0 * (1.0 / (1.0 + math.exp(STEEPNESS * ahead_rad)) - 0.5)
-    return min(max(share, LEAST_SHARE), MOST_SHARE)
+    return min(max(share, MIN_SHARE), MAX_SHARE)
 
 
 @kernel
-def airspeed_of_share_m_s(share, least_m_s, most_m_s, wind_m_s):  # type: ignore[no-untyped-def]
+def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no-untyped-def]
     """0.4 is the least airspeed, 0.7 cruise (``Airframe.cruise_m_s``), 1 the most.
 
     Over the wind in any case, as far as the airframe goes.
     """
-    cruise_m_s = max(CRUISE_SHARE * most_m_s, least_m_s)
+    cruise_m_s = max(CRUISE_SHARE * max_m_s, min_m_s)
     if share < CRUISE_SHARE:
-        part = (share - LEAST_SHARE) / (CRUISE_SHARE - LEAST_SHARE)
-        airspeed_m_s = least_m_s + part * (cruise_m_s - least_m_s)
+        part = (share - MIN_SHARE) / (CRUISE_SHARE - MIN_SHARE)
+        airspeed_m_s = min_m_s + part * (cruise_m_s - min_m_s)
     else:
-        part = (share - CRUISE_SHARE) / (MOST_SHARE - CRUISE_SHARE)
-        airspeed_m_s = cruise_m_s + part * (most_m_s - cruise_m_s)
-    return min(max(airspeed_m_s, wind_m_s + WIND_MARGIN_M_S), most_m_s)
+        part = (share - CRUISE_SHARE) / (MAX_SHARE - CRUISE_SHARE)
+        airspeed_m_s = cruise_m_s + part * (max_m_s - cruise_m_s)
+    return min(max(airspeed_m_s, wind_m_s + WIND_MARGIN_M_S), max_m_s)
 
 
 @kernel
@@ -109,8 +109,8 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
 @kernel
 def airspeed_in_phase_m_s(  # type: ignore[no-untyped-def]
     x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m,
-    least_m_s, most_m_s, wind_m_s,
+    min_m_s, max_m_s, wind_m_s,
 ):  # fmt: skip
     """The airspeed that brings the vehicle into phase: eqs. 16 to 18 in one."""
     ahead_rad = ahead_of_others_rad(x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m)
-    return airspeed_of_share_m_s(thrust_share(ahead_rad), least_m_s, most_m_s, wind_m_s)
+    return airspeed_of_share_m_s(thrust_share(ahead_rad), min_m_s, max_m_s, wind_m_s)

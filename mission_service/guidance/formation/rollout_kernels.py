@@ -24,7 +24,7 @@ def unroll(  # type: ignore[no-untyped-def]
     cell_m,
     constants,
     spacing_m,
-    most_m_s,
+    max_m_s,
 ):
     """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
 
@@ -54,7 +54,7 @@ def unroll(  # type: ignore[no-untyped-def]
                 cell_m,
                 constants,
                 spacing_m,
-                most_m_s,
+                max_m_s,
                 ties_rad[i],
             )
             before[0, i] = x_m

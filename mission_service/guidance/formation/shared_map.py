@@ -41,7 +41,7 @@ DIGEST_EVERY_US = 4_000_000  # up to eight UAVs; of more each speaks less, all t
 TEAM = 8
 PEER_FOR_US = 120_000_000  # who said nothing for longer is not counted
 SLOT_US = 250_000
-MOST_SLOTS = 16
+MAX_SLOTS = 16
 AGAIN_US = 500_000  # at most one question and one difference in this time
 DIGEST_TILES = 128  # at most in a message
 DIFFERENCE_RUNS = 96  # no further tile after so many; one tile has TILE**2 at most
@@ -274,7 +274,7 @@ class SharedMap:
 
     def _slot_us(self) -> int:
         """When to answer: some slots from now, others than other UAVs', fewer if they are few."""
-        slots = min(max(len(self._peers) // 2, 2), MOST_SLOTS)
+        slots = min(max(len(self._peers) // 2, 2), MAX_SLOTS)
         return self._now_us + SLOT_US * self._draw(slots)
 
     def _draw(self, values: int) -> int:

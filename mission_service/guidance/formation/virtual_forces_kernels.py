@@ -102,13 +102,13 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
     cell_m,
     constants,
     spacing_m,
-    most_m_s,
+    max_m_s,
     tie_rad,
 ):
     """The velocity (east, north) in m/s of a virtual agent at (x, y) (eqs. 10 to 13).
 
     ``others_*`` (n) are the agents of UAVs in range, without itself; ``centre_*`` the centre of
-    gravity of the fire; ``spacing_m`` is d of eq. 8, ``most_m_s`` vel_max.
+    gravity of the fire; ``spacing_m`` is d of eq. 8, ``max_m_s`` vel_max.
     """
     # At the very centre all ways lead out: the one to the centre is opposite to the tie's.
     in_e, in_n, _ = unit_vector(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
@@ -123,7 +123,7 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
         east, north, force = constants[C5] * in_n, -constants[C5] * in_e, constants[C5]
     elif force < constants[T1]:
         return 0.0, 0.0
-    capped = min(force, most_m_s)
+    capped = min(force, max_m_s)
     if force <= 0.0:
         return 0.0, 0.0
     return east / force * capped, north / force * capped

@@ -12,8 +12,8 @@ Floats = NDArray[np.float64]
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
     """Eq. 7: heterogeneity of the spread rates scaled by ``alpha`` (>= 0); same units."""
-    least = spread_rate.min()
-    adjusted: Floats = least + alpha * (spread_rate - least)
+    lowest = spread_rate.min()
+    adjusted: Floats = lowest + alpha * (spread_rate - lowest)
     if alpha >= 1.0:
         return np.where(spread_rate <= spread_rate.mean(), spread_rate, adjusted)
     return adjusted

@@ -243,16 +243,26 @@ class FrontEstimate:
         ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
         """
         self.advance(at_s)
-        least, most = self._burned_to, self._unburned_from
-        watch(window, row, col, self.centre_row, self.centre_col, NORTH, EAST, least, most)
-        np.maximum(self.burned, least, out=self.burned)
-        in_view = (least >= self.burned) & (most <= least + WITHIN_CELLS)
+        burned_to, unburned_from = self._burned_to, self._unburned_from
+        watch(
+            window,
+            row,
+            col,
+            self.centre_row,
+            self.centre_col,
+            NORTH,
+            EAST,
+            burned_to,
+            unburned_from,
+        )
+        np.maximum(self.burned, burned_to, out=self.burned)
+        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
         before = self.front.copy()
         self._believed_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
         # A front seen in a cell is somewhere in it: half-way from its middle to the prediction.
-        off = np.clip(self.front - least, -0.5, 0.5)
-        self.front[in_view] = (least + np.where(new, 0.0, 0.5 * off))[in_view]
+        off = np.clip(self.front - burned_to, -0.5, 0.5)
+        self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
         self._bound(window, in_view)
         if new.any():
             self._scale_unseen(np.flatnonzero(new), before)
@@ -265,17 +275,17 @@ class FrontEstimate:
         """Take in what people say of a window; a front that was moved by them teaches nothing."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
-        not_burned, least = taken_back(row, col, window, centre, self.burned)
-        self.burned[not_burned] = least[not_burned]
-        self.front[not_burned] = np.minimum(self.front[not_burned], least[not_burned] + 0.5)
-        least, most = self._burned_to, self._unburned_from
-        watch(window, row, col, *centre, NORTH, EAST, least, most)
-        np.maximum(self.burned, least, out=self.burned)
-        told = (least >= self.burned) & (most <= least + WITHIN_CELLS)
-        self.front[told] = least[told]
-        self._bound(window, told)
-        self.seen_at_s[told] = at_s
-        moved = told | not_burned
+        not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
+        self.burned[not_burned] = still_burned[not_burned]
+        self.front[not_burned] = np.minimum(self.front[not_burned], still_burned[not_burned] + 0.5)
+        burned_to, unburned_from = self._burned_to, self._unburned_from
+        watch(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
+        np.maximum(self.burned, burned_to, out=self.burned)
+        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
+        self.front[in_view] = burned_to[in_view]
+        self._bound(window, in_view)
+        self.seen_at_s[in_view] = at_s
+        moved = in_view | not_burned
         self._unseen[moved] = self._modelled[moved] = 0.0
         self._anchor[moved] = self.front[moved]
         self._anchor_at_s[moved] = at_s
@@ -283,15 +293,15 @@ class FrontEstimate:
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
         """The front is not within ground seen burned, nor beyond ground seen unburned."""
-        least, most, front = self._burned_to, self._unburned_from, self.front
-        short = ~in_view & np.isfinite(most) & (most > self.burned)
-        front[short] = np.minimum(front[short], most[short])
+        burned_to, unburned_from, front = self._burned_to, self._unburned_from, self.front
+        short = ~in_view & np.isfinite(unburned_from) & (unburned_from > self.burned)
+        front[short] = np.minimum(front[short], unburned_from[short])
         if not (window == BURNED).any():
-            outside = short & (most >= self.burned + BEYOND_CELLS)
-            front[outside] = np.minimum(front[outside], most[outside] - BEYOND_CELLS)
+            outside = short & (unburned_from >= self.burned + BEYOND_CELLS)
+            front[outside] = np.minimum(front[outside], unburned_from[outside] - BEYOND_CELLS)
         if not (window == UNBURNED).any():
-            inside = (least >= self.burned) & (least >= 0.0)
-            front[inside] = np.maximum(front[inside], least[inside] + BEYOND_CELLS)
+            inside = (burned_to >= self.burned) & (burned_to >= 0.0)
+            front[inside] = np.maximum(front[inside], burned_to[inside] + BEYOND_CELLS)
         np.maximum(front, self.burned - 0.5, out=front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:

@@ -30,13 +30,15 @@ SURPRISE = 3.0  # standard deviations
 
 
 @compiled
-def facing(front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, most):  # type: ignore[no-untyped-def]
+def facing(  # type: ignore[no-untyped-def]
+    front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
+):
     """Where the front faces, and the cells from which fire comes; arrays of ``PLACES`` * 360.
 
     Returns how many: first one place for each bearing; two more where the front is hollow, with its
     slant to either side; three more where it leaps outwards from one bearing to the next, along the
     flank there. ``stretch`` is the speed along the bearing over the one across the front, and
-    ``most`` (cells) the advance along it that a place can bring.
+    ``max_advance`` (cells) the advance along it that a place can bring.
     """
     n, count = front.size, front.size
     degree = math.pi / 180.0
@@ -65,7 +67,7 @@ def facing(front, centre_row, centre_col, shape, bearing, rows, cols, north, eas
             along = math.sqrt(1.0 + slant * slant)
             place = i if kind == 0 else count
             count += 0 if kind == 0 else 1
-            bearing[place], stretch[place], most[place] = i, along, limit
+            bearing[place], stretch[place], max_advance[place] = i, along, limit
             north[place] = (cos + slant * sin) / along
             east[place] = (sin - slant * cos) / along
             behind = 0.0 if kind > 2 else BEHIND_CELLS
@@ -77,13 +79,13 @@ def facing(front, centre_row, centre_col, shape, bearing, rows, cols, north, eas
 
 
 @compiled
-def outwards(bearing, rate, stretch, most, step_s, unit):  # type: ignore[no-untyped-def]
+def outwards(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
     """Speed along each bearing; where the front is hollow, of the fire from the faster side.
 
     (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
     """
     for place in range(rate.size):
-        speed = min(rate[place] * stretch[place], most[place] / step_s)
+        speed = min(rate[place] * stretch[place], max_advance[place] / step_s)
         if place < unit.size or speed > unit[bearing[place]]:
             unit[bearing[place]] = speed
 
@@ -100,11 +102,11 @@ def spread_out(factor, found):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def watch(window, top, left, centre_row, centre_col, north, east, least, most):  # type: ignore[no-untyped-def]
+def watch(window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from):  # type: ignore[no-untyped-def]
     """What a window of cells (y, x) says of the front on each bearing.
 
-    ``least`` is the outermost sample on burned ground (-1: none in the window), ``most`` the first
-    sample on ground known to be unburned beyond it (inf: none).
+    ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
+    ``unburned_from`` the first sample beyond it on ground known to be unburned (inf: none).
     """
     rows, cols = window.shape
     down, right = top + (rows - 1) / 2.0 - centre_row, left + (cols - 1) / 2.0 - centre_col
@@ -112,7 +114,7 @@ def watch(window, top, left, centre_row, centre_col, north, east, least, most): 
     first = max(int((away - reach) * SAMPLES_PER_CELL), 0)
     last = int((away + reach) * SAMPLES_PER_CELL) + 1
     for i in range(north.size):
-        least[i], most[i] = -1.0, np.inf
+        burned_to[i], unburned_from[i] = -1.0, np.inf
         aside = abs(north[i] * right + east[i] * down)
         if aside > reach or (away > reach and east[i] * right - north[i] * down < 0.0):
             continue
@@ -124,13 +126,13 @@ def watch(window, top, left, centre_row, centre_col, north, east, least, most): 
                 continue
             code = window[row, col]
             if code == BURNED:
-                least[i], most[i] = r, np.inf
-            elif code == UNBURNED and most[i] == np.inf:
-                most[i] = r
+                burned_to[i], unburned_from[i] = r, np.inf
+            elif code == UNBURNED and unburned_from[i] == np.inf:
+                unburned_from[i] = r
 
 
 @compiled
-def learn(due, front, anchor, modelled, stretch, least, most, factor, covariance):  # type: ignore[no-untyped-def]
+def learn(due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance):  # type: ignore[no-untyped-def]
     """Kalman updates of the sectors' factors from the bearings that are due.
 
     Observed advance since the anchor = factor x modelled advance + noise.
@@ -159,7 +161,7 @@ def learn(due, front, anchor, modelled, stretch, least, most, factor, covariance
             column[i] = covariance[i, sector]
         for i in range(n):
             changed = factor[i] + column[i] * predicted / scale * off
-            factor[i] = min(max(changed, least), most)
+            factor[i] = min(max(changed, min_factor), max_factor)
         shrink = predicted * predicted / scale
         for i in range(n):
             for k in range(n):

@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
 REST_LAPS = 0.03  # after a turn, until the next one may be
-LEAST_GAIN = 0.25  # share of the cost for which to turn
+MIN_GAIN = 0.25  # share of the cost for which to turn
 TURN_BACK = 7.0 / 3.0 * math.pi  # radii: the shortest way to fly the other way at the same place
 LEFT_CELLS = 0.5  # error across a front in view
 RECENTRED_BASELINE_S = 300.0
@@ -170,7 +170,7 @@ class PredictivePlanner:
             costs.append(float(self._costs.min()) / ahead_s)
         on, back = costs
         rested = at_s - self._turned_at_s >= max(REST_LAPS * lap_s, 2.0 * turn_s)
-        turns = rested and back < on * (1.0 - LEAST_GAIN)
+        turns = rested and back < on * (1.0 - MIN_GAIN)
         if turns:
             self.clockwise = not self.clockwise
             self.reversals += 1

@@ -22,7 +22,7 @@ Integers = NDArray[np.int64]
 
 NODES = 72
 NEVER = 1 << 40
-LEAST_GROWTH_CELLS_S = 1e-6
+MIN_GROWTH_CELLS_S = 1e-6
 SLOWEST = 0.2  # over the ground, as a share of the airspeed
 
 
@@ -61,7 +61,7 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
     for turn in range(2):
         along = 0.0
         if turn == 1:
-            ring.error[:], ring.growth[:], ring.left[:] = 0.0, LEAST_GROWTH_CELLS_S, 0.0
+            ring.error[:], ring.growth[:], ring.left[:] = 0.0, MIN_GROWTH_CELLS_S, 0.0
             ring.ahead_s[:], ring.back_s[:] = 0.0, 0.0
         for i in range(count):
             k = (i + 1) % count

@@ -22,7 +22,7 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
     The one on which a vehicle is has none (4.1.3). Of equals the nearest in cells, clockwise first.
     """
     n = rate.size
-    best, most = here, -1.0
+    best, best_worth = here, -1.0
     for cell in range(begin, end):
         if cell == here:
             continue
@@ -31,8 +31,8 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
         nearer = abs(cell - here) < abs(best - here) or (
             abs(cell - here) == abs(best - here) and cell > best
         )
-        if importance > most or (importance == most and nearer):
-            best, most = cell, importance
+        if importance > best_worth or (importance == best_worth and nearer):
+            best, best_worth = cell, importance
     return best
 
 
@@ -45,7 +45,7 @@ def best_path(  # type: ignore[no-untyped-def]
     ``target`` wins over equals, then the nearer end, clockwise first.
     """
     n = rate.size
-    best, most, before = here, -1.0, -1.0
+    best, best_worth, before = here, -1.0, -1.0
     for way in (1, -1):
         total, reached_s, cells = 0.0, at_s, 0
         cell = here
@@ -56,11 +56,11 @@ def best_path(  # type: ignore[no-untyped-def]
             place = cell % n
             total += _importance(rate[place], reached_s - visited[place], exponential)
             mean = total / cells
-            if mean > most or (mean == most and abs(cell - here) < abs(best - here)):
-                best, most = cell, mean
+            if mean > best_worth or (mean == best_worth and abs(cell - here) < abs(best - here)):
+                best, best_worth = cell, mean
             if cell == target:
                 before = mean
-    return target if before == most else best
+    return target if before == best_worth else best
 
 
 @compiled
@@ -108,7 +108,7 @@ def most_centred(  # type: ignore[no-untyped-def]
     if worth <= 0.0:
         return 0, 0
     best_first, best_last = 0, 0
-    least = abs(moment / worth - (begin + end - 1) / 2.0)
+    best_off = abs(moment / worth - (begin + end - 1) / 2.0)
     # Sums without the cells given so far: all of the first chunk, put back one by one.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
@@ -133,6 +133,6 @@ def most_centred(  # type: ignore[no-untyped-def]
                 continue
             middle = (begin + first + end - last - 1) / 2.0
             off = abs(moment_both / worth_both - middle)
-            if off < least - 1e-9:
-                best_first, best_last, least = first, last, off
+            if off < best_off - 1e-9:
+                best_first, best_last, best_off = first, last, off
     return best_first, best_last

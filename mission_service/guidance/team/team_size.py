@@ -82,14 +82,14 @@ def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
 ) -> Split:
     """The smallest team that keeps the unseen advance under a limit, and how it splits."""
-    most = vehicles_for_advance(
+    max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
-    for vehicles in range(1, most):
+    for vehicles in range(1, max_vehicles):
         split = best_split(step_m, spread_rate_m_s, vehicles, speed_m_s)
         if split.worst_advance_m <= advance_m:
             return split
-    return best_split(step_m, spread_rate_m_s, most, speed_m_s)
+    return best_split(step_m, spread_rate_m_s, max_vehicles, speed_m_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,19 +116,19 @@ def team_size_advice(
         f"{_vehicles(vehicles)} can see every part every {length_m / mean_m_s / vehicles:.0f} s; "
         f"the front then gets {split.worst_advance_m:.0f} m further unseen at most{lapping}"
     )
-    most = 0
+    max_needed = 0
     if targets.worst_age_s is not None:
         needed = vehicles_for_age(length_m, mean_m_s, targets.worst_age_s)
-        most = max(most, needed)
+        max_needed = max(max_needed, needed)
         text += f"; every {targets.worst_age_s:g} s takes {_vehicles(needed)}"
     if targets.unseen_advance_m is not None:
         enough = vehicles_needed(
             ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.unseen_advance_m
         )
         needed = enough.lapping + enough.sweeping
-        most = max(most, needed)
+        max_needed = max(max_needed, needed)
         text += f"; no more than {targets.unseen_advance_m:g} m takes {_vehicles(needed)}"
-    return most > vehicles, text
+    return max_needed > vehicles, text
 
 
 def _vehicles(count: int) -> str:
