@@ -1,15 +1,15 @@
-"""The on-board map that goes on growing where nobody looks: a front on 360 bearings.
+"""An estimate of the fire front that advances where no camera looks: a front on 360 bearings.
 
-Each bearing holds the distance of the front, when it was last seen, and how much faster or slower
-than the fire model says it has been found to move (its factor). What is not in view advances at the
-model's speed, under the wind the vehicle measures, times that factor; what is in view is what is
-seen. Factors are learned by a Kalman filter on 72 sectors that share what they learn with their
-neighbours and, a little, with all: an advance seen between two looks is the factor times the
-advance the model gives, plus the noise of a front that moves in whole cells. So two looks seconds
-apart teach nothing, and a look after half an hour a great deal.
+Each bearing has the distance of the front, the time of the last view, and a factor: the measured
+rate of spread over the one of the fire model. A front in view is set to what the camera sees; out
+of view it advances at the model's rate, under the wind that the vehicle measures, times the factor.
+A Kalman filter estimates the factors of 72 sectors, correlated with their neighbours and, less,
+with all: the advance between two views is the factor times the modelled advance, plus the noise of
+a front that moves in whole cells. So two views seconds apart change little, a view after half an
+hour much.
 
-Without a landscape, or before any wind is measured, the model is an even spread and the factor
-becomes the measured rate of spread itself. Nothing here reads the burning model.
+Without a landscape, or before a wind is measured, the model is an even spread, and the factor
+becomes the measured rate of spread. Nothing here reads the simulated fire.
 
 Distances are in cells from the centre, times in seconds of mission time.
 """
@@ -41,27 +41,27 @@ Booleans = NDArray[np.bool_]
 
 SECTORS = BEARINGS // PER_SECTOR
 LONGEST_STEP_S = 60.0
-EVEN_CELLS_S = 0.01  # spread where there is no model; the factor is learned on top of it
+EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
 
-# How far the model's speed is trusted (standard deviation of the factor), everywhere alike and
-# from place to place, and over how many degrees places are alike; how fast that trust is lost.
+# Standard deviations of the factor: common to all sectors, and of each by itself; the correlation
+# length of the latter; the random walk of both.
 COMMON, LOCAL = 0.25, 0.25
 ALIKE_DEG = 20.0
 DRIFT_PER_SQRT_H = 0.15
 FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
-UNMODELLED = 4.0  # times less trusted where there is no model
-# Wind is averaged over the longer time, or the shorter one if that is this far off (m/s, and share
-# of the speed).
+UNMODELLED = 4.0  # times these standard deviations where there is no model
+# The wind is averaged over the longer time, or over the shorter one where both means differ by more
+# than the noise (m/s, and a share of the speed).
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
 WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
-WITHIN_CELLS = 1.5  # burned and unburned ground so near each other have the front between them
-BEYOND_CELLS = 2.0  # a front not in view is believed at least so far beyond what is in view
+WITHIN_CELLS = 1.5  # burned and unburned ground nearer than this have the front between them
+BEYOND_CELLS = 2.0  # a front out of view is estimated at least this far beyond what is in view
 UNSEEN_ALIKE_DEG = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class FrontModel:
-    """What is known of the land: speed of fronts on it under a given wind."""
+    """The fire model on board: rates of spread of fronts on a landscape under a given wind."""
 
     rates: FrontRates
     landscape: Landscape
@@ -76,7 +76,7 @@ def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Flo
 
 
 class FrontEstimate:
-    """State of the believed front; arrays (360) by whole-degree bearing, (72) by sector."""
+    """State of the estimated front; arrays (360) by whole-degree bearing, (72) by sector."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class FrontEstimate:
         self._shape = shape
         self.at_s = at_s
         self.front = front.copy()
-        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, as believed
+        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, estimated
         self.seen_at_s = np.full(BEARINGS, -np.inf)
         self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
         self.wind_m_s: Floats | None = None  # towards north and east
@@ -108,11 +108,11 @@ class FrontEstimate:
 
     @property
     def modelled(self) -> bool:
-        """Whether the fire model drives the front; otherwise only what was measured."""
+        """Whether the fire model advances the front; otherwise only measured rates do."""
         return self.model is not None and self.wind_m_s is not None
 
     def _reset_learning(self) -> None:
-        """Factors as they are before anything was seen."""
+        """Set factors and covariance to those before the first view."""
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
         self._anchor_fuel = self._fuel_at(self.front)
@@ -137,7 +137,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """One around another centre, with the same model and wind, before anything was seen."""
+        """An estimate around another centre, with the same model and wind, before any view."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -146,9 +146,9 @@ class FrontEstimate:
         return renewed
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Take in a measured wind (at 20 ft, from true north): the mean of a quarter of an hour.
+        """Add a measured wind (at 20 ft, from true north) to the mean over a quarter of an hour.
 
-        A shift beyond what gusts and errors explain is believed within a minute or two.
+        A shift beyond gusts and errors of measurement is adopted within a minute or two.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
@@ -170,7 +170,7 @@ class FrontEstimate:
         self._wind_at_s = at_s
 
     def advance(self, to_s: float) -> None:
-        """Let the front grow until a time."""
+        """Advance the front to a time (s)."""
         while self.at_s < to_s:
             step_s = min(LONGEST_STEP_S, to_s - self.at_s)
             unit = self._model_speed()
@@ -183,23 +183,23 @@ class FrontEstimate:
             self._covariance += step_s / 3600.0 * self._drift
 
     def factors(self) -> Floats:
-        """How much faster than the model the front is found to move, on all bearings."""
+        """Rate of spread over the model's, on all bearings (360)."""
         found = np.empty(BEARINGS)
         spread_out(self.factor, found)
         return found
 
     def factor_sd(self) -> Floats:
-        """Standard deviation of the factor on all bearings."""
+        """Standard deviation of the factor on all bearings (360)."""
         found = np.empty(BEARINGS)
         spread_out(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
         return found
 
     def slant(self) -> Floats:
-        """How many cells a cell across the front is along each bearing."""
+        """Length along each bearing (360) over the length across the front."""
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
-        """Advance since each bearing was last seen, with a factor of 1."""
+        """Advance (cells) since each bearing was last in view, with a factor of 1."""
         return self._unseen
 
     def _model_speed(self) -> Floats:
@@ -238,7 +238,7 @@ class FrontEstimate:
         return self._unit
 
     def add_view(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
-        """Take in one camera window; returns on which bearings the front is in view.
+        """Update the front by one camera window; returns the bearings (360) with it in view.
 
         ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
         """
@@ -272,7 +272,7 @@ class FrontEstimate:
         return in_view
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Take in what people say of a window; a front that was moved by them teaches nothing."""
+        """Apply an operator's correction of a window; it does not change the factors."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
@@ -292,7 +292,7 @@ class FrontEstimate:
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
-        """The front is not within ground seen burned, nor beyond ground seen unburned."""
+        """Move the front out of ground seen burned, and back from ground seen unburned."""
         burned_to, unburned_from, front = self._burned_to, self._unburned_from, self.front
         short = ~in_view & np.isfinite(unburned_from) & (unburned_from > self.burned)
         front[short] = np.minimum(front[short], unburned_from[short])
@@ -305,7 +305,7 @@ class FrontEstimate:
         np.maximum(front, self.burned - 0.5, out=front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
-        """What was never seen is as much larger or smaller than thought as what is seen now."""
+        """Scale the front never in view as the first view scales the front next to it."""
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False
         places = np.flatnonzero(unseen)
@@ -326,7 +326,7 @@ class FrontEstimate:
         if not due.any():
             return
         fuel = self._fuel_at(self.front)
-        # An advance over two fuels tells nothing of either.
+        # An advance over two fuels is no measurement of either.
         alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
         learn(
             due & alike,
@@ -342,6 +342,6 @@ class FrontEstimate:
         self._anchor_fuel[due] = fuel[due]
         self._anchor_at_s[due] = at_s
         self._modelled[due] = 0.0
-        # What was learned here holds for what has gone on unseen nearby as well.
+        # The new factors hold for the advance since the last view, too.
         self.front += (self.factors() - factors) * self._unseen
         np.maximum(self.front, self.burned - 0.5, out=self.front)

@@ -1,4 +1,4 @@
-"""Compiled inner loops of the believed front (``belief``). Lengths in cells, times in seconds.
+"""Compiled inner loops of ``front_estimate``. Lengths in cells, times in seconds.
 
 Arrays are (360) by whole-degree bearing unless said otherwise, (72) by sector of five degrees.
 """
@@ -14,16 +14,16 @@ SAMPLES_PER_CELL = 2  # along a bearing, as the distance error does
 TANGENT_CELLS = 3.5  # the front's slant is taken over this much of it to either side
 HOLLOW = 0.5  # difference of the slants on both sides from which on a front is hollow
 LEAP_CELLS = 2.0  # farther outwards on the next bearing: another part of the front
-PLACES = 9  # at most, where a bearing's front is looked at
+PLACES = 9  # at most, for each bearing, where the rate of spread is computed
 BEHIND_CELLS = 0.7  # fire comes from the cell so far behind the front
-STEEPEST = 4.0  # slant beyond which the speed along a bearing is no longer believed
+STEEPEST = 4.0  # the slant is capped here, for the speed along a bearing grows with it
 
 PER_SECTOR = 5
-# A look is compared with the one from which on the front has come at least this far, or this long.
+# A view is compared with one since which the front has advanced this far, or that is this old.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
-# Shares by which an advance may differ from the factor times the model's for other reasons: since
-# the last look, and before the first one, when the wind is not known.
+# Shares by which an advance may differ from the factor times the model's for other reasons: between
+# two views, and before the first one, when the wind is not known.
 UNLIKE, UNLIKE_AT_FIRST = 0.15, 1.0
 AT_IGNITION_CELLS = 1.0
 SURPRISE = 3.0  # standard deviations
@@ -103,7 +103,7 @@ def spread_out(factor, found):  # type: ignore[no-untyped-def]
 
 @compiled
 def watch(window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from):  # type: ignore[no-untyped-def]
-    """What a window of cells (y, x) says of the front on each bearing.
+    """Bounds of the front on each bearing from a window of cells (y, x).
 
     ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
     ``unburned_from`` the first sample beyond it on ground known to be unburned (inf: none).

@@ -1,6 +1,6 @@
-"""Following the front: where a vehicle is on it, what it sees of it, and the path along it.
+"""The path along a front: the vehicle's place on it, what it has in view, and where to fly.
 
-Functions of the on-board map alone, whatever planner decides. Positions are float (row, col) of
+Functions of the on-board map alone, the same for all planners. Positions are float (row, col) of
 the landscape's grid; ``clockwise`` is the flying direction around the fire.
 """
 
@@ -23,14 +23,14 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """How far a path reaches and where it begins, in cells."""
+    """How far a path reaches, and how far ahead of the vehicle it begins, in cells."""
 
     horizon_cells: float
     lookahead_cells: float
 
 
 class PolarMap(Protocol):
-    """A map around a centre, and how far out ground was seen burned (cells on 360 bearings)."""
+    """A map around a centre; ``burned`` is the outermost ground seen burned (cells, 360)."""
 
     centre_row: float
     centre_col: float
@@ -79,7 +79,7 @@ def reconstructed_front(
 def extrapolated_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
-    """Known front where seen; ahead of it a straight line in the direction it ends in."""
+    """The front where it was seen; ahead of it a straight line in the direction of its end."""
     step = 1 if clockwise else -1
     outer, _ = fire_map.filled_outer()
     foremost = foremost_in_view(in_view, round(bearing_deg(fire_map, row, col)), clockwise)

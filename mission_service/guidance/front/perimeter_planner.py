@@ -3,17 +3,16 @@
 Listing 1: circle once to fill the on-board map, then at every new cell reconstruct the fire's
 shape, compare the importance of the two halves of the perimeter, and turn or go on.
 
-Three rules are to be had. ``literal`` is the paper to the letter. It chatters once the spread is
-very uneven (every turn makes the other window the heavier one, and spread rates come from two
-looks seconds apart). ``damped``, the default, adds this and nothing else:
+There are three rules. ``literal`` is the paper's. It chatters once the spread is very uneven: every
+turn makes the other window the more important one, and spread rates come from two views seconds
+apart. ``damped``, the default, adds only this:
 
-- spread rates come from looks at least ``baseline_s`` apart and are averaged over neighbouring
-  bearings, so that one cell more or less does not look like a sprint;
-- the back window must outweigh the front one by the share ``reversal_margin``, and by at least
-  ``least_gain_cells`` of unseen spread for each of its cells: less than the map can tell is no
-  reason to turn;
-- after a turn the vehicle flies on for ``dwell_s`` before it may turn again, the time it needs to
-  turn around and see something new.
+- spread rates come from views at least ``baseline_s`` apart and are averaged over neighbouring
+  bearings, so that one cell more or less does not become a high rate;
+- the back window must exceed the front one by the share ``reversal_margin``, and by at least
+  ``least_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
+- after a turn the vehicle flies on for ``dwell_s`` before it may turn again: the time in which it
+  turns around and has other cells in view.
 
 ``circling`` never turns: the baseline of section VI.E.
 """
@@ -49,7 +48,7 @@ Rule = Literal["damped", "literal", "circling"]
 
 @dataclass(frozen=True, slots=True)
 class PerimeterSettings:
-    """Everything the rule can be told; lengths in cells, speeds in cells per second."""
+    """Settings of the rule; lengths in cells, speeds in cells per second."""
 
     rule: Rule
     alpha: float
@@ -87,7 +86,7 @@ class PerimeterPlanner:
         self._turned_at_s = -np.inf
 
     def observe(self, observed: Observed) -> None:
-        """Take in what the camera saw."""
+        """Update the map by a camera window."""
         window = window_codes(observed.cells)
         at_s = observed.at_us / 1e6
         self._in_view = self.map.observe(observed.row, observed.col, window, at_s)
@@ -97,7 +96,7 @@ class PerimeterPlanner:
             append_view(self._observations, (observed.row, observed.col, window, at_s))
 
     def correct(self, observed: Observed) -> None:
-        """Take in what people say of a window of the fire."""
+        """Apply an operator's correction of a window of the fire."""
         self.map.correct(
             observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
         )
@@ -119,13 +118,13 @@ class PerimeterPlanner:
         return self._decide(row, col, at_s)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """The paper's rule does not ask for the wind."""
+        """The paper's rule does not use the wind."""
 
     def left(self, at_s: float) -> None:
-        """There is nobody else to take over."""
+        """Nothing: the planner has one vehicle."""
 
     def _finish_initial_circle(self) -> None:
-        """Listing 2 is done; where the ignition is unknown, the fire's centre takes its place."""
+        """End listing 2; an unknown ignition is replaced by the fire's centre."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
             self.map, self._in_view = recentred_map(self.map, self._observations)
@@ -136,7 +135,7 @@ class PerimeterPlanner:
         return reconstructed_front(self.map, self._in_view, row, col, self.clockwise)
 
     def importance(self, row: float, col: float, at_s: float) -> Floats:
-        """Importance in cells of each cell of the believed front (n), as listing 3 finds it.
+        """Importance in cells of each cell of the reconstructed front (n), by listing 3.
 
         Index 0 is the vehicle's cell; the index grows against its flying direction.
         """

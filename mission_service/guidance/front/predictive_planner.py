@@ -1,13 +1,12 @@
-"""One vehicle on one fire, by prediction: believe where the front is, fly where that is least sure.
+"""One vehicle on one fire, by prediction: it flies where the estimated front is least certain.
 
-The front is believed to be where it was last seen plus what it has advanced since (``estimate``).
-How much a part of it may be wrong grows with its speed times the doubt about that speed, which the
-belief learns from how far its predictions were off. At every new cell of the grid plans of sweeps
-and circles are flown ahead on that front (``sweeps``), those that go on and those that turn back
-now; the vehicle turns if the best of the latter leaves the smaller error.
+``front_estimate`` advances the front since its last view. The expected error of a part of it grows
+with its speed times the standard deviation of the factor of that speed. At every new cell of the
+grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that go
+on, and plans that turn back now. The vehicle turns if the best of the latter has the smaller error.
 
-The vehicle needs room to turn and flies in the wind it measures. A landscape and wind make the
-prediction better but are not needed.
+The vehicle needs room to turn and flies in the wind that it measures. A landscape and a wind
+improve the prediction but are not required.
 """
 
 import math
@@ -100,7 +99,7 @@ class PredictivePlanner:
         self._costs = np.zeros(len(PLANS))
 
     def observe(self, observed: Observed) -> None:
-        """Take in what the camera saw."""
+        """Update map and estimate by a camera window."""
         seen = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
         if self.phase != "monitor":
             self._in_view = self.map.observe(*seen)
@@ -113,7 +112,7 @@ class PredictivePlanner:
         self.estimate.add_view(*seen)
 
     def correct(self, observed: Observed) -> None:
-        """Take in what people say of a window of the fire."""
+        """Apply an operator's correction of a window of the fire."""
         window = (
             observed.row,
             observed.col,
@@ -124,11 +123,11 @@ class PredictivePlanner:
         self.estimate.correct(*window)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Take in a wind measured in the air; from true north."""
+        """Add a wind measured in the air; from true north."""
         self.estimate.wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
-        """There is nobody else to take over."""
+        """Nothing: the planner has one vehicle."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
@@ -146,7 +145,7 @@ class PredictivePlanner:
         return self._decide(round(bearing) % BEARINGS, at_s) if new else None
 
     def _finish_initial_circle(self) -> None:
-        """An unknown ignition is replaced by the fire's centre, and all is seen anew."""
+        """Replace an unknown ignition by the fire's centre, and apply all views again."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
             self.map, self._in_view = recentred_map(self.map, self._observations)
@@ -175,11 +174,11 @@ class PredictivePlanner:
             self.clockwise = not self.clockwise
             self.reversals += 1
             self._turned_at_s = at_s
-        # What speaks for turning back is what going on would cost.
+        # The importance of turning back is the cost of going on.
         return Decision(self.clockwise, turns, on, back, round(length))
 
     def _fill_ring(self) -> float:
-        """Fill in the ring from the belief; returns its length."""
+        """Fill the ring from the estimate; returns its length in cells."""
         estimate, settings = self.estimate, self.settings
         factor_sd = estimate.factor_sd()
         left = LEFT_CELLS * estimate.slant()
@@ -199,13 +198,13 @@ class PredictivePlanner:
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """The believed front: its distance in cells on 360 bearings (see ``hedge``)."""
+        """The estimated front: its distance in cells on 360 bearings (see ``robust_front``)."""
         return robust_front(self.estimate.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
 
-        The believed front; during the initial circle the line on which the visible one ends.
+        The estimated front; during the initial circle the extrapolated one.
         """
         settings = self.settings.path
         if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen

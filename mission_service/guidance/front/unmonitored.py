@@ -1,4 +1,4 @@
-"""Which part of the front is no longer watched when a vehicle leaves it. Pure."""
+"""The part of the front that is no longer monitored when a vehicle leaves it. Pure."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ ALARM = "front"
 
 
 def front_map_of(planner: Steered) -> FireMap | None:
-    """The on-board map that a planner along a front flies by; None for all others."""
+    """The on-board map of a planner that flies along a front; None for all others."""
     if isinstance(planner, TeamMember):
         return planner.team.map
     if isinstance(planner, PerimeterPlanner | PredictivePlanner):
@@ -29,9 +29,9 @@ def front_map_of(planner: Steered) -> FireMap | None:
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
-    """The whole-degree bearings, clockwise, to which no other is nearer than ``own_deg``.
+    """The whole-degree bearings, clockwise, to which no other one is nearer than ``own_deg``.
 
-    At least one: that of ``own_deg``, where others are within a degree of it.
+    At least one: that of ``own_deg``.
     """
     bearings = np.arange(BEARINGS)
 
@@ -51,7 +51,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
 
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
-    """A part of the front as a fire analyst names it: bearings from the fire's centre, length."""
+    """A part of the front in words: bearings from the fire's centre, and its length."""
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST
     steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
@@ -63,20 +63,20 @@ def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -
 
 
 class FrontMonitor:
-    """Keeps account of the vehicles that watch a front."""
+    """The vehicles that monitor a front, and the alarm while none does."""
 
     def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
         self._planners = planners
         self._cell_m = cell_m
         self._watching: set[str] = set()
-        self._alarm: RaiseAlarm | None = None  # by the vehicle that left it last
+        self._alarm: RaiseAlarm | None = None  # of the vehicle that left it last
 
     def standing_alarms(self) -> list[AnyCommand]:
-        """The alarm that stands, to be raised again after the service was restarted."""
+        """The alarm that is raised, to be sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
     def after(self, name: str, watches: bool, presence: Mapping[str, Presence]) -> list[AnyCommand]:
-        """What an event of a vehicle changes: a part of the front left, or watched again.
+        """Commands after an event of a vehicle: a part of the front left, or monitored again.
 
         ``watches``: whether the vehicle follows its planner now.
         """

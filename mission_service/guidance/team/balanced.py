@@ -1,10 +1,10 @@
-"""A team that shares the front so that its mean cost is least (``team.balanced``).
+"""A team that shares the front at the smallest mean cost (``team.balanced``).
 
-Two questions, answered apart. How should the team share the ring for good: all lap, all lap and
-pass a hot arc three times, or some sweep it (``patterns``)? And what does each vehicle do next, so
-that the team gets there with even gaps and serves what has waited (``lookahead``)? Both are
-answered by flying plans ahead; each decision tries a few and keeps what it has unless another is
-better by a margin, so that it costs the same however long the search goes on.
+Two searches, both by roll-outs. ``patterns``: how the team shares the ring in the long run (all
+lap; all lap and pass a hot arc three times; some sweep the arc). ``lookahead``: what each vehicle
+does next, so that the team gets to that pattern with even gaps and visits what has waited. Each
+decision tries a few plans and keeps the present one unless another is better by a margin, so its
+cost does not grow with the duration of the search.
 """
 
 from typing import Literal
@@ -26,26 +26,25 @@ from mission_service.guidance.team.lookahead import (
 from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
 from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
-NODES = 256  # at most, of the ring as plans are flown ahead on it
-BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to go back and come again
-SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is put off
-# How far plans are flown ahead, in laps (periods, with an arc), and how often one lap more counts
-# beside that: the more it counts, the sooner gaps are evened out, until plans promise later gains
-# for ever and never bring them.
+NODES = 256  # at most, of the ring for roll-outs
+BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before going on again
+SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
+# Length of the first part of a roll-out, in laps (periods, with an arc), and the weight of one more
+# lap after it: a larger weight evens gaps out sooner, but too large a one defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-MARGIN = 1e-3  # of the cost: a plan is changed for no less
-PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: the more, the harder a growing front makes even gaps
-SEARCH_S = 2.0  # a vehicle's plan is looked at again after so long
+MARGIN = 1e-3  # share of the cost that another plan must save
+PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: on a growing front many keep even gaps less easily
+SEARCH_S = 2.0  # between two searches for a vehicle's plan
 
 Importance = Literal["linear", "exponential"]
 
 
 class Balanced:
-    """A ``TeamRule``: any number of vehicles, which may come and go."""
+    """A ``TeamRule`` for any number of vehicles, which may join and leave."""
 
     def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
-        """``turn_s`` is what turning back costs a vehicle."""
+        """``turn_s`` is the time that turning back costs a vehicle."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
         self._moves = Moves(
@@ -58,7 +57,7 @@ class Balanced:
         self._next_pattern_s = -np.inf
         self.rollouts = 0
         self.turns = 0
-        # The vehicles (k): who; cells to go before each turn; the next cell, when due, which way.
+        # The vehicles (k): members; cells to fly before each turn; next cell, its time, direction.
         self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
@@ -68,7 +67,7 @@ class Balanced:
         self._sweeps = np.empty(0, np.bool_)
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Clockwise from here? A few plans are tried for this vehicle, the others' given."""
+        """Whether to fly on clockwise. Tries a few plans of this vehicle, the others' fixed."""
         if ring is not self._ring:
             self._update_ring(ring, fleet)
         members: list[int] = fleet.member.tolist()
@@ -84,7 +83,7 @@ class Balanced:
         return self._advance(which, ring, fleet, at_s)
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """The cells where turns are planned have moved along with the front."""
+        """Move the cells at which turns are planned along with the front."""
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
         onward = np.concatenate([[0], np.cumsum(np.diff(place_of) % size)]) + place_of[0]
@@ -102,15 +101,15 @@ class Balanced:
 
     @property
     def nodes(self) -> int:
-        """How many the ring has on which plans are flown ahead."""
+        """Number of nodes of the ring for roll-outs."""
         return int(self._step_m.size)
 
     def next_cell(self, member: int) -> int:
-        """The cell to which a vehicle is thought to come next."""
+        """The cell that a vehicle is expected to reach next."""
         return int(self._goal[self._members.index(member)])
 
     def _update_ring(self, ring: FrontRing, fleet: ActiveFleet) -> None:
-        """Everything about a ring that does not change from decision to decision."""
+        """Compute all that stays the same between decisions on one ring."""
         self._ring = ring
         size = ring.step_m.size
         self._stride = -(-size // NODES)
@@ -144,7 +143,7 @@ class Balanced:
         )
 
     def _try_patterns(self, fleet: ActiveFleet) -> None:
-        """Try one more pattern; all vehicles are planned anew if it is better."""
+        """Try one more pattern; if it is better, plan all vehicles again."""
         if not self._untried:
             self._untried = [LAPS, *candidates(fleet.member.size)][::-1]
         pattern = self._untried.pop()
@@ -154,7 +153,7 @@ class Balanced:
             self._pattern, self._pattern_cost = pattern, cost
             self._plan_all()
         elif self._pattern.length:
-            # The arc follows the front: vehicles take it over as they turn.
+            # The arc follows the front: a vehicle uses the new one from its next turn on.
             first, length, sweeping = self._pattern
             for move, grow in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 pattern = Pattern((first + move) % PARTS, max(length + grow, 1), sweeping)
@@ -167,7 +166,7 @@ class Balanced:
                 self._plan_all()
 
     def _plan_all(self) -> None:
-        """Every vehicle flies the pattern from its next cell on."""
+        """Set the plans of all vehicles to the pattern, each from its next cell on."""
         size = self._size()
         middle = (2 * self._pattern.first + self._pattern.length) * size // (2 * PARTS)
         away = (self._goal - middle) % size
@@ -182,7 +181,7 @@ class Balanced:
         return self._ring.step_m.size
 
     def _plan(self, who: int, came_back: bool = False) -> None:
-        """This one flies the pattern from its next cell on; ``came_back``: its third pass."""
+        """Set one plan to the pattern from the next cell on; ``came_back``: on the third pass."""
         size = self._size()
         first = self._pattern.first * size // PARTS
         length = self._pattern.length * size // PARTS
@@ -206,7 +205,7 @@ class Balanced:
         self._legs[who] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
-        """Somebody has come or gone: all lap until a better pattern is found."""
+        """A vehicle has joined or left: all lap until a better pattern is found."""
         before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
         self._members = members
@@ -230,7 +229,7 @@ class Balanced:
         """Try other plans for one vehicle."""
         assert self._ring is not None
         silent = self._due_s < at_s - SEARCH_S
-        if silent.any():  # they are where the fleet reckons them
+        if silent.any():  # they are where dead reckoning has them
             self._goal[silent] = fleet.cell[silent]
             self._due_s[silent] = at_s
             self._heading[silent] = np.where(fleet.clockwise[silent], 1, -1)
@@ -257,7 +256,7 @@ class Balanced:
         self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, MARGIN)
 
     def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
-        """Turn if it is time to, and go on by one cell."""
+        """Advance the plan by one cell, with a turn if it is due."""
         legs, heading = self._legs[which], self._heading[which]
         while legs[0] == 0:
             self._heading[which] *= -1

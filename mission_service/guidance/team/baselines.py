@@ -1,4 +1,4 @@
-"""Bent's two benchmark rules (4.3): they look neither at importance nor at who serves what."""
+"""Bent's two baseline rules (4.3), without importance and without regions."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 
 class Circling:
-    """All fly clockwise, one behind the other."""
+    """All vehicles fly clockwise, one behind the other."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Clockwise."""
         return True
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Nothing is kept."""
+        """Nothing: the rule has no state."""
 
 
 class Bumper:
@@ -24,10 +24,10 @@ class Bumper:
     """
 
     def __init__(self) -> None:
-        # Not as they fly now: of two that meet the other one turns at its next cell.
+        # As ordered, not as flown: of two that meet the other one turns at its next cell.
         self._clockwise: dict[int, bool] = {}
-        self._around: list[int] = []  # seats in their order around the ring, which stays
-        self._cells_on: dict[int, int] = {}  # from each seat to the next one clockwise
+        self._around: list[int] = []  # members in their order around the ring, which stays
+        self._cells_on: dict[int, int] = {}  # from each member to the next one clockwise
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """As before, unless the neighbour ahead comes the other way and is one cell on."""
@@ -58,4 +58,4 @@ class Bumper:
         return gap
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Cells between neighbours are counted anew at the next decision."""
+        """Nothing: cells between neighbours are counted again at the next decision."""

@@ -78,7 +78,7 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 def chunk(  # type: ignore[no-untyped-def]
     rate, visited, first, way, max_cells, offer, at_s, exponential
 ):
-    """How many cells from ``first`` inwards (way 1 or -1) are worth no more than an offer."""
+    """Number of cells from ``first`` inwards (way 1 or -1) that are worth no more than an offer."""
     n = rate.size
     worth = 0.0
     for count in range(max_cells):
@@ -93,7 +93,7 @@ def chunk(  # type: ignore[no-untyped-def]
 def most_centred(  # type: ignore[no-untyped-def]
     rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
-    """How many cells to give at either end so that the centre of importance is most central.
+    """Cells to give at either end so that the centre of importance is most central.
 
     Returns (at the beginning, at the end), at most ``max_first`` and ``max_last``; tried from all
     to none, and (0, 0) unless another pair is better (4.2.2).

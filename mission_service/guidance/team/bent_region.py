@@ -1,4 +1,4 @@
-"""What a planner of Bent's sees and keeps: its own region of the ring, and where it is going."""
+"""Input and result of Bent's planners: a vehicle's region of the ring, and its course."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ class Region:
 
 
 class Course(NamedTuple):
-    """Where a vehicle is going; the target lifted like its region, if it has one."""
+    """A vehicle's direction, and its target if it has one (a lifted cell, like its region)."""
 
     clockwise: bool = True
     target: int | None = None
 
 
-# Decides in a region in which the vehicle is, from the course it was on.
+# The new course of a vehicle that is in its region, from the course so far.
 CourseRule = Callable[[Region, Course], Course]
 
 
@@ -41,14 +41,14 @@ def lifted(cell: int, begin: int, cells: int) -> int:
 
 
 def course_to(region: Region, target: int) -> Course:
-    """On to a target in the region."""
+    """The course to a target in the region."""
     return Course(target > region.here, target)
 
 
 def is_finished(region: Region, course: Course) -> bool:
-    """Whether a course is over: no target, at or past it, or it is the region's no longer.
+    """Whether a course has no target, has reached or passed it, or it left the region.
 
-    Past it, because growth, and in flight the cells that a vehicle skips, carry it on.
+    A target can be passed by growth of the ring, and in flight by cells that a vehicle skips.
     """
     target = course.target
     if target is None or not region.begin <= target < region.end:
@@ -57,7 +57,7 @@ def is_finished(region: Region, course: Course) -> bool:
 
 
 def course_back(region: Region) -> Course:
-    """The shorter way, in cells, into a region in which the vehicle is not."""
+    """The shorter course, in cells, into the region of a vehicle that is outside of it."""
     cells = region.ring.step_m.size
     clockwise = region.begin + cells - region.here < region.here - (region.end - 1)
     return Course(clockwise)

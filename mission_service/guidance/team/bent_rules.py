@@ -1,4 +1,4 @@
-"""Bent's planners by name: what a team of Bent's is made of (thesis, chapter 4)."""
+"""Bent's rules by name: a planner, a negotiation and an importance (thesis, chapter 4)."""
 
 from collections.abc import Mapping
 
@@ -34,7 +34,7 @@ BENCHMARKS = ("circling", "bumper")
 
 
 def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRule:
-    """A rule of the thesis by its names; a benchmark has no negotiation. Raises KeyError."""
+    """A rule of the thesis by its names; a baseline has no negotiation. Raises KeyError."""
     if planner in BENCHMARKS:
         return Circling() if planner == "circling" else Bumper()
     steer = (PLANNERS | LATER_PLANNERS)[planner]  # type: ignore[operator]

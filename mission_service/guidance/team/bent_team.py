@@ -24,7 +24,7 @@ NEGOTIATE_EVERY_S = 20.0
 
 
 class RegionTeam:
-    """Flies ``steer`` in each region; ``negotiate`` moves the borders; a ``TeamRule``."""
+    """A ``TeamRule``: ``steer`` directs each vehicle in its region, ``negotiate`` moves borders."""
 
     def __init__(
         self,
@@ -47,11 +47,11 @@ class RegionTeam:
 
     @property
     def regions(self) -> Regions | None:
-        """Who serves what, as far as the last decision."""
+        """The regions at the last decision."""
         return self._regions
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Back into the vehicle's own region, or as its planner steers."""
+        """The course of the vehicle's planner, or back into its region if it is outside."""
         regions = self._now(ring, fleet, at_s)
         member = int(fleet.member[which])
         begin, end = served(regions, self._index[member])
@@ -70,8 +70,8 @@ class RegionTeam:
         return course.clockwise
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Borders and targets move with their cells."""
-        # How many cells the new ring has is known only with the next decision, or growth.
+        """Move borders and targets with their cells, at the next decision."""
+        # The size of the new ring is known only with the next decision, or the next growth.
         self._growths.append(place_of)
 
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
@@ -107,7 +107,7 @@ class RegionTeam:
     def _negotiated(
         self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
     ) -> Regions:
-        """One after the other gives to its neighbours what the negotiation says (4.2.1)."""
+        """Each vehicle in turn gives cells to its neighbours by the negotiation (4.2.1)."""
         count = len(regions.members)
         if count == 1:
             return regions
@@ -139,11 +139,11 @@ class RegionTeam:
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
-    """Those who have come are taken in and those who have gone are left out."""
+    """Regions with the vehicles that have joined, and without those that have left."""
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))
-            # One that has gone as well may be anywhere: where its region begins.
+            # The place of one that has left is unknown: the begin of its region stands for it.
             begins = dict(zip(regions.members, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.members]
             regions = with_member(regions, member, others, cell)

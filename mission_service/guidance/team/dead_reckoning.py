@@ -1,4 +1,4 @@
-"""A fleet from what was heard of it: who is silent is taken on along the ring, then as lost."""
+"""The positions of a fleet now: the last reports, advanced along the ring by dead reckoning."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
 @dataclass(frozen=True, slots=True)
 class ReportedPosition:
-    """The last that a vehicle told."""
+    """The last report of a vehicle: its cell and direction on the ring at ``at_s``."""
 
     member: int
     cell: int
@@ -22,7 +22,7 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """Where the vehicles are now: each goes on as it was heard; lost ones are left out."""
+    """The fleet at ``at_s``: each flies on as reported; without reports for too long it is lost."""
     here = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )
@@ -35,7 +35,7 @@ def dead_reckoned_fleet(
 
 
 def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
-    """The last cell that it has come to by now."""
+    """The last cell that a vehicle has reached by ``at_s``."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
     flown_m = one.speed_m_s * max(at_s - one.at_s, 0.0) % along_m[-1]

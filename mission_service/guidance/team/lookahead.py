@@ -1,9 +1,9 @@
-"""Roll-outs on a ring: what the plans of vehicles will cost, flown ahead in compiled code.
+"""Roll-outs on a ring: the cost of the plans of all vehicles, in compiled code.
 
-A plan is a row of legs: how many cells the vehicle goes on before it turns, then before it turns
-again, and so on; the last two are repeated for ever. So a lap is a leg without end, a sweep two
-equal legs, and a lap that passes an arc three times a long leg and a short one. Each visit changes
-one node only: a roll-out costs nodes plus steps of the vehicles.
+A plan is a sequence of legs, each the number of cells that the vehicle flies before it turns; the
+last two are repeated for ever. So a lap is a leg without end, a sweep two equal legs, and a lap
+that passes an arc three times a long leg and a short one. Each visit changes one node only: a
+roll-out costs nodes plus steps of the vehicles.
 """
 
 from typing import NamedTuple
@@ -16,29 +16,29 @@ from firemodel.compiled import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEGS = 8  # that a plan holds; the last two are repeated
+LEGS = 8  # of a plan; the last two are repeated
 NEVER = 1 << 40  # cells: a leg that does not end
 
 
 class Nodes(NamedTuple):
-    """The ring as a roll-out sees it; arrays (n), clockwise."""
+    """The ring of a roll-out; arrays (n), clockwise."""
 
     step_m: Floats  # from each node to the next, the last to the first
     scale: Floats  # the integral of a node's importance up to an age is scale * age ** power
     power: Floats
     linear: bool  # all powers are 2
     visited_s: Floats  # when each was last seen; now is 0
-    cells: int  # that make up a node: legs are told in cells
+    cells: int  # of a node; legs are given in cells
 
 
 class StartState(NamedTuple):
     """The vehicles at the beginning of a roll-out; arrays (k)."""
 
-    node: Integers  # the one they come to next
-    arrival_s: Floats  # and when
+    node: Integers  # that each reaches next
+    arrival_s: Floats  # when it does
     heading: Integers  # 1 clockwise, -1 the other way
     speed_m_s: Floats
-    turn_s: float  # what it costs to turn back
+    turn_s: float  # duration of a turn back
 
 
 class Workspace(NamedTuple):
@@ -53,7 +53,7 @@ class Workspace(NamedTuple):
 
 
 class Horizon(NamedTuple):
-    """How far to look: a roll-out's last part stands for what comes later, so it counts more."""
+    """Length of a roll-out, and the weight of its last part, which stands for all later time."""
 
     end_s: float
     late_from_s: float
@@ -61,7 +61,7 @@ class Horizon(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """What ``improve`` tries, in cells, and room for it."""
+    """The changes that ``improve`` tries, in cells, and arrays for it to write in."""
 
     backs: Integers
     shifts: Integers
@@ -101,7 +101,7 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
-    """On until a time; the integrals of importance that visits end."""
+    """Fly on until a time; returns the sum of the integrals of importance that visits end."""
     ended = 0.0
     count = room.node.size
     size = nodes.step_m.size
@@ -149,10 +149,10 @@ def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """The importance of all nodes, integrated over time, if the plans are flown.
+    """Importance of all nodes, integrated over time, when the plans are flown.
 
-    ``legs`` (k, LEGS): cells to go on from ``start.node`` before each turn; 0 turns at once. The
-    constant part, what the ages at the beginning have cost already, is in it.
+    ``legs`` (k, LEGS): cells to fly from ``start.node`` before each turn; 0 turns at once. Includes
+    a constant: the cost of the ages at the beginning.
     """
     _begin(nodes, start, legs, room)
     cost = _fly(nodes, start, legs, room, span.late_from_s)
@@ -164,7 +164,7 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """The mean over the last part of a roll-out of the importance of all nodes together."""
+    """Mean over the last part of a roll-out of the summed importance of all nodes."""
     _begin(nodes, start, legs, room)
     _fly(nodes, start, legs, room, span.late_from_s)
     late = -_standing(nodes, room.visited_s, span.late_from_s)
@@ -175,7 +175,7 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Fly the plans; if that is cheaper keep this vehicle's in ``best`` (LEGS)."""
+    """Roll out the plans; if they are cheaper, copy this vehicle's to ``best`` (LEGS)."""
     cost = roll_out(nodes, start, legs, span, room)
     if cost < best_cost:
         for leg in range(LEGS):

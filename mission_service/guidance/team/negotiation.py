@@ -10,7 +10,7 @@ from mission_service.guidance.team.ring import FrontRing
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A vehicle as a negotiation sees it; cells are lifted (see ``regions``).
+    """A vehicle's part in a negotiation; cells are lifted (see ``regions``).
 
     ``reserved`` are the first and the last of the cells that it does not give away: its own, its
     next one and its target, those of them that are in its region.
@@ -23,12 +23,12 @@ class Share:
 
     @property
     def max_first(self) -> int:
-        """How many cells it may give at the beginning of its region."""
+        """Number of cells that it may give at the beginning of its region."""
         return max(self.reserved[0] - self.begin, 0)
 
     @property
     def max_last(self) -> int:
-        """How many it may give at the end."""
+        """Number of cells that it may give at the end."""
         return max(self.end - 1 - self.reserved[1], 0)
 
 
@@ -39,7 +39,7 @@ Negotiation = Callable[[FrontRing, Share, Share, Share, float, bool], tuple[int,
 
 
 def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
-    """The first and the last of those of these cells that are in a region; its middle without."""
+    """The first and the last of these cells that are in a region; its middle if none is."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
 

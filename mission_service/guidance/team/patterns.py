@@ -1,8 +1,8 @@
-"""Ways for a team to share a ring for good, and what each costs once it has settled.
+"""Patterns in which a team shares a ring in the long run, and their steady-state costs.
 
 All lap one behind the other; all lap and pass a hot arc three times (on, back, on); or some sweep
 the arc while the others lap. On an even front laps are best; a sweep's mean age is 4/3 of a lap's
-with as many passes, so an arc has to be several times hotter before it pays.
+with as many passes, so an arc must spread several times faster before a sweep pays.
 """
 
 from typing import NamedTuple
@@ -21,11 +21,11 @@ from mission_service.guidance.team.lookahead import (
     late_mean,
 )
 
-PARTS = 64  # of the ring: what arcs are measured in
+PARTS = 64  # of the ring: the unit of arcs
 
 
 class Pattern(NamedTuple):
-    """An arc in parts of the ring, and how many vehicles sweep it; with 0 all pass it thrice."""
+    """An arc in parts of the ring, and how many vehicles sweep it; 0: all pass it thrice."""
 
     first: int
     length: int  # 0: no arc, all lap
@@ -36,7 +36,7 @@ LAPS = Pattern(0, 0, 0)
 
 
 def candidates(vehicles: int) -> list[Pattern]:
-    """Patterns to choose from."""
+    """Patterns to try for a number of vehicles."""
     lengths = (2, 3, 4, 6, 8, 12, 16, 20, 24)
     arcs = [(first, length) for length in lengths for first in range(0, PARTS, 2)]
     ways = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
@@ -53,7 +53,7 @@ def settled_cost(
 ) -> float:
     """Mean over time of the importance of all nodes when a pattern is flown evenly spaced.
 
-    ``nodes`` are PARTS ones, ``speed_m_s`` (k) the vehicles', ``turn_s`` what turning back costs.
+    ``nodes`` has PARTS nodes; ``speed_m_s`` (k) of the vehicles; ``turn_s`` of a turn back.
     """
     count = speed_m_s.size
     step_m = nodes.step_m

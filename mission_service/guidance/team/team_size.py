@@ -1,4 +1,4 @@
-"""How many vehicles a front needs, and how many of them should lap and how many sweep.
+"""How many vehicles a front needs, how many of them should lap or sweep, and advice about it.
 
 Ring of length L, vehicles of speed v: n that lap, evenly spaced, see every point each L/(n v); k
 that sweep an arc of length l come back to its ends after 2 l/(k v). With the rate of spread at a
@@ -18,7 +18,7 @@ PARTS = 64  # of the ring: where arcs may begin and end
 
 
 class Split(NamedTuple):
-    """Who does what; the arc in metres along the ring from its first cell."""
+    """Numbers of vehicles that lap and sweep; the arc in metres along the ring from cell 0."""
 
     lapping: int
     sweeping: int
@@ -28,14 +28,14 @@ class Split(NamedTuple):
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, worst_age_s: float) -> int:
-    """How many must lap so that nothing stays unseen for longer: n >= L / (v T)."""
+    """Vehicles that must lap so that nothing stays unseen for longer: n >= L / (v T)."""
     return _at_least(length_m / (speed_m_s * worst_age_s))
 
 
 def vehicles_for_advance(
     spread_rate_m_s: float, length_m: float, speed_m_s: float, advance_m: float
 ) -> int:
-    """How many must lap so that the front gets no further unseen: n >= ROS_max L / (v D)."""
+    """Vehicles that must lap to bound the unseen advance: n >= ROS_max L / (v D)."""
     return _at_least(spread_rate_m_s * length_m / (speed_m_s * advance_m))
 
 
@@ -44,9 +44,10 @@ def _at_least(number: float) -> int:
 
 
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
-    """The split and the arc that keep the worst advance least, from the measured spread.
+    """The split and the arc with the smallest worst advance, from the measured spread.
 
-    Arrays (n) of a ring. All lap unless sweeping is better; of equal ones the fewest sweep.
+    Arrays (n) of a ring. All lap unless sweeping is better; of equal splits the one with fewest
+    sweeping.
     """
     length_m = float(step_m.sum())
     best = Split(
@@ -81,7 +82,7 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
 def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
 ) -> Split:
-    """The smallest team that keeps the unseen advance under a limit, and how it splits."""
+    """The smallest team that keeps the unseen advance under a limit, and its split."""
     max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
@@ -94,7 +95,7 @@ def vehicles_needed(
 
 @dataclass(frozen=True, slots=True)
 class CoverageTargets:
-    """How well the front is to be kept: the worst age of a part, and its advance unseen."""
+    """Limits of the age of any part of the front, and of its unseen advance."""
 
     worst_age_s: float | None = None
     unseen_advance_m: float | None = None
@@ -103,9 +104,9 @@ class CoverageTargets:
 def team_size_advice(
     ring: FrontRing, speed_m_s: Floats, targets: CoverageTargets
 ) -> tuple[bool, str]:
-    """Whether the team (speeds, k) is too small for the wishes, and what to tell its user.
+    """Whether the team (speeds, k) is too small for the targets, and a text for the operator.
 
-    Of vehicles of the team's mean speed; without wishes only what the team can do.
+    Computed with the team's mean speed; without targets the text has only what the team achieves.
     """
     vehicles, mean_m_s = speed_m_s.size, float(np.mean(speed_m_s))
     length_m, fastest_m_s = float(ring.step_m.sum()), float(ring.spread_rate_m_s.max())
@@ -136,7 +137,7 @@ def _vehicles(count: int) -> str:
 
 
 class TeamSizeAdviser:
-    """Tells it when the team or what it needs has changed, at most every five minutes."""
+    """Repeats the advice when the team or its need has changed, checked every five minutes."""
 
     def __init__(self, targets: CoverageTargets) -> None:
         self._targets = targets
@@ -144,13 +145,13 @@ class TeamSizeAdviser:
         self._next_s = -np.inf
 
     def is_due(self, vehicles: int, at_s: float) -> bool:
-        """Whether to look again."""
+        """Whether to check again: after five minutes, or when the team has changed."""
         return at_s >= self._next_s or (
             self._last_advice is not None and self._last_advice[0] != vehicles
         )
 
     def at(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
-        """(too few, what to say) if there is something new to say."""
+        """(too few vehicles, text) if the advice has changed, else None."""
         self._next_s = at_s + ADVISE_EVERY_S
         too_few, text = team_size_advice(ring, speed_m_s, self._targets)
         last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)
