@@ -1,8 +1,8 @@
-"""One UAV of the formation: what it knows, where its virtual agent goes, what it means to fly.
+"""One UAV of the formation: its maps, its virtual agent, and the orbit it intends to fly.
 
-Every UAV runs one of these on what it sees and hears itself. ``step`` is called at each of its
-positions; what comes out is an ``Intention``: an orbit and an airspeed. Whoever flies it (the ideal
-world's kinematics, an autopilot's own orbit command, a loiter item) keeps to that.
+Every UAV runs one of these on its own camera and on the messages it receives. ``step`` is called at
+each of its positions and returns an ``Intention``: an orbit and an airspeed, to be flown by the
+ideal world's kinematics, an autopilot's own orbit command, or a loiter item.
 """
 
 import math
@@ -39,16 +39,16 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-RESEND_M = 20.0  # another orbit than was told is told at once, and so is another goal
+RESEND_M = 20.0  # an orbit this far from the one sent is sent at once, as is any other goal
 LONGEST_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
-COOL_FOR_S = 20.0  # it stays up for so long after it was hot
+COOL_FOR_S = 20.0  # after heat it stays at the higher altitude for so long
 
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """What a UAV knows of itself; velocities over the ground, and the wind as it blows towards."""
+    """A UAV's own state; velocities over the ground, the wind towards x (east), y (north)."""
 
     at_us: int
     x_m: float
@@ -64,7 +64,7 @@ class OwnState:
 
 @dataclass(frozen=True, slots=True)
 class Intention:
-    """What a UAV means to fly: an orbit, signed as in MAVLink, and an airspeed.
+    """The orbit (radius signed as in MAVLink) and the airspeed that a UAV intends to fly.
 
     ``climb_m`` is how far above its normal altitude, to get away from heat; ``settled``: the UAV
     has been on that orbit for a while. On the way home there is no virtual agent: not a number.
@@ -78,11 +78,11 @@ class Intention:
     settled: bool
     agent_x_m: float
     agent_y_m: float
-    in_conflict: bool = False  # another orbit was wanted, but somebody is in its way
+    in_conflict: bool = False  # the orbit wanted is not flown: another UAV is in its way
 
 
 class Agent:
-    """See the module. ``name`` decides who goes first where two are in each other's way."""
+    """See the module. ``name`` gives the priority where two are in each other's way."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """``fire`` is what the ground base shares before the mission: cells that burn at ``at_us``.
+        """``fire`` is shared by the ground base before the mission: cells that burn at ``at_us``.
 
         Raises MissionServiceError for cells that are not on the grid.
         """
@@ -114,7 +114,7 @@ class Agent:
         self.avoidance = avoidance
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
-        self.home_m: tuple[float, float] | None = None  # where it is on its way to
+        self.home_m: tuple[float, float] | None = None  # set while it flies home
         self._mover = AgentMover(settings, grid, tie_rad(priority_key(name)))
         self._rules = avoidance_rules(settings)
         self._key = priority_key(name)
@@ -132,10 +132,10 @@ class Agent:
         self.map.start(fire, at_us)
         self.maps.set(fire, NO_CELLS)
 
-    # What comes in ----------------------------------------------------------------------------
+    # Inputs -----------------------------------------------------------------------------------
 
     def receive(self, message: AnyMessage) -> None:
-        """Take in what another UAV has said."""
+        """Apply a message of another UAV."""
         match message:
             case State():
                 self.peers.receive(message)
@@ -147,13 +147,13 @@ class Agent:
                 self.maps.set(*self.map.receive(message))
 
     def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
-        """Take in what the camera saw: cells that burn, and cells that do not."""
+        """Apply a camera view: numbers of cells that burn, and of cells that do not."""
         self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
-    # What comes out ---------------------------------------------------------------------------
+    # Outputs ----------------------------------------------------------------------------------
 
     def step(self, own: OwnState) -> Intention:
-        """Where the UAV is now; returns what it means to fly from here on."""
+        """Advance to the UAV's state now; returns what it intends to fly from here on."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
         for state in self._lost_peers.states(own.at_us):
@@ -164,27 +164,27 @@ class Agent:
         return self._intend(own, peers)
 
     def messages(self, at_us: int) -> list[AnyMessage]:
-        """What is to be said now."""
+        """The messages to send now."""
         outbox, self._outbox = self._outbox, []
         return [*outbox, *self.map.messages(at_us)]
 
     def leave(self, at_us: int, why: str) -> None:
-        """The UAV is lost, or on the ground: the others need not mind it until it steps again."""
+        """Leave the formation (lost, or on the ground) until the next ``step``."""
         self.agent_m = self._choice = None
         self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
-        """From now on it flies to a circle there, without a virtual agent, and minds the others."""
+        """Fly to a circle there from now on, without a virtual agent, still avoiding the others."""
         self.home_m, self.agent_m = (x_m, y_m), None
 
     def come_back(self) -> None:
-        """It has a virtual agent again, which begins where the UAV is."""
+        """End ``go_home``: the virtual agent starts again at the UAV."""
         self.home_m = None
 
     # The virtual agent ------------------------------------------------------------------------
 
     def _move_agent(self, own: OwnState, peers: Floats) -> None:
-        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``AgentMover`` has it."""
+        """Start the virtual agent ahead of its UAV, and move it (eqs. 4 and 12)."""
         settings = self.settings
         agent_m = self.agent_m
         if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.restart_m:
@@ -205,7 +205,7 @@ class Agent:
         agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
         self.agent_m = agent_m
 
-    # What it flies ----------------------------------------------------------------------------
+    # Intention --------------------------------------------------------------------------------
 
     def _intend(self, own: OwnState, peers: Floats) -> Intention:
         orbit, conflict = self._orbit(own, peers), False
@@ -240,7 +240,7 @@ class Agent:
         return intention
 
     def _orbit(self, own: OwnState, peers: Floats) -> IntendedOrbit:
-        """Round the virtual agent, in phase with the others (section 5.3.2)."""
+        """The orbit round the virtual agent, in phase with the others (section 5.3.2)."""
         airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
@@ -261,7 +261,7 @@ class Agent:
         return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
 
     def _climb(self, own: OwnState) -> float:
-        """Away from heat, and down again when it has been cool for a while (section 5.3.3)."""
+        """Metres to climb: up in heat, down again after ``COOL_FOR_S`` (section 5.3.3)."""
         step_m = self.settings.airframe.climb_m_s * self._step_s
         if own.hot:
             self._cool_at_us = own.at_us + round(COOL_FOR_S * 1e6)
@@ -280,7 +280,7 @@ class Agent:
         return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
 
     def _queue_state(self, own: OwnState, intention: Intention) -> None:
-        """Say the state when it is time, or at once when another orbit is meant."""
+        """Send the state when it is due, or at once when the orbit or the goal has changed."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
         changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_m != self._sent_goal_m

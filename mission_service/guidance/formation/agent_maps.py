@@ -1,8 +1,8 @@
 """The local maps of one UAV (sections 3.4 and 5.1): fire, augmented fire, area of virtual agents.
 
-The last two are kept as counts: how many cells of fire lie within reach of a cell. A cell that
-begins to burn adds one to a disc around it, one that is cleared takes that away again, so nothing
-is ever worked out anew, and a kernel looks a cell up as ``augmentation[row, col] > 0``.
+The last two are counts: the number of cells of fire within reach of a cell. A cell that begins to
+burn adds one to a disc around it, a cell that is cleared subtracts it again, so updates are
+incremental, and a kernel tests a cell by ``augmentation[row, col] > 0``.
 """
 
 import math
@@ -20,7 +20,7 @@ Counts = NDArray[Any]  # uint16, or int32 where a disc has more cells than that 
 
 
 class AgentMaps:
-    """Fire as a UAV knows it, and what follows from it. All arrays are (y, x), row 0 north.
+    """The fire on a UAV's map, and the areas that follow. All arrays are (y, x), row 0 north.
 
     ``fire`` is true where it burns or has burned. ``augmentation`` and ``area`` count the cells of
     fire not farther than ``augmentation_m`` and ``agent_area_m``, centre to centre: the paper's
@@ -46,9 +46,9 @@ class AgentMaps:
         self.sums = np.zeros(3, dtype=np.int64)
 
     def set(self, cells_on: Cells, cells_off: Cells) -> None:
-        """Cells (numbers ``row * cols + col``) that burn now, and then ones that do not.
+        """Set cells (numbers ``row * cols + col``) to burning, then others to not burning.
 
-        Those that are so already do not matter. Raises MissionServiceError for one off the map.
+        Raises MissionServiceError for a cell off the map.
         """
         for cells, burns in ((cells_on, True), (cells_off, False)):
             if len(cells):
@@ -103,7 +103,7 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
 
 @kernel
 def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Add or take away the discs of cells, each given once, that ``stamp`` is about to change."""
+    """Add or subtract the discs of cells, each given once, that ``stamp`` is about to change."""
     for i in range(cells.size):
         row, col = cells[i] // fire.shape[1], cells[i] % fire.shape[1]
         if fire[row, col] != burns:
@@ -112,7 +112,7 @@ def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyp
 
 @kernel
 def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type: ignore[no-untyped-def]
-    """Set cells to fire or not; add the discs of those that change, or take them away."""
+    """Set cells to fire or not; add or subtract the discs of those that change."""
     cols = fire.shape[1]
     sign = 1 if burns else -1
     for i in range(cells.size):
@@ -129,7 +129,7 @@ def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type
 
 @kernel
 def _add_disc(row, col, sign, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Unsigned places: with signed ones every cell is tried for being negative, 6 times as slow."""
+    """Indices are unsigned: with a test for negative ones it is 6 times as slow."""
     rows, cols = counts.shape
     k = half_widths.size // 2
     for r in range(max(row - k, 0), min(row + k + 1, rows)):

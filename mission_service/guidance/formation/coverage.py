@@ -1,13 +1,13 @@
-"""A rule for virtual agents beyond the paper's forces: each goes where it adds most to the others.
+"""A rule for virtual agents beyond the paper's forces: each goes where it adds most coverage.
 
-What an agent adds, the weight in its circle that no other covers, is its part of a potential that
-all share, the weight they cover together. So whoever gains lets all gain, and they come to rest,
-which measured is within 3 % of the best placement (``experiments/static_placement.py``). Forces
-stop wherever they cancel: between the fire's centre and a neighbour.
+An agent's gain, the weight in its circle that no other agent covers, is its part of a potential,
+the weight that all cover together. So every gain of one agent is a gain of all, and they come to
+rest, in measurements within 3 % of the best placement (``experiments/static_placement.py``).
+Forces stop wherever they cancel: between the fire's centre and a neighbour.
 
-An agent weighs all places in its area, on a lattice, with the way there: around the augmented
-fire, never through. It moves only for what is worth it (``WORTH``) or when the fire comes, so that
-a loiter item can fly a settled one. Where coverage has no use for it, it keeps away from others.
+An agent compares all places of a lattice in its area, less the cost of the path there, which leads
+around the augmented fire. It moves only for a gain of ``WORTH`` or when the fire comes, so that a
+loiter item can fly a settled one. Where it gains no coverage, it keeps away from others.
 
 Weights count in fifths: 5 for a cell within the augmentation (priority 1), 1 within d_mon (0.2).
 """
@@ -30,22 +30,22 @@ from mission_service.guidance.formation.virtual_forces_kernels import (
 
 Floats = NDArray[np.float64]
 
-# What a move must gain at once (half a percent of what four cover), and after some time in a place.
+# Minimum gain of a move at once (half a percent of what four cover), and after a time in a place.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
-WAY_PER_M = 0.03  # what a metre of way costs
+WAY_PER_M = 0.03  # cost of a metre of path
 CROWD_M = 150.0  # others nearer than this cost much more (``coverage_kernels.CROWD``)
 LATTICE_M = 60.0
-MARGIN_M = 10.0  # a place nearer to the augmented fire costs something, for the fire grows
+MARGIN_M = 10.0  # a place nearer to the augmented fire has a cost, for the fire grows
 ARRIVED_M = 0.5
-STILL_M = 5.0  # another that went farther since the last decision is on its way
+STILL_M = 5.0  # another agent that moved farther since the last decision is passing
 DECIDE_EVERY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Where a virtual agent goes, and the place up to which it can go straight.
+    """The place where a virtual agent goes, and the place up to which it can go straight.
 
-    ``since_s`` is when it chose the goal.
+    ``since_s`` is when the goal was chosen.
     """
 
     x_m: float
@@ -57,7 +57,7 @@ class Goal:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Workspace:
-    """Circles, and what the kernels write in; shared by all agents of a process."""
+    """The circle of coverage, and arrays that kernels write in; shared by all agents."""
 
     half_widths: NDArray[np.int64]
     sums: NDArray[np.int32]  # (rows, cols + 1)
@@ -93,7 +93,7 @@ def next_goal(
     grid: MapGrid,
     settings: Settings,
 ) -> Goal | None:
-    """Where the agent at (x, y) goes now; None outside its area, to which forces must bring it.
+    """The goal of the agent at (x, y); None outside its area, to which forces must bring it.
 
     ``goal`` is the previous result (None at first), ``others_m`` (n, 2) x, y of the other agents,
     or of where they go. To be called every few seconds (``AgentMover``).
@@ -148,7 +148,7 @@ def next_goal(
 def velocity(
     x_m: float, y_m: float, goal: Goal, max_m_s: float, step_s: float
 ) -> tuple[float, float]:
-    """East and north in m/s with which the agent goes on for a step; it stops where it must."""
+    """Velocity (east, north) in m/s of the agent for a step; it stops at the via."""
     east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
     way_m = math.hypot(east, north)
     if way_m < ARRIVED_M or step_s <= 0.0:
@@ -158,7 +158,7 @@ def velocity(
 
 
 class AgentMover:
-    """Moves one virtual agent: by this rule within its area, by the paper's forces up to there.
+    """Moves one virtual agent: by this rule within its area, by the paper's forces outside.
 
     With ``placement`` "forces" of the settings it moves by the paper's forces alone.
     """
@@ -173,7 +173,7 @@ class AgentMover:
 
     @property
     def goal_m(self) -> tuple[float, float] | None:
-        """Where it is going, for the others to know; None while forces move it."""
+        """The goal to send to the others; None while forces move the agent."""
         goal = self.goal
         return None if goal is None else (goal.x_m, goal.y_m)
 
@@ -187,7 +187,7 @@ class AgentMover:
         maps: AgentMaps,
         step_s: float,
     ) -> tuple[float, float]:
-        """East and north in m/s for the next ``step_s``; times only rise. No fire, no move.
+        """Velocity (east, north) in m/s for the next ``step_s``; 0 without fire. Times only rise.
 
         ``others_*`` (n): where the other virtual agents in range are or go, nan for one not there.
         """
@@ -195,12 +195,12 @@ class AgentMover:
         centre = maps.centre_row_col
         if centre is None:
             return 0.0, 0.0
-        if self._due_s is None:  # not all at once
+        if self._due_s is None:  # agents decide at different times
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
         ):
-            # Its own moments stay its own, so that no two decide together again and again.
+            # Due times keep their offset, so that no two agents decide together again and again.
             if at_s >= self._due_s:
                 self._due_s += DECIDE_EVERY_S * (1.0 + (at_s - self._due_s) // DECIDE_EVERY_S)
             others_m = np.stack([others_x_m, others_y_m], axis=1)
@@ -228,7 +228,7 @@ class AgentMover:
     def _decide(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
     ) -> None:
-        """A new errand. Who stands still does not give way to others that are only passing."""
+        """Choose a goal. An agent at its goal does not give way to others that are only passing."""
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
@@ -247,6 +247,6 @@ class AgentMover:
         return math.dist((x_m, y_m), (goal.x_m, goal.y_m)) < ARRIVED_M
 
     def _is_at_via(self, x_m: float, y_m: float, goal: Goal) -> bool:
-        """At a corner of its way, before the goal."""
+        """Whether it is at a corner of its path, before the goal."""
         at_via = math.dist((x_m, y_m), (goal.via_x_m, goal.via_y_m)) < ARRIVED_M
         return at_via and not self._is_at(x_m, y_m, goal)

@@ -1,11 +1,11 @@
-"""Compiled parts of ``coverage``: what a circle adds to others', and ways around the fire.
+"""Compiled parts of ``coverage``: the weight that a circle adds, and paths around the fire.
 
 Lengths are in cells, places are float (row, col) of the grid with whole numbers at the centres of
 cells. Boxes are (top, bottom, left, right), the second and last excluded. The lattice has a node at
 each cell whose row and column are multiples of ``stride``; node (i, j) has the number
 ``i * wide + j``.
 
-Indices of inner loops are unsigned: signed ones are tried for being negative each time.
+Indices of inner loops are unsigned: signed ones cost a test for negative values each time.
 """
 
 import math
@@ -15,8 +15,8 @@ import numpy as np
 from firemodel.compiled import kernel
 
 NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
-RINGS = 8  # so far, in strides, the first free node is looked for
-PER_CELL = 4  # places looked at along a straight way
+RINGS = 8  # radius, in strides, of the search for the first free node
+PER_CELL = 4  # samples along a straight line
 NO_PATH = math.inf
 # Others nearer than the spacing cost up to the first, nearer than CROWD_M up to the second more.
 NEIGHBOUR, CROWD = 800.0, 5000.0
@@ -57,7 +57,7 @@ def wider(box, by, shape):  # type: ignore[no-untyped-def]
 
 @kernel
 def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums):  # type: ignore[no-untyped-def]
-    """Fill ``sums`` (rows, cols + 1) in the box with sums along rows of weights nobody covers."""
+    """Fill ``sums`` (rows, cols + 1) in the box with sums along rows of uncovered weights."""
     top, bottom, left, right = box
     for r in range(top, bottom):
         for c in range(left, right):
@@ -100,7 +100,7 @@ def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-
 
 @kernel
 def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, crowd):  # type: ignore[no-untyped-def]
-    """What it costs to be so near to others: up to ``neighbour`` each, ``crowd`` when too near."""
+    """Cost of the nearness of others: up to ``neighbour`` each, up to ``crowd`` more when close."""
     total = 0.0
     for k in range(others_row.size):
         away = math.hypot(row - others_row[k], col - others_col[k])
@@ -131,7 +131,7 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
 
 @kernel
 def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped-def]
-    """Whether the straight way between two places keeps out of the augmentation."""
+    """Whether the straight line between two places keeps out of the augmentation."""
     steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
     for k in range(steps + 1):
         share = k / max(steps, 1)
@@ -144,11 +144,11 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 
 @kernel
 def find_paths(row, col, augmentation, box, stride, distances, previous, queue, queued):  # type: ignore[no-untyped-def]
-    """The way's length from (row, col) to each node in the box, ``NO_PATH`` where there is none.
+    """Fill ``distances`` from (row, col) to each node in the box, ``NO_PATH`` without a path.
 
-    ``previous`` is the node before it on that way, -1 for the first. The first ones are the free
+    ``previous`` is the node before it on that path, -1 for the first. The first ones are the free
     nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
-    whether there are any. ``queue``, ``queued`` are room for an entry a node.
+    whether there are any. ``queue``, ``queued`` are work arrays with an entry for each node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
@@ -197,7 +197,7 @@ def find_paths(row, col, augmentation, box, stride, distances, previous, queue, 
 
 @kernel
 def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
-    """The node around a cell over which the way to it is shortest, -1 if there is none; the way."""
+    """The node next to a cell with the shortest path to it, -1 if there is none; its length."""
     best, best_node = NO_PATH, -1
     for i in range(row // stride, row // stride + 2):
         for j in range(col // stride, col // stride + 2):
@@ -211,9 +211,9 @@ def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-unt
 
 @kernel
 def first_leg(row, col, augmentation, box, stride, distances, previous, found):  # type: ignore[no-untyped-def]
-    """Put into ``found[2:]`` how far one can go straight on the way to ``found[:2]``.
+    """Set ``found[2:]`` to the farthest node in sight on the path to ``found[:2]``.
 
-    Returns whether there is a way (``find_paths``).
+    Returns whether there is a path (``find_paths``).
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
@@ -274,7 +274,7 @@ def find_goal(  # type: ignore[no-untyped-def]
         spacing,
         crowd_at,
     )
-    # What there is already: the goal, unless the fire has come; and what is near it.
+    # The present goal, unless the fire has come, and the best place near it.
     found[0], found[1] = goal_row, goal_col
     r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
     threshold, best = -math.inf, -math.inf
@@ -285,7 +285,7 @@ def find_goal(  # type: ignore[no-untyped-def]
         best = value(near_row, near_col, scene) - way_cost * way
         if best > threshold:
             found[0], found[1] = near_row, near_col
-    # What there is elsewhere: on the lattice, and from there uphill.
+    # The best node of the lattice, and uphill from there.
     field = wider(burning, area_reach, fire.shape)
     on_lattice, node_row, node_col = -math.inf, -1, -1
     for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
@@ -311,7 +311,7 @@ def find_goal(  # type: ignore[no-untyped-def]
 
 @kernel
 def value(row, col, scene):  # type: ignore[no-untyped-def]
-    """What a free cell is worth to an agent."""
+    """The gain of a free cell to an agent."""
     augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
     gain = weight_within(row, col, half_widths, box, sums) - crowding(
         row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD

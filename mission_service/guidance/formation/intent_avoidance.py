@@ -1,11 +1,11 @@
-"""Avoidance that sees intentions: an orbit is adopted only if its path is clear of all others.
+"""Avoidance by shared intentions: an orbit is adopted only if its path is clear of all others.
 
-Beyond the paper, whose vehicles see velocities only. Everybody tells the orbit it flies to
-(``State.orbit_*``) and flies it by eqs. 14 and 15, so that its path can be worked out by everybody.
-A vehicle keeps the orbit it has, which was clear of everybody when it was adopted, until another
-one is clear as far as it looks ahead: the one wanted, or else the best of some ways round, to wait,
-or to be slower or faster. So what it flies has always been checked, and those who adopt later have
-checked theirs against it. Only two at once could miss each other: who is near takes turns.
+Beyond the paper, whose vehicles use velocities only. Each vehicle sends the orbit it flies to
+(``State.orbit_*``) and flies it by eqs. 14 and 15, so that all others can predict its path. A
+vehicle keeps its orbit, which was clear of all others when adopted, until another one is clear over
+the horizon: the one wanted, or else the best of some detours, waiting circles and other airspeeds.
+So the orbit flown has always been checked, and later adopters have checked theirs against it. Only
+two that adopt at once could conflict: vehicles near each other take turns.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class IntendedOrbit(NamedTuple):
-    """What a vehicle intends to fly: to and round a circle; a negative radius is anticlockwise."""
+    """The circle that a vehicle flies to and round; a negative radius is anticlockwise."""
 
     x_m: float
     y_m: float
@@ -32,7 +32,7 @@ class IntendedOrbit(NamedTuple):
 class OwnMotion(NamedTuple):
     """The vehicle itself, now."""
 
-    key: int  # peers.key_of(name): who goes first
+    key: int  # peer_table.priority_key(name)
     x_m: float
     y_m: float
     altitude_m: float  # the planned one, if altitudes are planned
@@ -43,37 +43,37 @@ class OwnMotion(NamedTuple):
 
 
 class AdoptedOrbit(NamedTuple):
-    """The orbit adopted, and what was seen when it was last thought about."""
+    """The orbit adopted, and the result of the last decision about it."""
 
     orbit: IntendedOrbit
-    in_conflict: bool = False  # what is wanted is not flown, because somebody is in the way
+    in_conflict: bool = False  # the orbit wanted is not flown: another vehicle is in the way
     clear_s: float = 0.0  # how long the path of the orbit adopted is clear
     looked_at_s: float = -1e9
 
 
 @dataclass(frozen=True, slots=True)
 class AvoidanceRules:
-    """How avoidance looks ahead."""
+    """Distances and times of the avoidance."""
 
     airframe: Airframe
     apart_m: float  # nearer is a collision: 2 r_s
-    margin_m: float = 15.0  # more than that between paths
-    margin_m_s: float = 5.0  # and more for each second that news of a peer is late
+    margin_m: float = 15.0  # on top of it, between paths
+    margin_m_s: float = 5.0  # on top of that, for each second that a peer's state is late
     horizon_s: float = 40.0
-    every_s: float = 0.5  # thinks no more often
-    turn_s: float = 2.0  # how long a turn takes: news from all who are near must come in it
+    every_s: float = 0.5  # between decisions
+    turn_s: float = 2.0  # duration of a turn, in which states of all near vehicles must arrive
     layers_m: float = 1e9  # planned altitudes this far apart need no avoidance
 
     @property
     def for_kernel(self) -> tuple[float, float, float, float, float]:
-        """What ``decide_orbit`` takes as ``rule``."""
+        """The argument ``rule`` of ``decide_orbit``."""
         numbers = (self.apart_m, self.margin_m, self.margin_m_s, self.turn_s, self.layers_m)
         one, two, three, four, five = map(float, numbers)
         return one, two, three, four, five
 
     @property
     def frame(self) -> tuple[float, float, float]:
-        """What ``decide_orbit`` takes as ``frame``."""
+        """The argument ``frame`` of ``decide_orbit``."""
         frame = self.airframe
         return (
             float(frame.least_airspeed_m_s),
@@ -83,7 +83,7 @@ class AvoidanceRules:
 
 
 def avoidance_rules(settings: Settings) -> AvoidanceRules:
-    """Of the formation's settings."""
+    """The rules that follow from the formation's settings."""
     return AvoidanceRules(
         settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.apart_by_height_m
     )
@@ -97,9 +97,9 @@ def choose_orbit(
     peers: Floats,
     rules: AvoidanceRules,
 ) -> AdoptedOrbit:
-    """What to intend now: called at each position, it thinks as often as ``every_s`` says.
+    """The orbit to fly from now on. Called at each position; decides every ``every_s``.
 
-    ``peers`` (n, COLUMNS) are rows as of ``peers.Peers.rows``.
+    ``peers`` (n, COLUMNS) are rows of ``PeerTable.rows``.
     """
     if at_s - held.looked_at_s < rules.every_s - 1e-6:
         return held

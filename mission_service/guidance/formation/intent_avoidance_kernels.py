@@ -1,4 +1,4 @@
-"""The compiled part of ``intent``: paths of all ahead, whether they are clear, ways round.
+"""The compiled part of ``intent_avoidance``: predicted paths, their conflicts, and detours.
 
 Paths have a row a second, from now. Orbits are arrays (4): x, y, signed radius, airspeed.
 """
@@ -24,15 +24,15 @@ from mission_service.guidance.formation.peer_table import (
 )
 
 STEP_S = 1.0
-REACH_M = 600.0  # ways round lead no farther from the vehicle, nor do those it meets there
-NEAR_M = 200.0  # who comes nearer than this within NEAR_S takes turns
+REACH_M = 600.0  # detours lead no farther from the vehicle
+NEAR_M = 200.0  # vehicles that come nearer than this within NEAR_S take turns
 NEAR_S = 5.0
-FRESH_S = 1.0  # news no older is not late
-LATE_M = 45.0  # what is added to a margin for late news, at most
-HASTE_S = 8.0  # a path clear for less is left at once, whoever's turn it is
-SMALL_M = 40.0  # radius of circles to wait on, at least
-WORTH_M = 40.0  # another way round is taken if it leads so much nearer
-NOTES = 6  # of a peer whose path is known: west, east, south, north, least distance, of the held
+FRESH_S = 1.0  # a state no older is not late
+LATE_M = 45.0  # added to a margin for a late state, at most
+HASTE_S = 8.0  # a path clear for less is left at once, out of turn
+SMALL_M = 40.0  # radius of waiting circles, at least
+WORTH_M = 40.0  # another detour is adopted if it leads so much nearer
+NOTES = 6  # for each predicted peer: see the places of a peer's notes
 
 # Places of ``own`` and of a peer's notes.
 OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(8)
@@ -41,7 +41,7 @@ WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
 @kernel
 def hashed(key, slot):  # type: ignore[no-untyped-def]
-    """A number from 0 to 2^32 that looks like chance, the same for everybody."""
+    """A pseudo-random number from 0 to 2^32, the same in all processes."""
     bits = (int(key) * 0x9E3779B1 + int(slot) * 0x85EBCA77) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -50,15 +50,15 @@ def hashed(key, slot):  # type: ignore[no-untyped-def]
 
 @kernel
 def rank(key, slot):  # type: ignore[no-untyped-def]
-    """Who has the highest in a slot may choose: everybody is high once in eight slots."""
+    """The priority in a slot: the highest one may adopt; each is high once in eight slots."""
     return (((hashed(key, 0) + slot) & 7) << 32) | hashed(key, slot)
 
 
 @kernel
 def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
-    """Whether nobody who is, or soon may be, near goes first, and all of them have been heard.
+    """Whether no vehicle that is, or soon may be, near has priority, and all their states are new.
 
-    Heard since the slot began: what they adopted before is known, and now they may not.
+    New: sent since the slot began, so what they adopted before is known, and now they may not.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -84,7 +84,7 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-
 
 @kernel
 def _box(path, more_m):  # type: ignore[no-untyped-def]
-    """West, east, south, north of a path, and some more."""
+    """West, east, south, north of a path, wider by ``more_m``."""
     west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
     for row in range(path.shape[0]):
         west, east = min(west, path[row, 0]), max(east, path[row, 0])
@@ -114,7 +114,7 @@ def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[n
             away_x = paths[peer, row, 0] - path[row, 0]
             away_y = paths[peer, row, 1] - path[row, 1]
             distance2 = away_x * away_x + away_y * away_y
-            # Nobody gets through this much in a step, so as many steps need no look.
+            # Two vehicles approach by no more than this in a step: skip the steps that takes.
             ahead = apart_m + 2.0 * max_m_s * STEP_S
             if distance2 > ahead * ahead:
                 row += int((math.sqrt(distance2) - apart_m) / (2.0 * max_m_s * STEP_S))
@@ -134,7 +134,7 @@ def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[n
 
 @kernel
 def _meets(row, peers, box):  # type: ignore[no-untyped-def]
-    """Whether a peer's way to and round its orbit touches a box: west, east, south, north."""
+    """Whether a peer's path to and round its orbit touches a box: west, east, south, north."""
     west, east, south, north = box
     span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
     return (
@@ -149,7 +149,7 @@ def _meets(row, peers, box):  # type: ignore[no-untyped-def]
 def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
     """Add the paths and notes of peers that may come into a box, and were not in ``seen``.
 
-    Returns how many there are now.
+    Returns the new count.
     """
     apart_m, margin_m, margin_m_s, _, layers_m = rule
     bank_rad = frame[2]
@@ -170,7 +170,7 @@ def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ign
         notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
             paths[count], 0.0
         )
-        # Who is too near already must not come nearer.
+        # A peer that is too near already must not come nearer.
         now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
         late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
         clear_m = max(apart_m + 1.0, now_m - 2.0)
@@ -203,7 +203,7 @@ def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
 
 @kernel
 def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """How long the path to and round an orbit would be clear; 0 if others cannot tell the path."""
+    """How long the path to and round an orbit is clear; 0 if others cannot predict the path."""
     if apart_at == APART and at_fork(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
         own[WIND_X], own[WIND_Y],
@@ -230,13 +230,13 @@ def _cost_m(orbit, wanted):  # type: ignore[no-untyped-def]
 
 
 AIRSPEEDS = 5
-ROUND = 12  # directions of ways round
+ROUND = 12  # directions of detours
 KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 
 
 @kernel
 def slow_of(own, frame):  # type: ignore[no-untyped-def]
-    """The airspeed to wait at: between cruise and the least, over the wind in any case."""
+    """The airspeed of waiting circles: between cruise and minimum, over the wind in any case."""
     min_m_s, max_m_s, _ = frame
     slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))
     return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), max_m_s)
@@ -244,7 +244,7 @@ def slow_of(own, frame):  # type: ignore[no-untyped-def]
 
 @kernel
 def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
-    """Fill in the orbit of one of KINDS ways: other airspeeds, waiting, ways round."""
+    """Fill in the orbit of one of KINDS candidates: other airspeeds, waiting circles, detours."""
     min_m_s, max_m_s, _ = frame
     sense = 1.0 if wanted[2] > 0.0 else -1.0
     min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
@@ -284,7 +284,7 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
 
 @kernel
 def _is_other(orbit, than):  # type: ignore[no-untyped-def]
-    """Whether it is worth telling."""
+    """Whether two orbits differ enough to change to the other."""
     return (
         abs(orbit[0] - than[0]) + abs(orbit[1] - than[1]) + abs(orbit[2] - than[2]) > 2.0
         or abs(orbit[3] - than[3]) > 0.2
@@ -295,8 +295,10 @@ def _is_other(orbit, than):  # type: ignore[no-untyped-def]
 def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, wanted, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Whether another orbit is adopted (then in ``adopted``); whether the one wanted is not flown,
-    because somebody is in the way; how long the one adopted or kept is clear.
+    """Decide on the orbit to fly; fills ``adopted`` if it is another one.
+
+    Returns whether another orbit is adopted, whether the one wanted is not flown because of a
+    conflict, and how long the orbit adopted or kept is clear.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

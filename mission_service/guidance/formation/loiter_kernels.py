@@ -3,14 +3,13 @@
 Kernels over scalars: metres, x east, y north; angles radians anticlockwise from east. A radius is
 signed as in MAVLink: negative is anticlockwise, the paper's way.
 
-What is steered is the course over the ground; in wind the heading crabs. The law looks at the place
-the vehicle comes to at the end of the step, not where it is, so that the circle flown has the
-radius asked for.
+The law controls the course over the ground; in wind the heading crabs. It uses the place at the end
+of the step, not at its begin, so that the circle flown has the radius asked for.
 
-Eq. 14 (turn right, anticlockwise, until the agent is on the left) is here to the letter, but eq. 15
-leads there by itself, and the rule does harm: a vehicle that has its agent inside its own turning
-circle turns for ever. In its place, who has to turn about does it the way of the orbit: nobody
-wavers between left and right, and others can tell the path.
+Eq. 14 (turn right, anticlockwise, until the agent is on the left) is left out: eq. 15 leads there
+by itself, and with eq. 14 a vehicle with its agent inside its own turning circle turns for ever.
+In its place a vehicle that has to turn about turns in the direction of the orbit, so that it does
+not alternate between left and right, and others can predict its path.
 """
 
 import math
@@ -45,7 +44,7 @@ def wanted_course_rad(  # type: ignore[no-untyped-def]
 
 @kernel
 def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
-    """How far a level turn gets in a step; never more than half a turn."""
+    """The largest level turn in a step; never more than half a turn."""
     return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
 
 
@@ -151,7 +150,7 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
 def at_fork(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wind_x_m_s, wind_y_m_s
 ):
-    """Whether a little more or less decides which way the vehicle turns to an orbit."""
+    """Whether a small difference decides in which direction the vehicle turns to an orbit."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,

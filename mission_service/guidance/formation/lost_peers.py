@@ -1,7 +1,7 @@
-"""UAVs that nobody hears any more: where they must be, flying on along the orbits they told last.
+"""UAVs whose messages have stopped: dead reckoning along the orbits they sent last.
 
-Their virtual agents are given up after ``peers.LOST_AFTER_S``, so that the others close the gap.
-The vehicles themselves fly on at the height of all, and are kept clear of for much longer.
+Their virtual agents are dropped after ``peer_table.LOST_AFTER_S``, so that the others close the
+gap. The vehicles themselves fly on at the common height, and are avoided for much longer.
 """
 
 import math
@@ -11,13 +11,13 @@ from msgspec.structs import replace
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
-SILENT_US = 3_000_000  # a state comes twice a second: not by chance, even if a third is lost
+SILENT_US = 3_000_000  # a state comes twice a second: no chance, even if a third is lost
 MINDED_FOR_US = 120_000_000
 AGAIN_US = 500_000
 
 
 def along_its_orbit(state: State, at_us: int) -> State:
-    """Where a vehicle is that has flown on along its orbit since ``state``, at its airspeed."""
+    """The state of a vehicle that has flown along its orbit since ``state``, at its airspeed."""
     off_x_m, off_y_m = state.x_m - state.orbit_x_m, state.y_m - state.orbit_y_m
     rate_rad_s = -state.airspeed_m_s / state.orbit_radius_m
     phase_rad = math.atan2(off_y_m, off_x_m) + rate_rad_s * (at_us - state.at_us) / 1e6
@@ -35,22 +35,22 @@ def along_its_orbit(state: State, at_us: int) -> State:
 
 
 class LostPeers:
-    """The last that each other UAV has said, to go by when it says no more."""
+    """The last state of each other UAV, and its dead reckoning once messages stop."""
 
     def __init__(self) -> None:
         self._last: dict[str, State] = {}
         self._due_us = 0
 
     def update(self, state: State) -> None:
-        """It speaks."""
+        """Keep a state received."""
         self._last[state.sender] = state
 
     def remove(self, name: str) -> None:
-        """It has said that it leaves: it is no matter any more."""
+        """Drop a UAV that has sent ``Leaving``."""
         self._last.pop(name, None)
 
     def states(self, at_us: int) -> list[State]:
-        """What the silent ones would say now; to be asked as often as one likes."""
+        """Dead-reckoned states of the lost UAVs, twice a second at most."""
         if at_us < self._due_us:
             return []
         self._due_us = at_us + AGAIN_US

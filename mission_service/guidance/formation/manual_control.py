@@ -1,27 +1,26 @@
-"""UAVs of the formation that somebody else flies: what the others are to expect of them.
+"""UAVs of the formation under manual control: the orbits that the others expect of them.
 
-A person holds one, calls it home, or flies it by hand: it has no virtual agent, minds nobody, and
-is told of as it moves, so that the others keep clear of it.
+Such a UAV (held, recalled or flown by a pilot) has no virtual agent and avoids nothing. Its state
+is sent with the orbit expected from its motion, so that the others keep clear of it.
 """
 
 import math
 
-MEASURED_OVER_S = 1.0  # a turn; over less, noise would be taken for one
-STRAIGHT_RAD_S = 0.02  # who turns more slowly flies straight on, as far as others need to look
+MEASURED_OVER_S = 1.0  # a turn rate; over less time it is noise
+STRAIGHT_RAD_S = 0.02  # a slower turn counts as straight flight
 AHEAD_S = 60.0
 MIN_SPEED_M_S = 1.0
 
-ObservedMotion = tuple[
-    float, float, float, float, float
-]  # at_s, x_m, y_m, velocity_x_m_s, velocity_y_m_s
+# at_s, x_m, y_m, velocity_x_m_s, velocity_y_m_s
+ObservedMotion = tuple[float, float, float, float, float]
 
 
 def expected_orbit(
     before: ObservedMotion, now: ObservedMotion, radius_m: float
 ) -> tuple[float, float, float]:
-    """The circle (x, y, radius; negative: anticlockwise) that somebody seems to be on or fly to.
+    """The circle (x, y, radius; negative: anticlockwise) that a UAV is expected to be on or fly to.
 
-    From how it turned between two moments; who flies straight is on its way to a circle of
+    From its turn between two moments; in straight flight it is on its way to a circle of
     ``radius_m`` (> 0) a minute ahead.
     """
     at_s, x_m, y_m, vx_m_s, vy_m_s = now

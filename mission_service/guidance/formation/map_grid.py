@@ -1,4 +1,4 @@
-"""Where the cells of a map lie: the same grid as the landscape's, without what grows on it."""
+"""The grid of a map: the landscape's, without its fuels and elevation."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
-"""The agents of a formation in flight: one a vehicle, each on its own map, talking in one process.
+"""The agents of a formation in flight: one for each vehicle, each with its own map, in one process.
 
-Events become what an agent knows of itself; what one says the others hear at once, in the order of
+Events become inputs of an agent; its messages are received by the others at once, in the order of
 the scenario.
 """
 
@@ -35,7 +35,7 @@ HOT_FOR_S = 1.5  # after the last look at fire straight below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
-    """Table 1 with what the scenario says of the formation and of this vehicle."""
+    """Table 1 with the scenario's settings of the formation and of this vehicle."""
     told = scenario.formation
     across_rad = math.radians(section.camera_fov_deg)
     along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(across_rad / 2.0))
@@ -58,7 +58,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """What the base knows of the fire before the mission, as numbers of cells, in rising order.
+    """The cells (numbers, rising) that the base shares as burning before the mission.
 
     The fire that burns at the start where the scenario gives one, else the cell where it is said
     to be.
@@ -71,21 +71,21 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
 
 
 class FormationMember:
-    """What one vehicle's events do to its agent."""
+    """One vehicle of the formation: its agent, and the state that its events set."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
         self.agent = agent
-        self.wind_m_s = (0.0, 0.0)  # it blows towards (x, y)
+        self.wind_m_s = (0.0, 0.0)  # towards (x, y)
         self.hot_until_s = -math.inf
         self.here: Here | None = None
         self.flies = False
-        self.state: State | None = None  # said last
-        self.manual_control = False  # in the air, and flown by somebody else
-        self.recent: deque[ObservedMotion] = deque()  # by hand, over the last second or so
+        self.state: State | None = None  # the last one sent
+        self.manual_control = False  # in the air, and not led by its agent
+        self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
-        """Cells seen burning and unburned; fire straight below counts as heat.
+        """Update the agent's map by a camera window; fire straight below counts as heat.
 
         No autopilot tells the temperature outside.
         """
@@ -95,7 +95,7 @@ class FormationMember:
             self.hot_until_s = observed.at_us / 1e6 + HOT_FOR_S
 
     def correct(self, observed: Observed) -> None:
-        """The same by people's word; a map of burning cells takes none of them back."""
+        """Apply an operator's correction to the agent's map."""
         text = "".join(observed.cells).encode("ascii")
         codes = np.frombuffer(text, dtype=np.uint8)
         width, cols = len(observed.cells[0]), self._formation.cols
@@ -107,17 +107,17 @@ class FormationMember:
         self._formation.burns(cells[burns])
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """The wind as the grid has it."""
+        """Set the wind, turned from true north to the grid."""
         towards = math.radians(from_deg + 180.0)
         true_m_s = (speed_m_s * math.sin(towards), speed_m_s * math.cos(towards))
         self.wind_m_s = self._formation.on_grid(*true_m_s)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Nothing: where it is, is for ``Formation.step``."""
+        """Nothing: positions go to ``Formation.step``."""
         return None
 
     def left(self, at_s: float) -> None:
-        """It has no virtual agent until it steps again."""
+        """Leave the formation until the next ``Formation.step``."""
         if self.flies:
             self.flies = False
             self._formation.leave(self.agent.name, at_s)
@@ -160,21 +160,21 @@ class Formation:
         }
 
     def burns(self, cells: Cells) -> None:
-        """Cells that burn: ``reach_m`` is how far from ``centre_m`` the fire is known to be."""
+        """Add burning cells to ``reach_m``, the farthest fire from ``centre_m``."""
         if cells.size:
             rows, cols = np.divmod(cells, self.cols)
             off = np.hypot(rows - self._middle[0], cols - self._middle[1])
             self.reach_m = max(self.reach_m, float(off.max()) * self._cell_m)
 
     def on_grid(self, east_m_s: float, north_m_s: float) -> tuple[float, float]:
-        """A velocity by true north as (x, y) of the grid, whose north may be another."""
+        """A velocity relative to true north as (x, y) of the grid."""
         return (
             east_m_s * self._cos - north_m_s * self._sin,
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
     def step(self, name: str, here: Here) -> Intention:
-        """A vehicle of the formation is here now; what it means to fly, told to the others."""
+        """Advance a vehicle's agent to its position, send its messages; returns its intention."""
         member = self.members[name]
         member.here, member.flies, member.manual_control = here, True, False
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
@@ -194,7 +194,7 @@ class Formation:
         return intention
 
     def track_manual(self, name: str, here: Here) -> None:
-        """Somebody else flies this vehicle: the others are told where, twice a second."""
+        """Send the state of a vehicle under manual control to the others, twice a second."""
         member = self.members[name]
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
         if not member.manual_control:
@@ -216,7 +216,7 @@ class Formation:
         self._send(member, member.state)
 
     def is_near_others(self, name: str) -> bool:
-        """Whether another of the formation is in its neighbourhood."""
+        """Whether another vehicle of the formation is in its neighbourhood."""
         here = self.members[name].here
         return here is not None and any(
             (other.flies or other.manual_control)
@@ -227,20 +227,20 @@ class Formation:
         )
 
     def leave(self, name: str, at_s: float) -> None:
-        """A vehicle is not of the formation now: on its way home, lost, or on the ground."""
+        """Take a vehicle out of the formation: on its way home, lost, or on the ground."""
         member, at_us = self.members[name], round(at_s * 1e6)
         member.agent.leave(at_us, "left")
         self._publish(member, at_us)
 
     def on_link_lost(self, name: str) -> None:
-        """The link of a vehicle is lost: it has no agent, but the others mind where it must be."""
+        """The link of a vehicle is lost: the others avoid it by dead reckoning."""
         state = self.members[name].state
         if state is not None:
             self._lost.add(name)
             self._send(self.members[name], state)
 
     def end_tracking(self, name: str, at_us: int) -> None:
-        """It is known to fly otherwise, or not at all."""
+        """End dead reckoning and manual tracking: the vehicle flies otherwise, or not at all."""
         member = self.members[name]
         if name in self._lost or member.manual_control:
             self._lost.discard(name)
@@ -248,7 +248,7 @@ class Formation:
             self._send(member, Leaving(at_us, name, "flies otherwise"))
 
     def receive(self, name: str, message: AnyMessage) -> None:
-        """A vehicle hears another: everything, but of states only those within range.
+        """Give a message to a vehicle's agent; states only from within range.
 
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
@@ -260,12 +260,12 @@ class Formation:
         member.agent.receive(message)
 
     def outgoing(self) -> list[Say]:
-        """What those of other processes are to be told since the last call."""
+        """Messages for other processes since the last call."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def _publish(self, member: FormationMember, at_us: int) -> None:
-        """What its agent has to say, to all others."""
+        """Send the messages of a member's agent to all others."""
         for message in member.agent.messages(at_us):
             if isinstance(message, State):
                 member.state = message

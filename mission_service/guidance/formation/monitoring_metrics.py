@@ -1,8 +1,8 @@
 """The area to be monitored around the true fire, and how well it is: for evaluation (section 6.2).
 
-No UAV knows it. It is kept as the agents' maps are: counts of the cells of fire within reach, so
-that what begins to burn adds a disc. What has a priority is also kept as a list, because the
-metrics are asked for far more often than the fire grows.
+It is no input of any UAV. Like the agents' maps it consists of counts of the cells of fire within
+reach, to which a cell that begins to burn adds a disc. Cells with a priority are also in a list,
+because the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -51,11 +51,11 @@ class MonitoringArea:
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
-        """Take in what burns at ``at_s`` by the true fire's arrival times (y, x)."""
+        """Add the cells that burn at ``at_s`` by the true fire's arrival times (y, x)."""
         self.add(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
 
     def add(self, cells: Cells) -> None:
-        """Take in cells that burn now. Raises MissionServiceError for one off the map."""
+        """Add cells that burn now. Raises MissionServiceError for a cell off the map."""
         if not len(cells):
             return
         check_cells(cells, self.grid.shape)

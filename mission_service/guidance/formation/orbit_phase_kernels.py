@@ -1,9 +1,9 @@
-"""Vehicles in phase on their orbits (section 5.3.2): who is ahead of the others flies slower.
+"""Vehicles in phase on their orbits (section 5.3.2): one ahead of the others flies slower.
 
-Beyond the paper: everybody within radio range counts, not the neighbours alone, because a ring of
-vehicles that each look at the next ones only may settle with their phases winding once round; and
-where phases are spread so evenly that they have no mean, all go by the one with the lowest key.
-Who is not on its orbit does not count. Angles in radians anticlockwise; kernels.
+Beyond the paper: all vehicles within radio range count, not the neighbours alone, because a ring of
+vehicles that each follow the next ones only may settle with phases that wind once round; and where
+phases are spread so evenly that they have no mean, all follow the one with the lowest key. A
+vehicle off its orbit does not count. Angles in radians anticlockwise; kernels.
 """
 
 import math

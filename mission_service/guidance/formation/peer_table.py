@@ -1,4 +1,4 @@
-"""What a UAV last heard of each other one, as rows of numbers for the kernels."""
+"""The last state received of each other UAV, as rows of numbers for the kernels."""
 
 import math
 import zlib
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 # Columns of a row.
 X, Y, ALTITUDE, VX, VY = range(5)
-GOAL_X, GOAL_Y = 5, 6  # where its virtual agent goes or is; not a number where it has none
+GOAL_X, GOAL_Y = 5, 6  # where its virtual agent goes or is; NaN without one
 ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S, KEY = range(7, 13)
 COLUMNS = 13
 
@@ -20,12 +20,12 @@ LOST_AFTER_S = 10.0
 
 
 def priority_key(name: str) -> int:
-    """The same number for a name everywhere: who goes first."""
+    """A number for a name, the same in all processes: the lower one has priority."""
     return zlib.crc32(name.encode())
 
 
 class PeerTable:
-    """One row for each that was heard; who is silent for long, or has left, is not there."""
+    """One row for each UAV; not for those that have left, or sent nothing for ``LOST_AFTER_S``."""
 
     def __init__(self) -> None:
         self._row_of: dict[str, int] = {}
@@ -33,7 +33,7 @@ class PeerTable:
         self._heard_at_us = np.zeros(8, dtype=np.int64)
 
     def receive(self, state: State) -> None:
-        """Take in a state, unless a later one is known."""
+        """Store a state, unless a later one is stored."""
         row = self._row_of.get(state.sender)
         if row is None:
             row = self._new_row(state.sender)
@@ -57,14 +57,14 @@ class PeerTable:
         )
 
     def forget(self, name: str) -> None:
-        """Somebody has left: it is no longer there until it speaks again."""
+        """Leave a UAV out until its next state."""
         row = self._row_of.get(name)
         if row is not None:
             self._rows[row, AGE_S] = np.inf
             self._heard_at_us[row] = np.iinfo(np.int64).min
 
     def rows(self, at_us: int) -> Floats:
-        """(n, COLUMNS): all that were heard of late; ``AGE_S`` is how old that is."""
+        """Rows (n, COLUMNS) of the UAVs with a recent state; column ``AGE_S`` is its age."""
         count = len(self._row_of)
         age_s = (at_us - self._heard_at_us[:count].astype(np.float64)) / 1e6
         self._rows[:count, AGE_S] = age_s

@@ -71,7 +71,7 @@ def clear_heading_rad(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """The heading nearest to the desired one whose velocity is outside all cones.
 
-    If there is none, the one that meets somebody last. ``radius_m`` is the combined one (2 r_s).
+    If there is none, the one with the latest meeting. ``radius_m`` is the combined one (2 r_s).
     Returns the heading and whether the desired one was in conflict.
     """
     best_rad, best_s = desired_rad, -1.0

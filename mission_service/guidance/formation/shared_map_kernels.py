@@ -1,8 +1,8 @@
 """Inner loops of the shared fire map: versioned cells, tiles and their checksums.
 
-``stamps`` (y, x) are the cells, ``2 * seen_at_us + burning``, 0 if never heard of; ``fire`` (y, x)
-is their last bit. ``sums`` (tiles) is for each tile of ``TILE`` x ``TILE`` cells, numbered in rows,
-the sum of a mixed number for each cell heard of.
+``stamps`` (y, x) are the cells, ``2 * seen_at_us + burning``, 0 if unknown; ``fire`` (y, x) is
+their last bit. ``sums`` (tiles) is for each tile of ``TILE`` x ``TILE`` cells, numbered in rows,
+the sum of ``cell_checksum`` of its known cells.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ CHECKSUM = 2**40 - 1  # so many values; below 2**53, up to which JSON's numbers 
 
 @kernel
 def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
-    """A cell's share of a checksum (the finaliser of splitmix64); none if it was never heard of."""
+    """A cell's share of a checksum (the finaliser of splitmix64); 0 if it is unknown."""
     if stamp == 0:
         return 0
     x = np.uint64(stamp) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(cell)
@@ -41,7 +41,7 @@ def _renew(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
 
 @kernel
 def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
-    """The place of the first cell that is not on a map of so many, -1 if all are."""
+    """Index of the first cell that is not on a map of ``size`` cells, -1 if all are."""
     for i in range(cells.size):
         if cells[i] < 0 or cells[i] >= size:
             return i
@@ -50,10 +50,10 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Cells seen to burn or not, later than all heard before.
+    """Set cells seen to burn or not, newer than all received before.
 
-    Fills ``changed``, returns how many and -1; 0 and the place of a cell off the map, if there is
-    one: then nothing has changed.
+    Fills ``changed``; returns its count and -1, or 0 and the index of a cell off the map: then
+    nothing has changed.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -75,8 +75,8 @@ def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: igno
 def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
     """Of each cell's stamps take the later one.
 
-    Fills ``changed`` with what burns now from the front and what no longer does from the back;
-    returns how many of each and -1, or the place of a cell off the map as ``record_view`` does.
+    Fills ``changed`` with cells that burn now from the front, and cells that no longer do from the
+    back; returns both counts and -1, or the index of a cell off the map as ``record_view`` does.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -131,10 +131,10 @@ def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
 
 @kernel
 def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
-    """Tiles of which another has other checksums: ``listed`` (n, 2), 0 for the rest of a range.
+    """Tiles with other checksums at a sender: ``listed`` (n, 2), 0 for the rest of its range.
 
-    Fills ``theirs`` (tiles) with its checksums and ``found``, returns how many; -1 if a tile is
-    beyond the map.
+    Fills ``theirs`` (tiles) with its checksums, and ``found``; returns their count, or -1 if a tile
+    is beyond the map.
     """
     if not 0 <= first <= end <= sums.size:
         return -1
@@ -161,7 +161,7 @@ def corner(tile, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
-    """Cells of a tile that were heard of; fills ``found``, rising, returns how many."""
+    """Known cells of a tile: fills ``found``, rising; returns their count."""
     rows, cols = stamps.shape
     top, left = corner(tile, cols)
     count = 0
@@ -175,9 +175,9 @@ def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
-    """Which cells of a tile another lacks by its checksum: all, or one, or two; 0 if it is not so.
+    """The cells of a tile that another UAV lacks by its checksum: all, or one, or two.
 
-    Fills ``found``, returns how many. ``shares`` is room for as many numbers.
+    Fills ``found``; returns their count, 0 if there is no such set. ``shares`` is a work array.
     """
     cols = stamps.shape[1]
     count = known_cells(tile, stamps, found)
@@ -200,9 +200,9 @@ def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[
 
 @kernel
 def newer_cells(tile, cells, said, stamps, theirs, found):  # type: ignore[no-untyped-def]
-    """Cells of a tile with a later stamp than was said of them, or of which nothing was said.
+    """Cells of a tile with a later stamp than ``said``, or that are not in ``cells``.
 
-    ``theirs`` is zeros (TILE * TILE); fills ``found``, rising, returns how many.
+    ``theirs`` is zeros (TILE * TILE); fills ``found``, rising; returns their count.
     """
     rows, cols = stamps.shape
     top, left = corner(tile, cols)

@@ -110,7 +110,7 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
     ``others_*`` (n) are the agents of UAVs in range, without itself; ``centre_*`` the centre of
     gravity of the fire; ``spacing_m`` is d of eq. 8, ``max_m_s`` vel_max.
     """
-    # At the very centre all ways lead out: the one to the centre is opposite to the tie's.
+    # At the very centre all directions lead out: the one inwards is opposite to the tie's.
     in_e, in_n, _ = unit_vector(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
     in_area = is_set(area, x_m, y_m, west_m, north_m, cell_m)
     in_augmentation = is_set(augmentation, x_m, y_m, west_m, north_m, cell_m)

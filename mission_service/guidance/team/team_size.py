@@ -2,7 +2,7 @@
 
 Ring of length L, vehicles of speed v: n that lap, evenly spaced, see every point each L/(n v); k
 that sweep an arc of length l come back to its ends after 2 l/(k v). With the rate of spread at a
-point, that is how far the front gets there unseen (facts/patrolling.md).
+point, that is how far the front gets there unseen.
 """
 
 import math
