@@ -1,4 +1,4 @@
-"""A plan on its way: where it leads, what is to be dropped next, whether the rest is still safe."""
+"""An approved plan in flight: progress, next drop, and whether the rest is still safe."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ OWN_SOON_S, OWN_SAMPLES_M, OWN_AROUND = 10.0, 5.0, 24
 
 @dataclass(slots=True)
 class ApprovedPlan:
-    """The plan that is approved, as it is flown."""
+    """The approved plan and its progress."""
 
     plan: IgnitionPlan
     progress: PathProgress  # in x, y and height above the ground
@@ -31,7 +31,7 @@ class ApprovedPlan:
 
 
 def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
-    """A plan, not yet begun."""
+    """An approved plan before its begin."""
     points = np.array([(point.height_m, point.after_s) for point in plan.path])
     places = _xy([(point.lat_deg, point.lon_deg) for point in plan.path], landscape)
     progress = PathProgress(np.column_stack([places, points[:, 0]]), points[:, 1])
@@ -47,11 +47,11 @@ def _xy(places: list[tuple[float, float]], landscape: Landscape) -> Floats:
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
     """When a vehicle on a path (n, 4) x, y, height, at_s first comes too near to fire.
 
-    By the rules that plans are made by, but that nearly the safe height is safe as well: nothing
-    flies quite as high as it is told. None: all of it is safe.
+    By the rules of planning, but a height of nearly the safe height is safe as well, since no
+    vehicle holds its height exactly. None: all of it is safe.
 
-    ``own_sources`` (m, 3) are spheres that it has dropped on the way. That it leaves them in time
-    the plan has seen to, so here they are too near when they burn within reach, or soon will.
+    ``own_sources`` (m, 3) are spheres that it has dropped on the path. The plan ensures that it
+    leaves them in time, so here they are too near only when they burn within reach, or soon will.
     """
     safe_m = air.settings.safe_height_m
     places = [
@@ -72,9 +72,9 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 def _own_margin_s(
     leg: tuple[FlightPoint, FlightPoint], air: FlightConstraints, own_sources: Floats
 ) -> float:
-    """The least time by which a leg is ahead of the fires of own spheres within reach.
+    """The smallest time by which a leg is ahead of the fires of own spheres within reach.
 
-    Of a sphere itself, and of its fire where it comes from outside over the edge of the reach.
+    From each sphere itself, and from its fire where that enters the reach from outside.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])
     count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1

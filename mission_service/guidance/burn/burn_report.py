@@ -1,4 +1,4 @@
-"""A whole burn to look at: the fire at times of a slider, figures, JSON and a picture."""
+"""Output of a whole burn: the fire at times of a slider, figures, JSON and a picture."""
 
 import math
 from dataclasses import asdict
@@ -47,7 +47,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
 def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
-    """What will have burned at each time, as polygons with holes; empty where nothing has."""
+    """The burned area at each time, as polygons with holes; empty before the first fire."""
     x, y, ignition_s = ignition_raster(burn, area)
     never = float(np.max(times_s)) + 1e6
     lines = contourpy.contour_generator(
@@ -66,7 +66,7 @@ def burned_areas(
 
 
 def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
-    """A burn in figures, metric and in the units of those who burn."""
+    """Totals of a burn, metric and in the units of fire crews."""
     plans = [line.plan for line in burn.lines]
     steps = [np.diff(plan.path[:, :2], axis=0) for plan in plans]
     flown_m = float(sum(np.hypot(*step.T).sum() for step in steps))

@@ -1,4 +1,4 @@
-"""What is known of a burn: unit, fire, spheres, the area left; and the plans that follow."""
+"""The state of a burn: unit, fire, spheres and remaining area; and the plans made from it."""
 
 import math
 from dataclasses import replace
@@ -31,14 +31,14 @@ from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle
 
-# Plans keep more than the margins that are watched in flight: a flight is never quite its plan.
+# Plans keep larger margins than those monitored in flight, since a flight deviates from its plan.
 SLACK_S, SLACK_M = 20.0, 3.0
-AROUND_M = 12.0  # of home and vehicle, where fire is watched as well
+AROUND_M = 12.0  # of home and vehicle, where fire is monitored as well
 NO_FIRE_S = 86400.0  # a margin where no fire comes near
 
 
 class BurnState:
-    """Folds what is told of a burn; plans its next line. Heights are above the ground."""
+    """Folds operators' input about a burn; plans its next line. Heights are above the ground."""
 
     def __init__(
         self,
@@ -57,10 +57,10 @@ class BurnState:
         self._above_map_m = 0.0
         self._air: tuple[int, FlightConstraints] | None = None
 
-    # What is told -----------------------------------------------------------------------------
+    # Inputs -----------------------------------------------------------------------------------
 
     def unit_told(self, event: PersonTold | UnitTold) -> None:
-        """Another unit, or people in it. Raises MissionServiceError for one that cannot be."""
+        """Change the unit, or the people in it. Raises MissionServiceError for an invalid unit."""
         if isinstance(event, UnitTold):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
             self.unit = unit.with_people(self.unit.people)
@@ -75,7 +75,7 @@ class BurnState:
         self._air = None
 
     def spaced(self, event: PlanWanted) -> str | None:
-        """Other spacings from now on; why they are not taken, or None."""
+        """Change the spacings; returns why they are rejected, or None."""
         line_m = event.line_spacing_m or self.burn.line_spacing_m
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
         min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
@@ -86,13 +86,13 @@ class BurnState:
         return None
 
     def stands(self, here: Here) -> None:
-        """The vehicle stands on the ground: how much higher its altitude is than the map's."""
+        """On the ground: set the difference of the autopilot's altitude to the landscape's."""
         self._above_map_m = round(here.altitude_m - self._ground_m(here), 1)
 
-    # What follows -----------------------------------------------------------------------------
+    # Outputs ----------------------------------------------------------------------------------
 
     def wind(self, at_s: float) -> WindFrom:
-        """Speed, and where from, as it is believed."""
+        """The estimated wind: speed in m/s, direction from in degrees."""
         weather = self.fire.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
 
@@ -101,23 +101,23 @@ class BurnState:
         return toward(self.landscape, *self.wind(at_s))
 
     def height_m(self, here: Here) -> float:
-        """Of the vehicle."""
+        """The vehicle's height above the ground."""
         return here.altitude_m - self._ground_m(here) - self._above_map_m
 
     def altitude_m(self, here: Here, height_m: float) -> float:
-        """As the autopilot counts it, of a height where the vehicle is."""
+        """The autopilot's altitude of a height above the ground at the vehicle's place."""
         return self._ground_m(here) + self._above_map_m + height_m
 
     def _ground_m(self, here: Here) -> float:
         return float(self.landscape.elevation_at(here.x_m, here.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """To a centimetre, as the wire has it."""
+        """Latitude and longitude, rounded to 1e-7 degrees as in MAVLink."""
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
     def places(self) -> dict[str, Any]:
-        """The unit as people see it: rings (lat, lon), and circles to be kept clear."""
+        """The unit for display: rings (lat, lon), and circles to be kept clear."""
         unit = self.unit
         return {
             "unit": self._rings(unit.area),
@@ -134,7 +134,7 @@ class BurnState:
         return [[self.lat_lon(*at) for at in shapely.get_coordinates(ring)] for ring in rings]
 
     def situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
-        """What a plan that begins at a time is made on."""
+        """The situation for a plan that begins at a time."""
         place_m = (here.x_m, here.y_m)
         if not vehicle.presence.airborne:
             return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
@@ -144,7 +144,7 @@ class BurnState:
     def situation_from(
         self, place_m: PointXY, height_m: float, flown_s: float, home_m: PointXY, at_s: float
     ) -> Situation:
-        """The same for a vehicle at a place, that has been in the air for ``flown_s``."""
+        """The situation of a vehicle at a place that has been in the air for ``flown_s``."""
         east, north = self.wind_m_s(at_s)
         return Situation(
             unit=self.unit,
@@ -164,10 +164,10 @@ class BurnState:
         )
 
     def air(self, vehicle: Vehicle, here: Here, at_s: float) -> FlightConstraints:
-        """What a flight is checked against, as the fire is believed now."""
+        """The constraints of a flight, with the fire as estimated now."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, here, at_s), self.burn)
-            # Planned is over the unit only; what is flown is watched from home on.
+            # Plans cover the unit only; flights are monitored from home on.
             places = shapely.MultiPoint([vehicle.home_m, (here.x_m, here.y_m)])
             box = shapely.union(self.unit.area, places.buffer(AROUND_M)).bounds
             hazard = hazard_of(self.fire.simulation, box, air.hazard.margins)
@@ -177,7 +177,7 @@ class BurnState:
     def next_plan(
         self, vehicle: Vehicle, here: Here, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
-        """The next line, and as people approve it."""
+        """The plan of the next line, and the same as data to be approved."""
         wider = {
             "time_margin_s": self.burn.time_margin_s + SLACK_S,
             "distance_margin_m": self.burn.distance_margin_m + SLACK_M,

@@ -1,4 +1,4 @@
-"""Which sphere is due now, and why it may not be let go here, whatever was planned."""
+"""The drops of an approved plan that are due, and why one must be left out."""
 
 import math
 from collections.abc import Iterator
@@ -18,12 +18,12 @@ from mission_service.guidance.burn.sphere_account import PointXY, Sphere
 from mission_service.position_fix import Here
 
 TELEMETRY_S = 0.1
-RELEASES_BEFORE_S = 6.0  # the time of a drop by the plan, it is looked whether it is due
+RELEASES_BEFORE_S = 6.0  # a drop may become due so long before its time in the plan
 LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
 
 
 class DueDrop(NamedTuple):
-    """A drop whose moment is now, or was; ``why_not`` if it must be left out."""
+    """A drop that is due or was missed; ``why_not`` if it must be left out."""
 
     number: int
     target_m: PointXY
@@ -31,12 +31,12 @@ class DueDrop(NamedTuple):
     why_not: str | None
 
     def sphere(self, plan_hash: str, at_us: int) -> Sphere:
-        """As it goes into the account."""
+        """The drop as an entry of the account."""
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
 def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[DueDrop]:
-    """Drops of a plan whose moment has come, in order; each is told once."""
+    """Drops of a plan that have become due, in order; each is yielded once."""
     drops, comes_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or comes_s < drops[flown.next_drop].after_s:
         return

@@ -1,10 +1,10 @@
-"""Where and when fire is too near: times of ignition on a raster, asked along legs of a flight.
+"""Where and when fire is too near: times of ignition on a raster, tested along legs of a flight.
 
 A place x is in danger at time t if any place y, no farther from it than ``distance_margin_m`` and,
 where x is downwind of y, as much more as the wind goes that way in ``wind_margin_s``, ignites after
-t - residence_s and before t + time_margin_s. The raster must never miss what the simulation has.
-So each cell holds bounds of the times within it, it counts from its nearest corner on, and a sample
-of a leg stands for all of the leg about it, in place and in time.
+t - residence_s and before t + time_margin_s. The raster must never miss fire of the simulation. So
+each cell holds bounds of the times within it, its distance is that of its nearest corner, and a
+sample of a leg stands for the whole part of the leg around it, in place and in time.
 """
 
 import math
@@ -28,12 +28,12 @@ from mission_service.guidance.burn.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, for where the other is in doubt
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, for where the other does not decide
 # A raster of a unit of 20 acres has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
-BLOCK = 32  # cells whose times are asked for at once
-SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times look at neighbours
+BLOCK = 32  # cells (squared) whose times are computed at once
+SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times use neighbours
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class Margins:
 
     @property
     def reach_m(self) -> float:
-        """How far away fire can matter at most."""
+        """The largest distance at which fire can be a danger."""
         return self.distance_m + self.wind_m
 
 
 def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Margins:
-    """As set, in this wind."""
+    """The margins of the settings in this wind."""
     return Margins(
         settings.time_margin_s,
         settings.distance_margin_m,
@@ -66,8 +66,8 @@ def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Mar
 class Hazard:
     """Bounds of the times of ignition in cells (y, x), row 0 in the north; infinity for never.
 
-    The simulation is asked block by block, where a leg comes near first. What lies beyond the
-    raster is not known, and so in danger.
+    The simulation is evaluated block by block, when a leg first comes near. Places beyond the
+    raster count as in danger.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Hazard:
         self._fire, self._sources, self._begins_s = fire, sources, begins_s
 
     def _look(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float, more_m: float) -> None:
-        """Ask the simulation for all that a leg needs and is not known yet."""
+        """Evaluate the simulation in all blocks near a leg that are not evaluated yet."""
         around_m = self.margins.reach_m + self.cell_m + more_m
         size_m = BLOCK * self.cell_m
         low_x, high_x = min(x0_m, x1_m) - around_m, max(x0_m, x1_m) + around_m
@@ -112,7 +112,7 @@ class Hazard:
         known[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1] = True
 
     def _fill(self, top: int, bottom: int, left: int, right: int) -> None:
-        """Cells of whole blocks; bounds of times need a ring of corners around them."""
+        """Fill the cells of whole blocks; bounds of times need a ring of corners around them."""
         rows = np.arange(max(top - 1, 0), min(bottom + 2, self.at_s.shape[0]))
         cols = np.arange(max(left - 1, 0), min(right + 2, self.at_s.shape[1]))
         nodes = np.empty((rows.size, cols.size, 2))
@@ -134,12 +134,12 @@ class Hazard:
 
     @cached_property
     def fine(self) -> "Hazard":
-        """The same on a finer raster."""
+        """The same hazard on a finer raster."""
         cell_m = max(FINE_CELL_M, math.sqrt(_reached_m2(self.box, self.margins) / FINE_NODES))
         return self.over(self.box, min(cell_m, self.cell_m))
 
     def over(self, box: Box, cell_m: float) -> "Hazard":
-        """The same elsewhere."""
+        """The same hazard on a raster of another box."""
         return Hazard(self._fire, self._sources, box, self.margins, cell_m, self._begins_s)
 
     def _raster(self, more_m: float = 0.0) -> tuple[Any, ...]:
@@ -160,9 +160,9 @@ class Hazard:
         t1_s: float,
         more_m: float = 0.0,
     ) -> float:
-        """The least time by which a vehicle on a straight leg is ahead of fire within reach.
+        """The smallest time by which a vehicle on a straight leg is ahead of fire within reach.
 
-        Infinity if none comes; negative where it burns. Danger is less than ``margins.time_s``.
+        Infinity without fire; negative where it burns. Danger is less than ``margins.time_s``.
         ``more_m`` is added to the distance margin.
         """
         self._look(x0_m, y0_m, x1_m, y1_m, more_m)
@@ -171,7 +171,7 @@ class Hazard:
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
     ) -> bool:
-        """Whether fire at a corner of a cell is too near a leg: no finer raster can deny that."""
+        """Whether fire at a corner of a cell is too near a leg, which no finer raster changes."""
         _, _, west_m, north_m, cell_m, *margins = self._raster()
         self._look(x0_m, y0_m, x1_m, y1_m, 0.0)
         leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
@@ -180,10 +180,10 @@ class Hazard:
 
 
 def cell_for(box: Box, margins: Margins) -> float:
-    """The size of cells for what can be reached in a box, by the budget of nodes.
+    """The cell size of a raster for a box and its reach, by the budget of nodes.
 
-    Never more than a third of the distance margin or 3 m, so that large units do not get wide
-    margins.
+    Never more than a third of the distance margin or 3 m, so that the error of a large unit's
+    raster stays small.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
@@ -202,20 +202,20 @@ def hazard_of(
     cell_m: float | None = None,
     begins_s: float = LONG_AGO_S,
 ) -> Hazard:
-    """A raster of a fire that answers for all places in a box. It burns nowhere before it begins.
+    """A raster of a fire for all places in a box. Nothing burns before ``begins_s``.
 
-    Between the corners of a cell times are bounded by how steep they are around it. That can miss
-    what is smaller than a cell, as fires just lit are: see ``sources_of``.
+    Between the corners of a cell times are bounded by their gradient around it. That can miss fires
+    smaller than a cell, as those just lit: see ``sources_of``.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)
 
 
 def sources_of(fire: Any) -> Floats:
-    """Where and when a simulation was lit (n, 3) x, y, at_s, as far as it knows.
+    """Places and times at which a simulation was lit (n, 3) x, y, at_s, as far as they are known.
 
-    One that knows has ``sources``; one made of others has these as ``fire`` or ``fires``, and may
-    have other times.
+    They are its ``sources``, or those of the simulations ``fire`` or ``fires`` that it is made of,
+    with its own times.
     """
     if hasattr(fire, "sources"):
         return np.asarray(fire.sources, np.float64)

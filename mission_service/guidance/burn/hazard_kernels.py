@@ -13,12 +13,12 @@ from firemodel.compiled import kernel
 
 @kernel
 def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
-    """A small fire may reach into the next cell before it comes to any corner."""
+    """Bound the times around sources: a small fire may enter a cell before it is at any corner."""
     rows, cols = first.shape
     for number in range(sources.shape[0]):
         col = math.floor((sources[number, 0] - west) / cell)
         row = math.floor((north - sources[number, 1]) / cell)
-        # Not beyond the raster: a fire far away has no row to speak of.
+        # Not beyond the raster, where the conversion to an integer could overflow.
         if not (-2 < row < rows + 1 and -2 < col < cols + 1):
             continue
         for r in range(max(row - 1, 0), min(row + 2, rows)):
@@ -28,10 +28,10 @@ def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
 
 @kernel
 def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-untyped-def]
-    """From the four corners, by the steepest slope among them and their neighbours.
+    """Bounds of a cell's times from its four corners and the steepest slope around them.
 
-    That finds fires lit between nodes and ridges where fires meet: all of a cell is within half
-    its diagonal of a corner.
+    They include fires lit between nodes and ridges where fires meet: each point of a cell is within
+    half its diagonal of a corner.
     """
     last_row, last_col = at_s.shape[0] - 1, at_s.shape[1] - 1
     for here in range(first.shape[0]):
@@ -59,7 +59,7 @@ def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-
 
 @kernel
 def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, t1, slack):  # type: ignore[no-untyped-def]
-    """Of what is within ``slack`` of a place from t0 to t1."""
+    """The margin of all places within ``slack`` of (x, y) from t0 to t1."""
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
     far = reach + wind + slack
@@ -96,7 +96,8 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
 def min_margin_s(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
-    # Also straight up and down by half a cell, so that what is safe there is so on the leg after.
+    """The smallest margin of a straight leg."""
+    # With slack on vertical legs as well, so that a safe one is safe at the begin of the next.
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     min_s = math.inf
     for number in range(count):

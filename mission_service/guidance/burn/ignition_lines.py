@@ -1,7 +1,7 @@
 """Ignition lines across the wind: algorithm 1 of Beachly et al., its geometry.
 
-Places as seen along the wind: ``along`` downwind, ``across`` to the left of it, both in metres from
-the origin of the landscape's CRS.
+Coordinates: ``along`` downwind, ``across`` to the left of it, both in metres from the origin of the
+landscape's CRS.
 """
 
 import math
@@ -31,7 +31,7 @@ class IgnitionLine:
 
     @property
     def left(self) -> Floats:
-        """Unit vector along the line, to the left of who looks downwind."""
+        """Unit vector along the line, to the left when looking downwind."""
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def place(self, across_m: Floats) -> Floats:
@@ -40,7 +40,7 @@ class IgnitionLine:
         return found
 
     def across(self, places_m: Floats) -> Floats:
-        """How far to the left places (n, 2) are: (n,)."""
+        """Distances to the left (n,) of places (n, 2)."""
         return np.asarray(places_m @ self.left)
 
 
@@ -52,7 +52,7 @@ def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> Igni
 
 
 def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
-    """What of an area lies upwind of a line: Polygon or MultiPolygon, empty if nothing does."""
+    """The part of an area upwind of a line: Polygon or MultiPolygon, empty if there is none."""
     if area.is_empty:
         return area
     corners = shapely.get_coordinates(area)
@@ -78,7 +78,7 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 
 
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
-    """From where to where across a line is in an area, gaps included; None if it is outside."""
+    """Both ends (across) of a line within an area, gaps included; None if it is outside."""
     corners = shapely.get_coordinates(area)
     across = corners @ line.left
     ends = line.place(np.array([across.min() - 1.0, across.max() + 1.0]))
@@ -96,10 +96,10 @@ def alignment_m(
     area: BaseGeometry,
     near_m: float,
 ) -> float:
-    """Where across a drop is to be: right upwind of an earlier one, the one closest to the centre.
+    """Across coordinate of one drop: upwind of the earlier drop closest to the centre (line 5).
 
-    Of the earlier drops (n, 2) those at the remaining area count, or else the nearest to it and
-    what is up to ``near_m`` farther away. Without any it is the centre (line 5).
+    Only earlier drops (n, 2) at the remaining area count: the nearest to it, and those up to
+    ``near_m`` farther away. Without any it is the centre.
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):

@@ -1,4 +1,4 @@
-"""One flight along an ignition line: each leg where it is safe, each drop where it is."""
+"""One flight along an ignition line, with all legs and drops checked for safety."""
 
 import math
 from collections.abc import Callable
@@ -20,14 +20,14 @@ FireOfSources = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the
 
 HIGH_M = 1e-6  # a height so little below the safe one is safe
 TOWARDS_M2 = 1e-3  # a leg that nears a drop by less (times its length) goes away from it
-CLIMB_EVERY_M, CLIMBS = 5.0, 12  # places along a leg tried for a climb: how far apart, how many
-OUT_M = (0.0, 15.0, 30.0, 45.0)  # from a drop, where it is tried to climb
-DOWN_SPARE_M = 1.0  # more than rasters are in doubt by
+CLIMB_EVERY_M, CLIMBS = 5.0, 12  # places along a leg tried for a climb: spacing, number
+OUT_M = (0.0, 15.0, 30.0, 45.0)  # distances from a drop at which a climb is tried
+DOWN_SPARE_M = 1.0  # more than the error of rasters
 ROUNDED_S = 1e-6
 
 
 class FlightPoint(NamedTuple):
-    """Of a flight: metres, above the ground, seconds of mission time."""
+    """A place of a flight: metres, above the ground, seconds of mission time."""
 
     x_m: float
     y_m: float
@@ -39,7 +39,7 @@ Route = list[FlightPoint]  # from where the vehicle is; flown straight
 
 
 def point_on_leg(leg: tuple[FlightPoint, FlightPoint], part: float) -> FlightPoint:
-    """Where on a leg the vehicle is after a part (0 to 1) of its time."""
+    """The point on a leg after a part (0 to 1) of its time."""
     begin, end = leg
     return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
 
@@ -50,7 +50,7 @@ def _box(leg: tuple[FlightPoint, FlightPoint]) -> Box:
 
 
 def _away_m(leg: tuple[FlightPoint, FlightPoint], places_m: Floats) -> Floats:
-    """How far places (n, 2) are from a leg."""
+    """Distances of places (n, 2) from a leg."""
     begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
     length2 = max(float(step @ step), 1e-12)
     part = np.clip((places_m - begin) @ step / length2, 0.0, 1.0)
@@ -59,7 +59,7 @@ def _away_m(leg: tuple[FlightPoint, FlightPoint], places_m: Floats) -> Floats:
 
 
 def fastest_m_s(fire: Simulation) -> float:
-    """No fire spreads faster: by its ``spreads``, as EllipseFire has them; else infinity."""
+    """An upper bound of a fire's rate of spread, by ``EllipseFire.spreads``; else infinity."""
     spreads = getattr(fire, "spreads", None)
     if not spreads:
         return math.inf
@@ -70,7 +70,11 @@ def fastest_m_s(fire: Simulation) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FlightConstraints:
-    """What flights are checked against. ``home_m`` is where the vehicle lands."""
+    """The area, the fire and the settings that flights are checked against.
+
+    ``low`` and ``high`` are for paths below and at the safe height; the vehicle lands at
+    ``home_m``.
+    """
 
     unit: BurnUnit
     settings: BurnSection
@@ -83,7 +87,7 @@ class FlightConstraints:
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
     def fly_to(self, here: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
-        """There, straight: level at speed, or straight up or down at their rates."""
+        """The end of a straight leg: level at speed, or straight up or down at their rates."""
         up_m = height_m - here.height_m
         rate = self.settings.climb_m_s if up_m > 0.0 else self.settings.sink_m_s
         level_m = math.hypot(x_m - here.x_m, y_m - here.y_m)
@@ -91,13 +95,13 @@ class FlightConstraints:
         return FlightPoint(x_m, y_m, height_m, here.at_s + taken_s)
 
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
-        """A route and on at its height through places, the first of which is where it ends."""
+        """A route continued at its height through places, of which the first is its end."""
         for x_m, y_m in places[1:]:
             route = [*route, self.fly_to(route[-1], x_m, y_m, route[-1].height_m)]
         return route
 
     def straight_up(self, here: FlightPoint) -> Route:
-        """To the safe height where it is."""
+        """The route straight up to the safe height."""
         if here.height_m >= self.settings.safe_height_m:
             return [here]
         return [here, self.fly_to(here, here.x_m, here.y_m, self.settings.safe_height_m)]
@@ -105,12 +109,12 @@ class FlightConstraints:
     def high_path(
         self, here: FlightPoint, x_m: float, y_m: float
     ) -> list[tuple[float, float]] | None:
-        """At the safe height, inside the fence; None if there is none."""
+        """The path at the safe height, inside the fence; None if there is none."""
         begin, end = (here.x_m, here.y_m), (x_m, y_m)
         return [begin, end] if self.high is None else self.high.shortest_path(begin, end)
 
     def home_s(self, here: FlightPoint) -> float:
-        """Time from the safe height here to the ground at home; infinity if there is no way."""
+        """Time from the safe height here to the ground at home; infinity without a path."""
         way = self.high_path(here, *self.home_m)
         if way is None:
             return math.inf
@@ -118,10 +122,10 @@ class FlightConstraints:
         return self.fly_to(above, *self.home_m, 0.0).at_s - here.at_s
 
     def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
-        """How far ahead of fire.
+        """The time by which a leg is ahead of fire.
 
-        Where the raster is in doubt, a finer one is asked. Who comes down keeps a little farther
-        away: the next leg must be safe as well.
+        Where the raster does not decide, a finer one is used. A descent keeps a little farther
+        away, since the next leg must be safe as well.
         """
         if self.is_high(leg):
             return math.inf
@@ -138,7 +142,7 @@ class FlightConstraints:
         return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
 
     def _elsewhere(self, here: FlightPoint) -> Hazard:
-        """Around a place where there is no raster, as the one it starts from may be."""
+        """A raster around a place outside the other one, as the start may be."""
         key = here[:2]
         if key not in self.places:
             self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)
@@ -150,11 +154,11 @@ class FlightConstraints:
 
 
 class SphereFires:
-    """The fires that a flight's own drops will be.
+    """The fires that a flight's own spheres will light.
 
-    Where a leg nears any of its drops, or comes down from the safe height, they count like any
-    fire, with the margin of time. While it goes away from all of them (as right after a drop, when
-    the sphere below ignites within that margin) none may burn within reach.
+    On a leg that nears any of its drops, or descends from the safe height, they count like any
+    fire, with the margin of time. On a leg away from all of them (as right after a drop, when the
+    sphere below ignites within that margin) none may burn within reach.
     """
 
     def __init__(self, air: FlightConstraints) -> None:
@@ -162,12 +166,12 @@ class SphereFires:
         self.sources: Floats = np.empty((0, 3))
 
     def add(self, x_m: float, y_m: float, dropped_s: float) -> None:
-        """Another drop."""
+        """Add a drop."""
         burns_s = dropped_s + self.air.settings.ignition_delay_s
         self.sources = np.concatenate([self.sources, [[x_m, y_m, burns_s]]])
 
     def nears(self, leg: tuple[FlightPoint, FlightPoint]) -> bool:
-        """Whether drops count with the margin of time."""
+        """Whether a leg nears any drop, so that drops count with the margin of time."""
         begin, end = leg
         if begin[:2] == end[:2]:
             return end.height_m < begin.height_m
@@ -176,7 +180,7 @@ class SphereFires:
         return bool((towards > TOWARDS_M2 * math.hypot(*step)).any())
 
     def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
-        """As of any fire if it nears them; else infinity, or what is less than 0 s."""
+        """The margin as for any fire on a leg that nears drops; else infinity, or less than 0 s."""
         if not len(self.sources) or self.air.is_high(leg):
             return math.inf
         nears = self.nears(leg)
@@ -210,7 +214,7 @@ class SphereFires:
         return hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
 
     def burns_by(self, x_m: float, y_m: float, at_s: float) -> bool:
-        """Whether one of them will have come to a place."""
+        """Whether one of these fires reaches a place by a time."""
         if not len(self.sources) or at_s <= self.sources[:, 2].min():
             return False
         fire = self.air.lights(self.sources)
@@ -219,7 +223,7 @@ class SphereFires:
 
 @dataclass(frozen=True, eq=False)
 class LineFlight:
-    """What came of it. ``drops`` (m, 3) x, y, at_s; ``skipped`` (k, 2); ``why_ended`` if early."""
+    """A checked flight. ``drops`` (m, 3) x, y, at_s; ``skipped`` (k, 2); ``why_ended`` if early."""
 
     route: tuple[FlightPoint, ...]
     drops: Floats
@@ -231,7 +235,7 @@ class LineFlight:
 
     @property
     def duration_s(self) -> float:
-        """From begin to end."""
+        """Duration from begin to end."""
         return self.route[-1].at_s - self.route[0].at_s
 
 
@@ -245,7 +249,7 @@ def fly_line(
     the battery (seconds to be in the air at most, way home included) do not suffice for one more.
     """
     trip = _flown(air, start, places_m, spheres, battery_s, careful=False)
-    # Whether an earlier drop's fire comes to a later one before it ignites is asked once for all.
+    # One check for all drops: whether an earlier one's fire reaches a later one before it ignites.
     lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
     if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
         return _flown(air, start, places_m, spheres, battery_s, careful=True)
@@ -302,7 +306,7 @@ def _flown(
 
 
 class LineFlightBuilder:
-    """Where a flight has come to, and what is safe from there."""
+    """A flight as it is built leg by leg, and the safe routes from its end."""
 
     def __init__(self, air: FlightConstraints, start: FlightPoint) -> None:
         self.air, self.settings = air, air.settings
@@ -313,7 +317,7 @@ class LineFlightBuilder:
         self.climbs_first = False
 
     def checked(self, route: Route, own: SphereFires | None = None) -> float | None:
-        """The least margin of a route; None if it is unsafe."""
+        """The smallest margin of a route; None if it is unsafe."""
         min_margin_s = math.inf
         for leg in pairwise(route):
             margin_s = min(self.air.margin_s(leg), (own or self.own).margin_s(leg))
@@ -323,12 +327,12 @@ class LineFlightBuilder:
         return min_margin_s
 
     def add_route(self, route: Route, margin_s: float) -> None:
-        """Fly it."""
+        """Append a route that begins where the flight ends."""
         self.route += route[1:]
         self.min_margin_s = min(self.min_margin_s, margin_s)
 
     def climb_out_of_danger(self) -> None:
-        """Where the start is in danger nothing is better than to climb at once."""
+        """Climb at once if the start is in danger."""
         start = self.route[0]
         if self.air.margin_s((start, start)) < self.settings.time_margin_s:
             route = self.air.straight_up(start)
@@ -338,8 +342,8 @@ class LineFlightBuilder:
     def towards(self, x_m: float, y_m: float) -> tuple[Route, float] | None:
         """The fastest safe route to the drop height at a place, with its margin; None if none is.
 
-        Low (straight, or around what must not be flown over low) or at the safe height. If a climb
-        is not safe where the vehicle is, it flies on low as far as it must, and never into danger.
+        Low (straight, or around areas closed to low flight) or at the safe height. If a climb is
+        not safe where the vehicle is, it flies on low as far as it must, and never into danger.
         """
         here = self.route[-1]
         low = self._with_margin(self._low(here, x_m, y_m))
@@ -355,11 +359,11 @@ class LineFlightBuilder:
         return None if route is None or margin_s is None else (route, margin_s)
 
     def _is_straight(self, low: Route) -> bool:
-        """Then nothing is faster."""
+        """Whether a low route has one horizontal leg at most: then no other one is faster."""
         return sum(one[:2] != other[:2] for one, other in pairwise(low)) <= 1
 
     def _up(self, here: FlightPoint, x_m: float, y_m: float) -> Route | None:
-        """To the safe height: here, by the way out, or as near as is safe on the way to a place."""
+        """A route to the safe height: here, by the way out, or on the line to (x, y)."""
         for route in (self.air.straight_up(here), self.out):
             if route and route[0] == here and self.checked(route) is not None:
                 return route
@@ -380,7 +384,7 @@ class LineFlightBuilder:
         return None
 
     def way_out(self, arrives: Route, dropped_s: float) -> tuple[Route, float] | None:
-        """From a drop to the safe height, the drop's own fire minded; None if there is none.
+        """A route from a drop to the safe height, safe from its own fire; None if there is none.
 
         Straight up, or else a little farther on or upwind first.
         """
@@ -407,7 +411,7 @@ class LineFlightBuilder:
         return None
 
     def _level(self, here: FlightPoint) -> Route | None:
-        """At the drop height where it is; None from the safe height, which is not left twice."""
+        """The route to the drop height; None from the safe height, which is left only once."""
         if here.height_m >= self.settings.safe_height_m - HIGH_M:
             return None
         if here.height_m == self.settings.drop_height_m:
@@ -420,7 +424,7 @@ class LineFlightBuilder:
         return None if way is None or level is None else self.air.along(level, way)
 
     def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:
-        """On from a route to the safe height, over and down to the drop height."""
+        """A route to the safe height continued over a place and down to the drop height."""
         way = self.air.high_path(up[-1], x_m, y_m)
         if way is None:
             return None

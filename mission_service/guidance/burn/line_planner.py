@@ -1,7 +1,7 @@
-"""The next ignition line: algorithm 1 of Beachly et al. (section V), and what it leaves open.
+"""The next ignition line: algorithm 1 of Beachly et al. (section V), and its open points.
 
-- Burn complete is when nothing is left upwind of the next line. A line between the parts of an area
-  in several is cut off as one without a safe drop is; more may be left upwind.
+- The burn is complete when nothing is left upwind of the next line. A line between the parts of an
+  area is cut off like one without a safe drop; more may be left upwind.
 - The faster of the two paths is taken, but only among those that drop at least ``MIN_DROPS_SHARE``
   of what the better one drops: a gap in a line costs more than a minute does.
 - A line that spheres or battery end early leaves the area as it was: the next plan is for the rest
@@ -46,11 +46,11 @@ MAX_LINES = 10_000  # of one burn
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """What the next line is planned on, in the landscape's metres and seconds of mission time.
+    """The input of a line's plan, in the landscape's metres and seconds of mission time.
 
-    ``area`` is what of the unit is still to be burned off; ``dropped_m`` (n, 2) are the drops of
-    this burn so far. ``fire`` has all that burns or will by itself, spheres dropped before with it;
-    ``lights`` gives the fire of some sources alone, as EllipseFire of the same spreads does.
+    ``area`` is the part of the unit still to be burned; ``dropped_m`` (n, 2) are the drops of this
+    burn so far. ``fire`` is the simulation of all fire, with that of the spheres dropped before;
+    ``lights`` returns the fire of some sources alone, an EllipseFire of the same spreads.
     """
 
     unit: BurnUnit
@@ -71,11 +71,11 @@ class Situation:
 
 @dataclass(frozen=True, eq=False)
 class LinePlan:
-    """A line to be dropped, all times after ``begin_s``.
+    """The plan of a line, all times after ``begin_s``.
 
-    ``area_left`` is what of the area remains once all of it is dropped. ``climbs_first``: the
-    vehicle is in danger where it starts, and the first climb is not safe (and counts in
-    ``least_time_margin_s``, which is negative where it burns, infinite if no fire comes near).
+    ``area_left`` is the area that remains after all drops. ``climbs_first``: the vehicle is in
+    danger at its start, and the first climb is not safe (it counts in ``least_time_margin_s``,
+    which is negative where it burns, infinite if no fire comes near).
     """
 
     begin_s: float
@@ -95,7 +95,7 @@ class LinePlan:
 
 @dataclass(frozen=True, eq=False)
 class NoPlan:
-    """Why there is none. ``complete``: no line is left; ``lines_cut`` of them for no safe drop."""
+    """Why there is no plan. ``complete``: no line is left; ``lines_cut`` had no safe drop."""
 
     why: Literal["complete", "spheres", "battery", "danger", "outside"]
     words: str
@@ -148,7 +148,7 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
 
 
 def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstraints:
-    """What all flights of a situation are checked against."""
+    """The constraints of all flights of a situation."""
     margins = margins_of(settings, situation.wind_m_s, situation.toward_rad)
     unit = situation.unit
     return FlightConstraints(
@@ -166,9 +166,9 @@ def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstra
 def drop_orders(
     situation: Situation, settings: BurnSection, area: BaseGeometry, line: IgnitionLine
 ) -> list[Floats]:
-    """Places to drop at on a line, from each of its ends on (lines 5 to 8); none if none may be.
+    """Places (n, 2) to drop at on a line, in order from each of its ends (lines 5 to 8), or none.
 
-    The nearest next one is always the neighbour, since all lie on one line.
+    The nearest next place is always the neighbour, since all lie on one line.
     """
     ends_m = extent_across(area, line)
     if ends_m is None:
@@ -189,9 +189,9 @@ def drop_orders(
 
 
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
-    """The fastest of those that drop enough; None if none drops anything. The first of equals.
+    """The fastest of the flights that drop enough, the first of equals; None if none drops.
 
-    One that comes to the line's end is better than one ended by spheres or battery.
+    A flight to the line's end is better than one ended by spheres or battery.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     if max_drops == 0:

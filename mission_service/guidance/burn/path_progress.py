@@ -1,11 +1,11 @@
-"""How far a vehicle has come on a plan's path, and when it will be where from now on."""
+"""A vehicle's progress along a plan's path, and the times of the rest of the path."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-LOOKS_AHEAD_M = 30.0  # further along the path a vehicle is not taken to have jumped
+LOOKS_AHEAD_M = 30.0  # the progress of one update, at most
 
 
 class PathProgress:
@@ -17,25 +17,25 @@ class PathProgress:
         steps = np.diff(points_m, axis=0)
         self._lengths_m = np.sqrt((steps * steps).sum(axis=1))
         self._along_m = np.concatenate([[0.0], np.cumsum(self._lengths_m)])
-        self.progress_m = 0.0  # along the path; never less again
+        self.progress_m = 0.0  # along the path; never decreases
 
     @property
     def length_m(self) -> float:
-        """Of the whole path, climbs and descents included."""
+        """Length of the whole path, climbs and descents included."""
         return float(self._along_m[-1])
 
     @property
     def left_m(self) -> float:
-        """Still to be flown."""
+        """Length still to be flown."""
         return self.length_m - self.progress_m
 
     @property
     def after_s(self) -> float:
-        """When, after its begin, the vehicle should be where it is."""
+        """The plan's time, after its begin, at the present progress."""
         return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
     def update(self, place_m: Floats) -> float:
-        """The vehicle is at a place (3,); returns how far off the path that is, in metres."""
+        """Set the vehicle's place (3,); returns its distance from the path, in metres."""
         first = max(int(np.searchsorted(self._along_m, self.progress_m, side="right")) - 1, 0)
         last = int(np.searchsorted(self._along_m, self.progress_m + LOOKS_AHEAD_M))
         off_m, progress_m = np.inf, self.progress_m
@@ -54,7 +54,7 @@ class PathProgress:
         return off_m
 
     def ahead(self, now_s: float) -> Floats:
-        """The rest of the path from where it has come to: (k, 4) x, y, altitude, at_s."""
+        """The rest of the path: (k, 4) x, y, altitude, at_s."""
         rest = self._along_m > self.progress_m
         here = [np.interp(self.progress_m, self._along_m, axis) for axis in self.points_m.T]
         points = np.vstack([here, self.points_m[rest]])

@@ -1,4 +1,4 @@
-"""Which plan is proposed, and whether it is approved: by whom, from where, for how long."""
+"""The plan that is proposed, and its approval: approver, station and validity."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 @dataclass(frozen=True, slots=True)
 class PlanApproval:
-    """A person's word for exactly one plan."""
+    """An operator's approval of exactly one plan."""
 
     plan_hash: str
     by: str
@@ -40,7 +40,7 @@ class ApprovalTracker:
         self._host_us = event.monotonic_us
 
     def heard(self, event: Crew) -> None:
-        """Count a user's input as presence if it is an approver's at the same station."""
+        """Count an operator's input as presence if it is an approver's at the same station."""
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:
             return
@@ -48,13 +48,13 @@ class ApprovalTracker:
             self._approver_us, self._approver_host_us = event.at_us, self._host_us
 
     def propose(self, plan: IgnitionPlan) -> str:
-        """Take the place of any plan before; returns its hash."""
+        """Propose a plan in place of any earlier one; returns its hash."""
         self.plan, self.plan_hash, self.approval = plan, plan_hash(plan), None
         self._proposed_host_us = self._host_us
         return self.plan_hash
 
     def approve(self, event: Approved) -> str | None:
-        """Take somebody's word; returns why it does not count, or None."""
+        """Apply an approval; returns why it is rejected, or None."""
         if event.station not in self._stations:
             known = ", ".join(sorted(self._stations))
             return f"{event.station!r} is no station from which plans are approved ({known})"
@@ -79,7 +79,7 @@ class ApprovalTracker:
         return at_us > self.plan.valid_until_us or host_us > good_for_us
 
     def expiry_reason(self, at_us: int) -> str | None:
-        """Why what was approved no longer is, by the time alone; None: it is, or never was."""
+        """Why the approval has expired; None if it has not, or there is none."""
         approval = self.approval
         if approval is None or self.plan is None:
             return None
@@ -93,5 +93,5 @@ class ApprovalTracker:
         return None
 
     def withdraw(self) -> None:
-        """Nothing is proposed or approved from now on."""
+        """Withdraw the plan and its approval."""
         self.plan, self.plan_hash, self.approval = None, "", None

@@ -1,4 +1,4 @@
-"""An ignition plan's path as the mission of a multirotor. Never with a drop in it."""
+"""An ignition plan's path as the mission of a multirotor, which never contains a drop."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,8 +17,8 @@ from mission_service.ignition_plan import PathPoint
 
 Floats = NDArray[np.float64]
 
-# What only flies. Anything else may switch an output: servos, relays, grippers, winches and
-# sprayers do, cameras and parachutes may be outputs too, auxiliary functions and scripts anything.
+# Commands that only fly. Any other one may switch an output: servos, relays, grippers, winches and
+# sprayers do, cameras and parachutes may be outputs, auxiliary functions and scripts anything.
 FLIES_ONLY = frozenset(
     (
         mavlink.MAV_CMD_NAV_WAYPOINT,
@@ -32,14 +32,14 @@ FLIES_ONLY = frozenset(
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
     )
 )
-THERE_M = 2.0  # a corner counts as reached so near; ArduCopter has it by itself (WPNAV_RADIUS)
-BAND = 0.2  # of its height: a leg is flown from its height to so much more above the ground
+THERE_M = 2.0  # acceptance radius of a corner; ArduCopter has its own (WPNAV_RADIUS)
+BAND = 0.2  # of its height: a leg is flown between its height and so much more above the ground
 SAMPLES_A_CELL = 4
 SAME_PLACE_M = 0.05
 
 
 def has_drop(items: Iterable[MissionItem]) -> bool:
-    """Whether anything in a mission may switch an output: all that is not known to fly only."""
+    """Whether a mission has an item that may switch an output: any that is not ``FLIES_ONLY``."""
     return any(item.command not in FLIES_ONLY for item in items)
 
 
@@ -75,7 +75,7 @@ def mission_items(
 
 
 def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
-    """How high above home a return is safe: the safe height over the highest ground on any way.
+    """Height above home of a safe return: the safe height over the highest ground of any path.
 
     None without a burn. Raises FireModelError without elevation.
     """
@@ -98,7 +98,7 @@ def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
-    """The safe height above the ground that a point's own height counts from, or the point's."""
+    """Altitude of the safe height over a point's ground, or of the point if it is higher."""
     lift_m = max(burn.safe_height_m - point.height_m, 0.0)
     return round(point.altitude_amsl_m + lift_m, 2)
 
@@ -109,10 +109,9 @@ def plan_points(
     """Path (n, 4) of x, y, height_m, after_s as places with altitudes.
 
     Between them altitudes change evenly, and each leg is from its height to a share of ``BAND`` of
-    it more above the ground under it: where the ground bends, a leg is cut into as few as need be
-    (no finer than ``SAMPLES_A_CELL`` to a cell). ``above_map_m``: how much higher the autopilot
-    has a place than the landscape, known from where it stands. Raises FireModelError without
-    elevation.
+    it more above the ground under it: where the slope changes, a leg is cut into as few as needed
+    (no finer than ``SAMPLES_A_CELL`` to a cell). ``above_map_m``: altitude of the autopilot minus
+    that of the landscape, measured on the ground. Raises FireModelError without elevation.
     """
     ground_m = _ground(path[:1], landscape)[0]
     altitude_m = _middle(ground_m, path[0, 2])
@@ -153,9 +152,9 @@ def _middle(ground_m: float, height_m: float) -> float:
 
 
 def _in_channel(lowest_m: Floats, highest_m: Floats, begin_m: float) -> list[tuple[int, float]]:
-    """Corners (sample, altitude) of a line from ``begin_m`` that stays between least and most.
+    """Corners (sample, altitude) of a line from ``begin_m`` between lowest and highest altitudes.
 
-    Each leg goes as far as one slope serves. Where none does from one sample to the next, that
+    Each leg is as long as one slope allows. Where none does from one sample to the next, that
     sample's middle is a corner.
     """
     corners: list[tuple[int, float]] = []

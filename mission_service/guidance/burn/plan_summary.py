@@ -1,4 +1,4 @@
-"""Plans and the state of a burn in figures and in words, as crews read them. Pure."""
+"""Plans and the state of a burn as figures and as text for crews. Pure."""
 
 from typing import Any
 
@@ -8,12 +8,12 @@ M_PER_FT = 0.3048
 
 
 def in_feet(metres: float) -> int:
-    """As crews have heights."""
+    """Metres as whole feet."""
     return round(metres / M_PER_FT)
 
 
 def plan_figures(plan: IgnitionPlan) -> dict[str, Any]:
-    """What a plan comes to, in numbers."""
+    """The figures of a plan, by name."""
     altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
     return {
         "line": plan.line,
@@ -40,7 +40,7 @@ def plan_figures(plan: IgnitionPlan) -> dict[str, Any]:
 
 
 def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
-    """What somebody is to know who approves it; a fact a line."""
+    """A plan as text for its approver, one fact on each line."""
     told = plan_figures(plan)
     skipped = f"; {told['skipped']} places skipped as unsafe" if plan.skipped else ""
     low_m, high_m = told["lowest_amsl_m"], told["highest_amsl_m"]
@@ -63,7 +63,7 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
 
 
 def describe_status(status: dict[str, Any]) -> list[str]:
-    """The state of a burn as the control socket tells it; a fact a line."""
+    """The state of a burn as the control socket returns it, one fact on each line."""
     phase, at_us = status["leader"]["phase"], round(status["at_s"] * 1e6)
     lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
     open_items = status["open_items"]

@@ -1,4 +1,4 @@
-"""Whether a plan that was made before still holds."""
+"""Whether a plan made earlier is still valid."""
 
 from itertools import pairwise
 
@@ -19,10 +19,10 @@ ROUNDED_S = 1e-6
 def plan_problem(
     plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
 ) -> str:
-    """What speaks against flying the rest of a plan, of which ``flown_s`` are flown; "" if nothing.
+    """Why the rest of a plan, of which ``flown_s`` are flown, must not be flown; "" if it may.
 
-    The rest begins at ``situation.at_s``, in its wind and unit. Its fire is to be without the drops
-    of this plan: they count as they did when it was made, at the times of the plan.
+    The rest begins at ``situation.at_s``, in its wind and unit. Its fire must not contain the drops
+    of this plan: they count as when it was made, at the times of the plan.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
@@ -42,7 +42,7 @@ def plan_problem(
         found = _of_place(air, rest, places[0])
         if found:
             return f"{found} {after_s:.0f} s after its begin"
-        # All of the leg, as it was checked when planned; what is flown of it does not count.
+        # The whole leg, as when planned, or only its rest, whichever has the larger margin.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -58,7 +58,7 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
 
 
 def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
-    """Where on a leg the vehicle is at a time, its begin at the earliest."""
+    """The point on a leg at a time, its begin at the earliest."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin

@@ -1,4 +1,4 @@
-"""When to let go of a sphere: where it would lie if it were let go now, and how sure that is.
+"""When to release a sphere: its impact point if it were released now, and the release decision.
 
 Metres east and north (x, y) of the landscape's CRS, wind and velocity in the same directions.
 """
@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
-SLOW_M_S = 0.5  # below it no course is to be seen
-NEAR_S = 1.0  # of flight: what is farther than that from its place is not near it yet
+SLOW_M_S = 0.5  # below it the course is undefined
+NEAR_S = 1.0  # of flight: farther than that from its target a sphere is not near it yet
 
 ReleaseDecision = Literal["release", "wait", "missed"]
 
@@ -26,7 +26,7 @@ class VehicleMotion(NamedTuple):
 
 
 class ImpactPoint(NamedTuple):
-    """Where a sphere would lie, and how long after the order."""
+    """The impact point of a sphere, and its time after the order."""
 
     x_m: float
     y_m: float
@@ -36,12 +36,12 @@ class ImpactPoint(NamedTuple):
 def impact_point(
     vehicle: VehicleMotion, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
 ) -> ImpactPoint:
-    """Where the sphere of an order given now would lie.
+    """The impact point of a sphere that is ordered now.
 
     ``delay_s`` after the order it leaves with the vehicle's velocity; then gravity g acts, and a
     drag g (v/vt)^2 against its motion v in the wind (east, north), vt being its terminal speed:
     a sphere's at Reynolds numbers of 1e4 to 2e5, where its drag coefficient hardly changes.
-    On or below the ground it lies where it is let go.
+    On or below the ground it is the point of release.
     """
     drag_per_m = GRAVITY_M_S2 / terminal_speed_m_s**2
     east, north = vehicle.east_m_s - wind_m_s[0], vehicle.north_m_s - wind_m_s[1]
@@ -71,7 +71,7 @@ Vector = tuple[float, float, float]
 
 
 def _fallen(velocity: Vector, drag_per_m: float, step_s: float) -> tuple[Vector, Vector]:
-    """Way in the air and velocity after a step (Runge and Kutta's of fourth order)."""
+    """Displacement in the air and velocity after a step (fourth-order Runge-Kutta)."""
     half_s = step_s / 2.0
     first = _pull(velocity, drag_per_m)
     second_at = _after(velocity, first, half_s)
@@ -114,7 +114,7 @@ def release_decision(
     step_s: float,
     miss_m: float,
 ) -> ReleaseDecision:
-    """Whether to give the order now; ``there`` is where the sphere would lie.
+    """Whether to order the release now; ``there`` is the impact point.
 
     ``wait`` until the landing, which moves as the vehicle does, is at its nearest to the target, to
     half a telemetry step. Then ``release``, or ``missed`` if that is farther than ``miss_m``. It

@@ -1,4 +1,4 @@
-"""Account of the spheres: ordered, fallen or refused, and how far off their places."""
+"""Account of the spheres: ordered, fallen or refused, and their distances from the targets."""
 
 import math
 from dataclasses import dataclass
@@ -10,23 +10,23 @@ PointXY = tuple[float, float]
 
 @dataclass(slots=True)
 class Sphere:
-    """One that was ordered to fall. ``outcome``: ordered, done, unknown or refused."""
+    """A sphere that was ordered to drop. ``outcome``: ordered, done, unknown or refused."""
 
     plan_hash: str
     number: int
     at_us: int
     target_m: PointXY
-    falls_m: PointXY  # by what was known when it was let go
+    falls_m: PointXY  # predicted at its release
     outcome: str = "ordered"
 
     @property
     def miss_m(self) -> float:
-        """How far from its place it falls."""
+        """Distance between target and predicted impact."""
         return math.dist(self.target_m, self.falls_m)
 
     @property
     def counts(self) -> bool:
-        """Whether it must be taken to have fallen."""
+        """Whether it counts as fallen: all but refused ones do."""
         return self.outcome != "refused"
 
 
@@ -39,13 +39,13 @@ class SphereAccount:
         self.last_at_us: int | None = None
 
     def order(self, sphere: Sphere) -> None:
-        """It is let go now."""
+        """Add a sphere that is ordered to drop now."""
         self.spheres.append(sphere)
         self.left -= 1
         self.last_at_us = sphere.at_us
 
     def finish(self, event: DropFinished) -> Sphere | None:
-        """What became of it; None for one that was not ordered, or is settled."""
+        """Set a sphere's outcome; returns it, or None if it was not ordered or has an outcome."""
         for sphere in reversed(self.spheres):
             if (sphere.plan_hash, sphere.number) == (event.plan_hash, event.number):
                 if sphere.outcome != "ordered":
@@ -57,13 +57,13 @@ class SphereAccount:
         return None
 
     def of_plan(self, plan_hash: str) -> list[Sphere]:
-        """Those of one plan that must be taken to have fallen."""
+        """The spheres of one plan that count as fallen."""
         return [each for each in self.spheres if each.plan_hash == plan_hash and each.counts]
 
     def fallen_m(self) -> list[PointXY]:
-        """Where all lie that must be taken to have fallen."""
+        """Places of all spheres that count as fallen."""
         return [each.falls_m for each in self.spheres if each.counts]
 
     def load(self, spheres: int) -> None:
-        """Filled up on the ground."""
+        """Set the number on board after a reload on the ground."""
         self.left = spheres

@@ -1,4 +1,4 @@
-"""The burn unit: where is to be burned, where nothing may fall, where must not be flown."""
+"""The burn unit: the area to burn, no-drop areas, people, and the fence of flights."""
 
 import hashlib
 import math
@@ -29,7 +29,7 @@ CLEAR_M = 0.01  # on top of margins, for what is rounded
 
 
 class ExclusionCircle(NamedTuple):
-    """Somebody, or something, around whom nothing falls and nothing is flown low."""
+    """A circle around a person or an object: no drops and no low flight inside."""
 
     name: str
     x_m: float
@@ -39,7 +39,7 @@ class ExclusionCircle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BurnUnit:
-    """In the landscape's metres. ``fence`` is None where there is none; flights stay inside it."""
+    """The unit in the landscape's metres. Flights stay inside ``fence``, if there is one."""
 
     area: BaseGeometry  # Polygon or MultiPolygon, holes are not to be burned
     no_drop: BaseGeometry
@@ -49,20 +49,20 @@ class BurnUnit:
 
     @cached_property
     def droppable(self) -> BaseGeometry:
-        """Where spheres may fall; never more than ``may_drop`` says."""
+        """The area where spheres may fall; never more than ``may_drop`` allows."""
         left = self.area.difference(_grown(self.area.boundary, self.edge_m + CLEAR_M))
         left = left.difference(_grown(self.no_drop, self.edge_m + CLEAR_M))
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
 
     @cached_property
     def low_graph(self) -> VisibilityGraph:
-        """Where may be flown below the safe height."""
+        """Paths below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
         return VisibilityGraph(self._without_people(inside))
 
     @cached_property
     def high_graph(self) -> VisibilityGraph | None:
-        """Where may be flown at the safe height; None for everywhere."""
+        """Paths at the safe height; None without a fence."""
         return None if self.fence is None else VisibilityGraph(self.fence)
 
     def _without_people(self, area: BaseGeometry) -> BaseGeometry:
@@ -103,7 +103,7 @@ class BurnUnit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """All within a distance of a shape, and never less: arcs are drawn outside of the true ones."""
+    """A buffer of a shape that contains the exact one: arcs are drawn outside of the true ones."""
     if shape.is_empty or by_m <= 0.0:
         return shape
     found: BaseGeometry = shape.buffer(by_m / math.cos(math.pi / (4 * ARC)), quad_segs=ARC)
@@ -118,9 +118,9 @@ def burn_unit_of(
 ) -> BurnUnit:
     """The unit of a scenario. ``home`` (lat, lon) is where the vehicle starts.
 
-    ``corners`` (lat, lon), told later, take the place of those set. Raises MissionServiceError
-    with one line if the unit, its fence or a no-drop area cannot be, nothing is left to drop on,
-    or home is outside the fence.
+    ``corners`` (lat, lon) replace those of the scenario. Raises MissionServiceError with one line
+    if the unit, its fence or a no-drop area is invalid, nothing is left to drop on, or home is
+    outside the fence.
     """
     if corners is None and burn.unit_file is not None:
         area = _areas_of(burn.unit_file, landscape)
@@ -207,7 +207,7 @@ def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeomet
 
 
 def _fault(area: BaseGeometry) -> tuple[float, float]:
-    """Where GEOS finds a polygon not valid."""
+    """The place where GEOS finds a polygon invalid."""
     reason = shapely.is_valid_reason(area)
     inside = reason[reason.index("[") + 1 : reason.index("]")].split()
     return float(inside[0]), float(inside[1])

@@ -1,4 +1,4 @@
-"""Shortest ways inside an area: around what is not in it."""
+"""Shortest paths inside an area, over the visibility graph of its corners."""
 
 import heapq
 import math
@@ -11,11 +11,11 @@ from shapely.geometry.base import BaseGeometry
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
 
-CLEAR_M = 1.0  # corners are passed so far away where there is room
+CLEAR_M = 1.0  # distance to corners where there is room
 
 
 class VisibilityGraph:
-    """Ways inside ``area``; corners worth passing are found when first asked for."""
+    """Paths inside ``area``; the graph of its corners is built at the first use."""
 
     def __init__(self, area: BaseGeometry) -> None:
         self.area = area
@@ -24,13 +24,13 @@ class VisibilityGraph:
         self._lengths: Floats = np.empty((0, 0))
 
     def is_straight_clear(self, begin: Point, end: Point) -> bool:
-        """Whether the straight way is inside."""
+        """Whether the straight line between two points is inside the area."""
         if begin == end:
             return bool(self.area.covers(shapely.Point(begin)))
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
     def shortest_path(self, begin: Point, end: Point) -> list[Point] | None:
-        """Places from ``begin`` to ``end``, both with them; None if there is no way."""
+        """Points of the shortest path, ``begin`` and ``end`` included; None without a path."""
         if self.is_straight_clear(begin, end):
             return [begin, end]
         if not self.area.covers(shapely.MultiPoint([begin, end])):
@@ -64,7 +64,7 @@ class VisibilityGraph:
     def _known(self) -> tuple[Floats, Floats]:
         if self._corners is None:
             inner: BaseGeometry = self.area.buffer(-CLEAR_M, join_style="mitre")
-            # Fewer corners of circles; what is seen is seen in the area itself.
+            # Fewer corners of circles; visibility is tested in the area itself.
             inner = (self.area if inner.is_empty else inner).simplify(CLEAR_M / 2.0)
             self._corners = _bends(inner)
             count = len(self._corners)
@@ -76,7 +76,7 @@ class VisibilityGraph:
         return self._corners, self._lengths
 
     def _seen(self, place: Point, corners: Floats) -> Floats:
-        """How far corners are away that are seen straight from a place, else infinity."""
+        """Distances of the corners visible from a place; infinity for the others."""
         ends = np.empty((len(corners), 2, 2))
         ends[:, 0], ends[:, 1] = place, corners
         inside = shapely.covers(self.area, shapely.linestrings(ends))
@@ -84,7 +84,7 @@ class VisibilityGraph:
 
 
 def _bends(area: BaseGeometry) -> Floats:
-    """Corners (n, 2) that a shortest way can bend around: those that point into the area."""
+    """Corners (n, 2) that a shortest path can bend around: those that point into the area."""
     found = []
     # Outlines clockwise, holes the other way.
     for ring in shapely.get_rings(shapely.get_parts(shapely.normalize(area))):

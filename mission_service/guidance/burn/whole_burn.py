@@ -1,4 +1,4 @@
-"""A burn to its end: all lines one after the other, loads, time, and the fire that it will be."""
+"""A burn from begin to end: all lines in order, loads, times, and the resulting fire."""
 
 import math
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ from mission_service.guidance.burn.line_planner import (
 Floats = NDArray[np.float64]
 
 MAX_ROUNDS = 2_000  # lines, and reloads
-REST_S, REST_TIMES = 60.0, 60  # waits for fire near home to burn out, and how many
+REST_S, REST_TIMES = 60.0, 60  # duration and number of waits for fire near home to burn out
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What the figures hold for."""
+    """Settings and wind that the figures depend on."""
 
     ignition_delay_s: float
     spheres_a_load: int
@@ -49,7 +49,7 @@ class Assumptions:
 
 @dataclass(frozen=True, eq=False)
 class BurnLine:
-    """A line, or the part of it that one load sufficed for."""
+    """A line, or the part of it that one load is enough for."""
 
     number: int  # from 1
     load: int  # from 1
@@ -57,13 +57,13 @@ class BurnLine:
 
     @property
     def end_s(self) -> float:
-        """When the vehicle holds at the safe height."""
+        """Time at which the vehicle holds at the safe height."""
         return self.plan.begin_s + self.plan.duration_s
 
 
 @dataclass(frozen=True, eq=False)
 class WholeBurn:
-    """All of it. ``ended`` is why no further line was planned; ``end_s`` is with the way home."""
+    """A whole burn. ``ended`` is why no further line was planned; ``end_s`` is at home."""
 
     lines: tuple[BurnLine, ...]
     loads: int
@@ -76,23 +76,23 @@ class WholeBurn:
 
 
 class CombinedFires:
-    """Several fires as one: the first of them that comes."""
+    """Several fires as one, by the first that reaches a place."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        """Times of ignition (n,) of points (n, 2) x, y in metres; infinity for never."""
         found: Floats = np.min([fire.ignition_time_s(points_m) for fire in self.fires], axis=0)
         return found
 
 
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
-    """Line after line from a situation until none is left, each begun ``pause_s`` after the last.
+    """All lines from a situation until none is left, each begun ``pause_s`` after the last.
 
-    Spheres or battery that do not suffice for the rest of a line are filled up first, if they are
-    not full: a line is not left half dropped for a reload that has to come anyway. A reload is the
-    way home at the safe height, ``reload_s``, and a start from the ground at home.
+    If spheres or battery are not enough for the rest of a line and not full, they are reloaded
+    first, so that no line is interrupted by a reload that is due anyway. A reload is a return home
+    at the safe height, ``reload_s``, and a start from the ground at home.
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))

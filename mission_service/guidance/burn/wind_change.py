@@ -1,4 +1,4 @@
-"""What makes a plan another one than was approved: above all the wind."""
+"""Changes of the wind that invalidate a plan."""
 
 import math
 from collections.abc import Sequence
@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from mission_service.config.sections import BurnSection
 from mission_service.ignition_plan import IgnitionPlan
 
-CALM_M_S = 1.0  # below it the direction of the wind says nothing
+CALM_M_S = 1.0  # below it the direction of the wind does not count
 WindFrom = tuple[float, float]  # speed in m/s, where it comes from in degrees from true north
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """How a wind is not the one planned for, beyond what is allowed; None: it is."""
+    """How a wind differs from the planned one by more than is allowed; None if it does not."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s

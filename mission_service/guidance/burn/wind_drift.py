@@ -1,4 +1,4 @@
-"""Flying upwind of where spheres are to lie: the wind carries them while they fall."""
+"""Compensation of the wind's drift of falling spheres: the path is moved upwind."""
 
 from dataclasses import replace
 
@@ -10,15 +10,14 @@ from mission_service.guidance.burn.recheck import plan_problem
 from mission_service.guidance.burn.release import VehicleMotion, impact_point
 
 SAME_PLACE_M = 0.05
-MIN_DRIFT_M = 0.2  # less is not worth another path
+MIN_DRIFT_M = 0.2  # a smaller drift is ignored
 
 
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
-    """The plan with its path moved against the drift of a sphere let go at the drop height.
+    """The plan with its path moved against the drift of a sphere released at the drop height.
 
-    Places above where the vehicle begins stay. Where the path so moved would not be right (out of
-    the unit, too near to fire) the plan stays as it is: spheres then fall beside their places, or
-    are left out.
+    Points above the begin stay. If the moved path is invalid (out of the unit, too near to fire)
+    the plan stays as it is: spheres then fall beside their targets, or are left out.
     """
     wind = situation.wind_m_s * np.array(
         [np.cos(situation.toward_rad), np.sin(situation.toward_rad)]
