@@ -150,7 +150,7 @@ class Core:
     def _watch_after(self, name: str) -> list[AnyCommand]:
         vehicle = self.vehicles[name]
         watches = vehicle.presence.flies and not vehicle.ordered
-        return self._watch.after(name, watches, self.steering.presence)
+        return self._watch.update(name, watches, self.steering.presence)
 
     def _withheld(self, command: AnyCommand) -> bool:
         """Whether a command must not be sent: the last check, which the callers make as well.

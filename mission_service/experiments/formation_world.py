@@ -206,7 +206,7 @@ class FormationWorld:
         at_us = round(self.at_s * 1e6)
         for receiver, message in self.radio.arrived(self.at_s):
             if not self._is_dead(receiver):
-                self.agents[receiver].receive(message)
+                self.agents[receiver].on_message(message)
         looks = round(LOOK_EVERY_S / TICK_S)
         before, self.intentions = self.intentions, []
         for number, agent in enumerate(self.agents):

@@ -45,14 +45,14 @@ def test_a_hot_arc_is_said_to_be_swept() -> None:
 def test_it_speaks_when_the_team_changes_or_no_longer_suffices() -> None:
     adviser = TeamSizeAdviser(CoverageTargets(worst_age_s=100.0))
     assert adviser.is_due(4, 0.0)
-    first = adviser.at(RING, speeds(4), 0.0)
+    first = adviser.advise(RING, speeds(4), 0.0)
     assert first is not None
     assert not first[0]
     assert not adviser.is_due(4, ADVISE_EVERY_S - 1.0)
     assert adviser.is_due(3, 1.0)
-    fewer = adviser.at(RING, speeds(3), 1.0)
+    fewer = adviser.advise(RING, speeds(3), 1.0)
     assert fewer is not None
     assert fewer[0]
-    assert adviser.at(RING, speeds(3), 2.0 + ADVISE_EVERY_S) is None
+    assert adviser.advise(RING, speeds(3), 2.0 + ADVISE_EVERY_S) is None
     grown = FrontRing(2.0 * RING.step_m, RING.spread_rate_m_s, RING.visited_at_s)
-    assert TeamSizeAdviser(CoverageTargets(100.0)).at(grown, speeds(4), 0.0) is not None
+    assert TeamSizeAdviser(CoverageTargets(100.0)).advise(grown, speeds(4), 0.0) is not None

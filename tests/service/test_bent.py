@@ -24,7 +24,7 @@ from mission_service.guidance.team.bent_steering import (
 )
 from mission_service.guidance.team.bent_team import RegionTeam
 from mission_service.guidance.team.negotiation import (
-    Share,
+    Party,
     offers,
     on_arrival,
     on_centre,
@@ -157,8 +157,8 @@ def test_offers_leave_as_much_as_the_higher_neighbour_has_then() -> None:
     assert offers(10.0, 2.0, 2.0, alone=True) == (2.0, 2.0)
 
 
-def part(begin: int, end: int, *held: int) -> Share:
-    return Share(begin, end, held[0], reserved_cells(begin, end, held))
+def part(begin: int, end: int, *held: int) -> Party:
+    return Party(begin, end, held[0], reserved_cells(begin, end, held))
 
 
 def test_chunks_are_worth_no_more_than_the_offer_and_hold_nothing_of_the_vehicle() -> None:
@@ -175,7 +175,7 @@ def test_chunks_are_worth_no_more_than_the_offer_and_hold_nothing_of_the_vehicle
 
 
 def slow_most_centred(
-    ring: FrontRing, own: Share, most: tuple[int, int], exponential: bool
+    ring: FrontRing, own: Party, most: tuple[int, int], exponential: bool
 ) -> float:
     least = np.inf
     for first in range(most[0] + 1):

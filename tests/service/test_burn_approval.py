@@ -47,7 +47,7 @@ def approved(name: str, at_s: float = 1.0, station: str = "boss") -> Approved:
 def proposing() -> ApprovalTracker:
     approvals = ApprovalTracker(BURN)
     approvals.propose(a_plan())
-    approvals.heard(Present(0, "ada", "boss"))
+    approvals.on_operator_input(Present(0, "ada", "boss"))
     return approvals
 
 
@@ -60,7 +60,7 @@ def test_a_plan_that_differs_in_anything_has_another_hash() -> None:
 def test_a_word_for_the_plan_proposed_counts() -> None:
     approvals = proposing()
     event = approved(approvals.plan_hash)
-    approvals.heard(event)
+    approvals.on_operator_input(event)
     assert approvals.approve(event) is None
     assert approvals.approval is not None
     assert approvals.approval.by == "ada"
@@ -105,21 +105,21 @@ def test_an_approval_lapses_with_time() -> None:
     event = approved(approvals.plan_hash)
     approvals.approve(event)
     for second in range(0, 110, 5):
-        approvals.heard(Present(second * 1_000_000, "ada", "boss"))
+        approvals.on_operator_input(Present(second * 1_000_000, "ada", "boss"))
     assert approvals.expiry_reason(100_000_000) is None
     assert approvals.expiry_reason(102_000_000) == "the approval is older than 100 s"
 
 
 def test_and_when_nobody_is_heard_at_its_station() -> None:
     approvals = proposing()
-    approvals.heard(approved(approvals.plan_hash))
+    approvals.on_operator_input(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))
-    approvals.heard(Present(14_000_000, "ada", "kitchen"))
-    approvals.heard(Present(14_000_000, "bob", "boss"))  # may approve nothing
-    approvals.heard(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
+    approvals.on_operator_input(Present(14_000_000, "ada", "kitchen"))
+    approvals.on_operator_input(Present(14_000_000, "bob", "boss"))  # may approve nothing
+    approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
     assert approvals.expiry_reason(16_000_000) is None
     assert approvals.expiry_reason(17_000_000) == "nothing heard of ada at boss for 16 s"
-    approvals.heard(Present(17_000_000, "bob", "boss", may_approve=True))
+    approvals.on_operator_input(Present(17_000_000, "bob", "boss", may_approve=True))
     assert approvals.expiry_reason(17_000_000) is None
 
 

@@ -30,7 +30,7 @@ def test_the_line_is_upwind_of_the_most_downwind_vertex_and_across_the_wind() ->
 
 
 def test_left_is_to_the_left_of_who_looks_downwind() -> None:
-    assert line_across(BOX, SOUTH, 20.0).left == pytest.approx([1.0, 0.0])
+    assert line_across(BOX, SOUTH, 20.0).left_unit == pytest.approx([1.0, 0.0])
 
 
 def test_cut_off_until_nothing_is_left() -> None:

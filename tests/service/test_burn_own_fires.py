@@ -19,7 +19,7 @@ LOW_M, SAFE_M = SETTINGS.drop_height_m, SETTINGS.safe_height_m
 def own() -> SphereFires:
     """One drop, at 100 s: it ignites at 130 s."""
     found = SphereFires(constraints_of(situation(), SETTINGS))
-    found.add(100.0, 20.0, 100.0)
+    found.add_drop(100.0, 20.0, 100.0)
     return found
 
 

@@ -77,14 +77,14 @@ def test_it_tells_its_state_twice_a_second_and_what_it_saw_at_once() -> None:
 
 def test_what_another_saw_is_on_its_map() -> None:
     agent = agent_of()
-    agent.receive(FireUpdate(1_000_000, "kite", (MIDDLE + 1, MIDDLE + 2)))
+    agent.on_message(FireUpdate(1_000_000, "kite", (MIDDLE + 1, MIDDLE + 2)))
     assert agent.maps.fire.sum() == 3
     assert agent.maps.augmentation[150, 152 + 16] > 0
 
 
 def test_cells_of_another_landscape_are_refused_in_words() -> None:
     with pytest.raises(MissionServiceError, match="same landscape"):
-        agent_of().receive(FireUpdate(1_000_000, "kite", (300 * 300,)))
+        agent_of().on_message(FireUpdate(1_000_000, "kite", (300 * 300,)))
 
 
 def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
@@ -92,9 +92,9 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
         agent = agent_of()
         agent.step(own_at(0.0, -600.0, 0.0))
         if with_other:
-            agent.receive(state_of("kite", 0.0, -320.0, 150.0))
+            agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
         if left:
-            agent.receive(Leaving(1, "kite", "fuel"))
+            agent.on_message(Leaving(1, "kite", "fuel"))
         return agent.step(own_at(0.5, -600.0, 9.0)).agent_x_m
 
     assert east_of(True, False) < east_of(False, False) - 1.0
@@ -103,7 +103,7 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
 
 def test_who_is_silent_for_ten_seconds_is_not_reckoned_with() -> None:
     agent = agent_of()
-    agent.receive(state_of("kite", 0.0, -320.0, 150.0))
+    agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
     assert len(agent.peers.rows(9_900_000)) == 1
     assert len(agent.peers.rows(10_100_000)) == 0
 
@@ -134,7 +134,9 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
 
 def test_others_go_by_where_its_virtual_agent_is_going() -> None:
     agent = agent_of()
-    agent.receive(with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0))
+    agent.on_message(
+        with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0)
+    )
     assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
     said = []
     for tick in range(40):

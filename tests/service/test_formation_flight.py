@@ -58,7 +58,7 @@ class Scripted:
         self.home_m: tuple[float, float] | None = None
         self.to_say: list[AnyMessage] = []
 
-    def receive(self, message: AnyMessage) -> None:
+    def on_message(self, message: AnyMessage) -> None:
         self.heard.append(message)
 
     def add_view(self, burning: Any, unburned: Any, at_us: int) -> None:

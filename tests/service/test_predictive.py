@@ -59,7 +59,7 @@ def believed(fire: Burn, told: bool = True) -> FrontEstimate:
     estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
         now = fire.weather.at(at_s if told else 0.0)
-        estimate.wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
+        estimate.add_wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
         estimate.advance(at_s + 60.0)
     return estimate
 
@@ -68,7 +68,7 @@ def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
     rate = ellipse_rate(0.012, 0.6)
     estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        estimate.add_view(0, 0, burned_ellipse(rate, at_s), at_s)
+        estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
     frozen = estimate.front.copy()
     estimate.advance(5400.0)
     off = np.abs(estimate.front - rate * 5400.0)
@@ -97,13 +97,11 @@ def test_two_looks_seconds_apart_teach_nothing() -> None:
     rate = ellipse_rate(0.01, 0.5)
     estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        estimate.add_view(0, 0, burned_ellipse(rate, at_s), at_s)
+        estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
     known = estimate.factors()
-    estimate.add_view(
-        0, 0, burned_ellipse(rate, 3660.0), 3605.0
-    )  # a whole cell within five seconds
+    estimate.observe(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
     assert np.abs(estimate.factors() - known).max() < 0.02
-    estimate.add_view(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
+    estimate.observe(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
     assert (estimate.factors() > 1.2 * known)[60:120].all()
 
 
@@ -113,7 +111,7 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     off, naive, before = [], [], 0.0
     for at_s in np.arange(3600.0, 9000.0, 150.0):
         window = burned_ellipse(rate, float(at_s))
-        estimate.add_view(0, 0, window, float(at_s))
+        estimate.observe(0, 0, window, float(at_s))
         off.append(estimate.speed_cells_s[90] / 0.005 - 1.0)
         cell = float(np.flatnonzero(window[100, 100:] == BURNED)[-1])
         naive.append((cell - before) / 150.0 / 0.005 - 1.0)
@@ -128,12 +126,12 @@ def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
     estimate = FrontEstimate(
         SHAPE, CENTRE, model_of(fire.landscape, fire.weather.entries[0]), np.full(360, 0.5), 0
     )
-    estimate.wind(7.0, 225.0, 0.0)
+    estimate.add_wind(7.0, 225.0, 0.0)
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
-        estimate.add_view(0, 0, window, at_s)
+        estimate.observe(0, 0, window, at_s)
     unlearned = FrontEstimate(SHAPE, CENTRE, estimate.model, estimate.front, 7200.0)
-    unlearned.wind(7.0, 225.0, 7200.0)
+    unlearned.add_wind(7.0, 225.0, 7200.0)
     for one in (estimate, unlearned):
         one.advance(END_S)
     learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (estimate, unlearned))

@@ -47,7 +47,7 @@ def exchange(maps: list[SharedMap], from_us: int, most_s: float) -> float:
         at_us = from_us + tick * TICK_US
         for message in [message for shared in maps for message in shared.messages(at_us)]:
             for shared in maps:
-                shared.receive(message)
+                shared.on_message(message)
         if all(np.array_equal(shared.stamps, maps[0].stamps) for shared in maps):
             return tick * TICK_US / S
     return math.inf
@@ -61,8 +61,8 @@ def test_what_is_seen_is_said_once_with_its_time_and_heard_by_others() -> None:
     said = one.messages(300)
     assert said == [FireUpdate(100, "one", (7, 8)), FireUpdate(200, "one", (60,))]
     assert one.messages(400) == []
-    assert [found.tolist() for found in other.receive(said[0])] == [[7, 8], []]
-    assert [found.tolist() for found in other.receive(said[0])] == [[], []]
+    assert [found.tolist() for found in other.on_message(said[0])] == [[7, 8], []]
+    assert [found.tolist() for found in other.on_message(said[0])] == [[], []]
     assert fire_of(other) == [7, 8]
     assert [found.tolist() for found in other.add_view(cells(8), cells(7), 500)] == [[], [7]]
     assert of_type(other.messages(600), FireUpdate) == [FireUpdate(500, "other", (), (7,))]
@@ -70,7 +70,7 @@ def test_what_is_seen_is_said_once_with_its_time_and_heard_by_others() -> None:
 
 def test_the_map_from_before_the_mission_is_known_and_no_news() -> None:
     shared = SharedMap("one", SHAPE)
-    shared.start(cells(3, 4), 0)
+    shared.set_initial(cells(3, 4), 0)
     assert fire_of(shared) == [3, 4]
     assert not of_type(shared.messages(0), FireUpdate)
 
@@ -88,15 +88,15 @@ def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
     ):
         shared = SharedMap("one", SHAPE)
         for message in order:
-            shared.receive(message)
+            shared.on_message(message)
         assert fire_of(shared) == expected, order
 
 
 def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> None:
     shared = SharedMap("one", SHAPE)
-    shared.start(cells(5, 6), 0)
+    shared.set_initial(cells(5, 6), 0)
     runs = ((5, 1, 10, False), (5, 1, 20, True), (6, 1, 10, False), (7, 1, 30, True))
-    on, off = shared.receive(Difference(40, "x", (*runs, (8, 1, 10, True), (8, 1, 20, False))))
+    on, off = shared.on_message(Difference(40, "x", (*runs, (8, 1, 10, True), (8, 1, 20, False))))
     assert fire_of(shared) == [5, 7]
     assert set(on.tolist()) <= {5, 7}
     assert 7 in on
@@ -107,12 +107,12 @@ def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> No
 def test_what_one_sees_itself_is_later_than_all_it_heard_whatever_the_clocks_say() -> None:
     shared = SharedMap("one", SHAPE)
     quiet(shared)
-    shared.receive(FireUpdate(9_000, "ahead", (5, 6)))
+    shared.on_message(FireUpdate(9_000, "ahead", (5, 6)))
     assert shared.add_view(NONE, cells(5), 1_000)[1].tolist() == [5]
     (said,) = shared.messages(1_000)
     other = SharedMap("other", SHAPE)
-    other.receive(FireUpdate(9_000, "ahead", (5, 6)))
-    other.receive(said)
+    other.on_message(FireUpdate(9_000, "ahead", (5, 6)))
+    other.on_message(said)
     assert fire_of(other) == fire_of(shared) == [6]
 
 
@@ -124,7 +124,7 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
         if k % 3 == 0:
             shared.add_view(some, rng.integers(0, 2000, 20), 100 * k)
         else:
-            shared.receive(
+            shared.on_message(
                 FireUpdate(100 * k - 150, "x", tuple(some[:9].tolist()), (int(some[9]),))
             )
     expected: dict[int, int] = defaultdict(int)
@@ -141,19 +141,19 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
 def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared in (one, other):
-        shared.start(np.arange(400), 0)
+        shared.set_initial(np.arange(400), 0)
     (digest,) = other.messages(0)
     quiet(one)
-    one.receive(FireUpdate(50, "x", (405,)))
-    one.receive(FireUpdate(60, "x", (), (20,)))  # of a tile of its own
-    one.receive(FireUpdate(70, "x", (433, 482)))
-    one.receive(digest)
+    one.on_message(FireUpdate(50, "x", (405,)))
+    one.on_message(FireUpdate(60, "x", (), (20,)))  # of a tile of its own
+    one.on_message(FireUpdate(70, "x", (433, 482)))
+    one.on_message(digest)
     said = [message for k in range(12) for message in one.messages(k * TICK_US)]
     runs = [run for found in of_type(said, Difference) for run in found.cells]  # type: ignore[union-attr]
     assert (405, 1, 50, True) in runs
     assert (433, 1, 70, True) in runs
     for message in said:
-        other.receive(message)
+        other.on_message(message)
     # Cell 20 has taken the place of an older one, which a sum does not show: that is asked for.
     assert exchange([one, other], 3 * S, 20.0) < 15.0
 
@@ -161,14 +161,14 @@ def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
 def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is_newer() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared, new in ((one, (400, 401, 402, 403)), (other, (405, 406, 407, 409))):
-        shared.start(np.arange(400), 0)
-        shared.receive(FireUpdate(50, "x", new))
+        shared.set_initial(np.arange(400), 0)
+        shared.on_message(FireUpdate(50, "x", new))
     said: list[MapMessage] = []
     for tick in range(24):
         for speaker, hearer in ((one, other), (other, one)):
             for message in speaker.messages(tick * TICK_US):
                 said.append(message)
-                hearer.receive(message)
+                hearer.on_message(message)
     assert np.array_equal(one.stamps, other.stamps)
     differences = [message for message in said if isinstance(message, Difference)]
     assert [message.whole for message in differences if message.whole] == [(0,)]
@@ -179,22 +179,22 @@ def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is
 def test_nobody_says_what_another_said_meanwhile() -> None:
     team = [SharedMap(f"uav{k}", SHAPE) for k in range(9)]
     for shared in team:
-        shared.start(np.arange(100), 0)
+        shared.set_initial(np.arange(100), 0)
         for k in range(40):
-            shared.receive(FireUpdate(0, f"far{k}", ()))
+            shared.on_message(FireUpdate(0, f"far{k}", ()))
     lacks, *others = team
     (digest,) = lacks.messages(0)
     quiet(*others)
     for shared in others:
-        shared.receive(FireUpdate(50, "x", (200,)))
-        shared.receive(digest)
+        shared.on_message(FireUpdate(50, "x", (200,)))
+        shared.on_message(digest)
     said = []
     for tick in range(20):
         for shared in others:
             for message in of_type(shared.messages(tick * TICK_US), Difference):
                 said.append(message)
                 for hearer in team:
-                    hearer.receive(message)
+                    hearer.on_message(message)
     assert 1 <= len(said) <= 3  # of eight
     assert fire_of(lacks) == [*range(100), 200]
 
@@ -206,10 +206,10 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
     away = np.hypot(rows - 250, cols - 250) + rng.normal(0.0, 1.0, 250_000)
     order = np.argsort(away)
     for shared in team[1:]:
-        shared.start(order[:2600], 0)
+        shared.set_initial(order[:2600], 0)
         for k in range(160):
             new = order[2600 + 5 * k : 2605 + 5 * k]
-            shared.receive(FireUpdate(6_300_000 * k, "x", tuple(new.tolist())))
+            shared.on_message(FireUpdate(6_300_000 * k, "x", tuple(new.tolist())))
     assert exchange(team[1:], 1000 * S, 10.0) < 10.0
     assert exchange(team, 1010 * S, 15.0) <= 2.0
     assert team[0].fire.sum() == 3400
@@ -223,7 +223,7 @@ def test_fire_goes_from_neighbour_to_neighbour_where_not_all_hear_all() -> None:
         for k, shared in enumerate(line):
             for message in shared.messages(tick * TICK_US):
                 for hearer in line[max(k - 1, 0) : k + 2]:
-                    hearer.receive(message)
+                    hearer.on_message(message)
         if fire_of(line[4]) == list(range(100, 110)):
             break
     assert tick < 100
@@ -240,14 +240,14 @@ def test_a_large_difference_goes_in_several_messages_bounded_in_size_and_rate() 
     shape = (300, 300)
     full, empty = SharedMap("full", shape), SharedMap("empty", shape)
     for seed in range(5):
-        full.receive(shattered(0.02, shape, seed))
+        full.on_message(shattered(0.02, shape, seed))
     sizes = defaultdict(list)
     for tick in range(400):
         at_us = tick * TICK_US
         for speaker, hearer in ((full, empty), (empty, full)):
             for message in speaker.messages(at_us):
                 sizes[at_us // S, speaker.name].append(len(msgspec.json.encode(message)))
-                hearer.receive(message)
+                hearer.on_message(message)
                 if isinstance(message, Digest):
                     assert len(message.tiles) <= 128
                 if isinstance(message, Difference):
@@ -264,9 +264,9 @@ def test_more_tiles_than_fit_a_digest_are_said_in_turns() -> None:
     shape = (300, 300)  # 361 tiles
     one, other = SharedMap("one", shape), SharedMap("other", shape)
     for shared in (one, other):
-        shared.receive(shattered(0.05, shape, 1))
+        shared.on_message(shattered(0.05, shape, 1))
     last = FireUpdate(900, "x", (89_999,))
-    one.receive(last)
+    one.on_message(last)
     assert exchange([one, other], 0, 30.0) < 20.0
 
 
@@ -296,7 +296,7 @@ def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
         if isinstance(event, int) and under_way:
             for bit in range(12):
                 if event >> bit & 1:
-                    team[bit % 4].receive(under_way[(event >> 12) * (bit + 1) % len(under_way)])
+                    team[bit % 4].on_message(under_way[(event >> 12) * (bit + 1) % len(under_way)])
             if event % 5 == 0:
                 under_way.clear()
     assert exchange(team, at_us + TICK_US, 40.0) <= 15.0
@@ -316,13 +316,13 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
     arrival_s = (np.hypot(x - 800.0, y - 800.0) - 290.0) / 0.08 + noise_s
     team = [SharedMap(f"uav{k}", grid.shape) for k in range(8)]
     for shared in team:
-        shared.start(np.flatnonzero(arrival_s <= 0.0), 0)
+        shared.set_initial(np.flatnonzero(arrival_s <= 0.0), 0)
     under_way: list[tuple[int, MapMessage]] = []
     wrong = []
     for tick in range(4 * duration_s):
         at_s, at_us = tick / 4, tick * TICK_US
         for receiver, message in under_way:
-            team[receiver].receive(message)
+            team[receiver].on_message(message)
         under_way.clear()
         for k, shared in enumerate(team):
             if (tick + k) % 4 == 0:
@@ -359,12 +359,12 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) 
     order = np.argsort(np.hypot(rows - 250, cols - 250) + rng.normal(0.0, 1.0, 250_000))
     team = [SharedMap(f"uav{k}", (500, 500)) for k in range(count)]
     for shared in team:
-        shared.start(order[:3000], 0)
+        shared.set_initial(order[:3000], 0)
     under_way: list[tuple[int, MapMessage]] = []
     said, burned = 0, 3000
     for tick in range(240):
         for receiver, message in under_way:
-            team[receiver].receive(message)
+            team[receiver].on_message(message)
         under_way.clear()
         if tick % 3 == 0:
             for k in set(rng.integers(0, count, 2).tolist()):
@@ -398,7 +398,7 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) 
 def test_what_is_not_on_the_map_is_an_error_that_says_whose_it_is(message: MapMessage) -> None:
     shared = SharedMap("one", SHAPE)
     with pytest.raises(MissionServiceError, match=r"x: .* not on the map of 40 x 50 cells"):
-        shared.receive(message)
+        shared.on_message(message)
     assert not shared.stamps.any()
 
 

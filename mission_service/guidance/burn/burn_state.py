@@ -91,14 +91,14 @@ class BurnState:
 
     # Outputs ----------------------------------------------------------------------------------
 
-    def wind(self, at_s: float) -> WindFrom:
+    def wind_from(self, at_s: float) -> WindFrom:
         """The estimated wind: speed in m/s, direction from in degrees."""
         weather = self.fire.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
 
     def wind_m_s(self, at_s: float) -> tuple[float, float]:
         """The same as a velocity on the grid: x, y."""
-        return toward(self.landscape, *self.wind(at_s))
+        return toward(self.landscape, *self.wind_from(at_s))
 
     def height_m(self, here: Here) -> float:
         """The vehicle's height above the ground."""
@@ -116,7 +116,7 @@ class BurnState:
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
-    def places(self) -> dict[str, Any]:
+    def map_shapes(self) -> dict[str, Any]:
         """The unit for display: rings (lat, lon), and circles to be kept clear."""
         unit = self.unit
         return {
@@ -190,7 +190,7 @@ class BurnState:
         return found, self._as_data(found, vehicle.name, here.at_s, begin_s)
 
     def _as_data(self, found: LinePlan, name: str, at_s: float, begin_s: float) -> IgnitionPlan:
-        wind_speed_m_s, wind_from_deg = self.wind(begin_s)
+        wind_speed_m_s, wind_from_deg = self.wind_from(begin_s)
         return IgnitionPlan(
             vehicle=name,
             line=self.line,

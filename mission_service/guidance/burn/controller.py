@@ -117,7 +117,7 @@ class BurnFlight:
 
     def told(self, event: CrewEvent) -> list[AnyCommand]:
         """What a person did or said."""
-        self.approvals.heard(event)
+        self.approvals.on_operator_input(event)
         try:
             changed = self.state.fire.take(event)
         except FireModelError as error:
@@ -206,7 +206,7 @@ class BurnFlight:
             return None
         if plan.digest != self.state.unit.digest(self.state.burn):
             return "the burn unit, its people or its settings are no longer those of the plan"
-        differs = wind_differs(plan, self.state.wind(at_s), self.state.burn)
+        differs = wind_differs(plan, self.state.wind_from(at_s), self.state.burn)
         return differs or self._danger_ahead(plan, at_s)
 
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
@@ -340,7 +340,7 @@ class BurnFlight:
             "mode": self._mode,
             "checklist": self.checklist.status(),
             "corrections": self.state.fire.log.status(),
-            **self.state.places(),
+            **self.state.map_shapes(),
         }
 
     # In the air -------------------------------------------------------------------------------

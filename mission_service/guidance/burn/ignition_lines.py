@@ -30,18 +30,18 @@ class IgnitionLine:
         return np.array([math.cos(self.toward_rad), math.sin(self.toward_rad)])
 
     @property
-    def left(self) -> Floats:
+    def left_unit(self) -> Floats:
         """Unit vector along the line, to the left when looking downwind."""
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def place(self, across_m: Floats) -> Floats:
         """Places (n, 2) on the line."""
-        found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left)
+        found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
 
     def across(self, places_m: Floats) -> Floats:
         """Distances to the left (n,) of places (n, 2)."""
-        return np.asarray(places_m @ self.left)
+        return np.asarray(places_m @ self.left_unit)
 
 
 def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> IgnitionLine:
@@ -56,12 +56,12 @@ def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
     if area.is_empty:
         return area
     corners = shapely.get_coordinates(area)
-    along, across = corners @ line.downwind, corners @ line.left
+    along, across = corners @ line.downwind, corners @ line.left_unit
     back, low, high = along.min() - 1.0, across.min() - 1.0, across.max() + 1.0
     if line.along_m <= back:
         return shapely.Polygon()
     box = np.array([[back, low], [line.along_m, low], [line.along_m, high], [back, high]])
-    upwind = shapely.Polygon(box @ np.stack([line.downwind, line.left]))
+    upwind = shapely.Polygon(box @ np.stack([line.downwind, line.left_unit]))
     return only_areas(area.intersection(upwind))
 
 
@@ -80,7 +80,7 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
     """Both ends (across) of a line within an area, gaps included; None if it is outside."""
     corners = shapely.get_coordinates(area)
-    across = corners @ line.left
+    across = corners @ line.left_unit
     ends = line.place(np.array([across.min() - 1.0, across.max() + 1.0]))
     inside = shapely.LineString(ends).intersection(area)
     if inside.length <= 0.0:

@@ -359,8 +359,8 @@ class Interlock:
         if not vehicle.fix_good:
             return f"{name}: no good position fix"
         if battery_pct is None or not battery_pct >= self._burn.least_battery_pct:
-            told = "unknown" if battery_pct is None else f"{battery_pct:g} %"
-            return f"{name}: battery {told}, at least {self._burn.least_battery_pct:g} % wanted"
+            level = "unknown" if battery_pct is None else f"{battery_pct:g} %"
+            return f"{name}: battery {level}, at least {self._burn.least_battery_pct:g} % wanted"
         if not vehicle.armed:
             return f"{name}: not armed"
         if vehicle.mode != "mission":

@@ -165,7 +165,7 @@ class SphereFires:
         self.air = air
         self.sources: Floats = np.empty((0, 3))
 
-    def add(self, x_m: float, y_m: float, dropped_s: float) -> None:
+    def add_drop(self, x_m: float, y_m: float, dropped_s: float) -> None:
         """Add a drop."""
         burns_s = dropped_s + self.air.settings.ignition_delay_s
         self.sources = np.concatenate([self.sources, [[x_m, y_m, burns_s]]])
@@ -290,7 +290,7 @@ def _flown(
             why = "battery"
             break
         flight.add_route(*found)
-        flight.own.add(x_m, y_m, at_s)
+        flight.own.add_drop(x_m, y_m, at_s)
         drops.append((x_m, y_m, at_s))
         (flight.out, out_margin_s), home_s = way_out, then_home_s
     flight.add_route(flight.out, out_margin_s)
@@ -391,7 +391,7 @@ class LineFlightBuilder:
         here = arrives[-1]
         own = SphereFires(self.air)
         own.sources = self.own.sources
-        own.add(here.x_m, here.y_m, dropped_s)
+        own.add_drop(here.x_m, here.y_m, dropped_s)
         upwind_rad = self.air.hazard.margins.toward_rad + math.pi
         before = next((place for place in arrives[::-1] if place[:2] != here[:2]), None)
         onwards_rad = upwind_rad

@@ -39,7 +39,7 @@ class ApprovalTracker:
         """Update the time of the host's clock."""
         self._host_us = event.monotonic_us
 
-    def heard(self, event: Crew) -> None:
+    def on_operator_input(self, event: Crew) -> None:
         """Count an operator's input as presence if it is an approver's at the same station."""
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:

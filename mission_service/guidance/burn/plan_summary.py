@@ -41,19 +41,19 @@ def plan_figures(plan: IgnitionPlan) -> dict[str, Any]:
 
 def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
     """A plan as text for its approver, one fact on each line."""
-    told = plan_figures(plan)
-    skipped = f"; {told['skipped']} places skipped as unsafe" if plan.skipped else ""
-    low_m, high_m = told["lowest_amsl_m"], told["highest_amsl_m"]
+    figures = plan_figures(plan)
+    skipped = f"; {figures['skipped']} places skipped as unsafe" if plan.skipped else ""
+    low_m, high_m = figures["lowest_amsl_m"], figures["highest_amsl_m"]
     margin_m = plan.distance_margin_m
     return [
         f"plan      {name}",
         f"line      {plan.line}, {plan.vehicle}: {len(plan.drops)} drops{skipped}",
         f"time      {plan.duration_s:.0f} s from mission time {_clock(plan.begin_us)}; "
         f"to be approved by {_clock(plan.valid_until_us)}",
-        f"drops at  {plan.drop_height_m:.0f} m ({told['drop_height_ft']} ft) above the ground, "
+        f"drops at  {plan.drop_height_m:.0f} m ({figures['drop_height_ft']} ft) above the ground, "
         f"{plan.speed_m_s:g} m/s ({plan.speed_m_s * 2.23694:.0f} mph)",
         f"altitude  {low_m:.0f} to {high_m:.0f} m ({in_feet(low_m)} to {in_feet(high_m)} ft) MSL; "
-        f"safe height {plan.safe_height_m:.0f} m ({told['safe_height_ft']} ft) above the ground",
+        f"safe height {plan.safe_height_m:.0f} m ({figures['safe_height_ft']} ft) above the ground",
         f"wind      {plan.wind_speed_m_s:.1f} m/s ({plan.wind_speed_m_s * 2.23694:.0f} mph) from "
         f"{plan.wind_from_deg:.0f}°",
         f"margins   fire at least {plan.least_time_margin_s:.0f} s away "
@@ -81,9 +81,9 @@ def describe_status(status: dict[str, Any]) -> list[str]:
             if approved
             else f"not approved: {known['why_not']}"
         )
-        told = f"line {known['plan']['line']}, {len(known['plan']['drops'])} drops"
+        figures = f"line {known['plan']['line']}, {len(known['plan']['drops'])} drops"
         ordered = f", {len(known['ordered'])} ordered" if known["ordered"] else ""
-        lines.append(f"plan      {known['plan_hash'][:12]}  {told}{ordered}; {state}")
+        lines.append(f"plan      {known['plan_hash'][:12]}  {figures}{ordered}; {state}")
     if not status["plans"]:
         lines.append("plan      none is proposed")
     return lines

@@ -33,7 +33,7 @@ def plan_problem(
     for leg in pairwise(places):
         while number < len(plan.drops) and _dropped_by(plan, number, leg[0].at_s - begin_s):
             x_m, y_m, after_s = plan.drops[number].tolist()
-            own.add(x_m, y_m, begin_s + after_s)
+            own.add_drop(x_m, y_m, begin_s + after_s)
             number += 1
         if leg[1].at_s <= situation.at_s:
             continue

@@ -131,8 +131,10 @@ def burn_unit_of(
         no_drop = _areas_of(burn.no_drop_file, landscape)
     fence = None if burn.fence is None else _polygon("fence", burn.fence, landscape)
     people = tuple(
-        ExclusionCircle(who.name, *landscape.xy_of_lat_lon(who.lat_deg, who.lon_deg), who.radius_m)
-        for who in burn.people
+        ExclusionCircle(
+            person.name, *landscape.xy_of_lat_lon(person.lat_deg, person.lon_deg), person.radius_m
+        )
+        for person in burn.people
     )
     unit = BurnUnit(area, no_drop, fence, people, burn.edge_m)
     check_unit(unit, None if home is None else landscape.xy_of_lat_lon(*home))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
-Point = tuple[float, float]
+Vertex = tuple[float, float]
 
 CLEAR_M = 1.0  # distance to corners where there is room
 
@@ -23,13 +23,13 @@ class VisibilityGraph:
         self._corners: Floats | None = None
         self._lengths: Floats = np.empty((0, 0))
 
-    def is_straight_clear(self, begin: Point, end: Point) -> bool:
+    def is_straight_clear(self, begin: Vertex, end: Vertex) -> bool:
         """Whether the straight line between two points is inside the area."""
         if begin == end:
             return bool(self.area.covers(shapely.Point(begin)))
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
-    def shortest_path(self, begin: Point, end: Point) -> list[Point] | None:
+    def shortest_path(self, begin: Vertex, end: Vertex) -> list[Vertex] | None:
         """Points of the shortest path, ``begin`` and ``end`` included; None without a path."""
         if self.is_straight_clear(begin, end):
             return [begin, end]
@@ -75,7 +75,7 @@ class VisibilityGraph:
                 )
         return self._corners, self._lengths
 
-    def _seen(self, place: Point, corners: Floats) -> Floats:
+    def _seen(self, place: Vertex, corners: Floats) -> Floats:
         """Distances of the corners visible from a place; infinity for the others."""
         ends = np.empty((len(corners), 2, 2))
         ends[:, 0], ends[:, 1] = place, corners

@@ -129,22 +129,22 @@ class Agent:
         self._sent_orbit_m = (math.inf, math.inf)
         self._sent_goal_m: tuple[float, float] | None = None
         self._outbox: list[AnyMessage] = []
-        self.map.start(fire, at_us)
+        self.map.set_initial(fire, at_us)
         self.maps.set(fire, NO_CELLS)
 
     # Inputs -----------------------------------------------------------------------------------
 
-    def receive(self, message: AnyMessage) -> None:
+    def on_message(self, message: AnyMessage) -> None:
         """Apply a message of another UAV."""
         match message:
             case State():
-                self.peers.receive(message)
+                self.peers.update(message)
                 self._lost_peers.update(message)
             case Leaving():
-                self.peers.forget(message.sender)
+                self.peers.remove(message.sender)
                 self._lost_peers.remove(message.sender)
             case _:
-                self.maps.set(*self.map.receive(message))
+                self.maps.set(*self.map.on_message(message))
 
     def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
         """Apply a camera view: numbers of cells that burn, and of cells that do not."""
@@ -157,7 +157,7 @@ class Agent:
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
         for state in self._lost_peers.states(own.at_us):
-            self.peers.receive(state)
+            self.peers.update(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
             self._move_agent(own, peers)

@@ -183,7 +183,7 @@ class FormationFlight:
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
         """What is not of this map is left out, and told once of each who says it."""
         try:
-            self.formation.receive(vehicle.name, message)
+            self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
             if message.sender not in self._not_understood:
                 self._not_understood.add(message.sender)

@@ -36,22 +36,22 @@ HOT_FOR_S = 1.5  # after the last look at fire straight below
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
     """Table 1 with the scenario's settings of the formation and of this vehicle."""
-    told = scenario.formation
+    shared = scenario.formation
     across_rad = math.radians(section.camera_fov_deg)
     along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(across_rad / 2.0))
     if section.camera_along_deg is not None:
         along_rad = math.radians(section.camera_along_deg)
     airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
-    height_m = told.apart_by_height_m
+    height_m = shared.apart_by_height_m
     return Settings(
         apart_by_height_m=NEVER_M if height_m is None else height_m,
-        monitoring_m=told.monitoring_m,
+        monitoring_m=shared.monitoring_m,
         altitude_agl_m=section.altitude_agl_m,
         loiter_radius_m=section.loiter_radius_m,
-        agent_speed_m_s=told.agent_speed_m_s,
-        safety_radius_m=told.safety_radius_m,
-        neighbourhood_m=told.neighbourhood_m,
-        range_m=told.range_m,
+        agent_speed_m_s=shared.agent_speed_m_s,
+        safety_radius_m=shared.safety_radius_m,
+        neighbourhood_m=shared.neighbourhood_m,
+        range_m=shared.range_m,
         camera=Camera(across_rad, along_rad),
         airframe=airframe,
     )
@@ -137,9 +137,9 @@ class Formation:
         self.burns(fire)
         turn = math.radians(landscape.grid_convergence_deg)
         self._cos, self._sin = math.cos(turn), math.sin(turn)
-        told = scenario.formation
-        self._range_m, self._near_m = told.range_m, told.neighbourhood_m
-        self._talks = told.talks
+        shared = scenario.formation
+        self._range_m, self._near_m = shared.range_m, shared.neighbourhood_m
+        self._talks = shared.talks
         self._outgoing: list[Say] = []
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
@@ -151,8 +151,8 @@ class Formation:
                     grid,
                     fire,
                     at_us,
-                    told.avoidance,
-                    told.synchronises,
+                    shared.avoidance,
+                    shared.synchronises,
                 ),
                 self,
             )
@@ -247,7 +247,7 @@ class Formation:
             member.manual_control = False
             self._send(member, Leaving(at_us, name, "flies otherwise"))
 
-    def receive(self, name: str, message: AnyMessage) -> None:
+    def deliver(self, name: str, message: AnyMessage) -> None:
         """Give a message to a vehicle's agent; states only from within range.
 
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
@@ -257,7 +257,7 @@ class Formation:
             here_m = (member.here.x_m, member.here.y_m)
             if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
                 return
-        member.agent.receive(message)
+        member.agent.on_message(message)
 
     def outgoing(self) -> list[Say]:
         """Messages for other processes since the last call."""
@@ -276,4 +276,4 @@ class Formation:
             self._outgoing.append(Say(member.agent.name, message))
         for name, other in self.members.items():
             if other is not member:
-                self.receive(name, message)
+                self.deliver(name, message)

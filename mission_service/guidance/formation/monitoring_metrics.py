@@ -52,9 +52,9 @@ class MonitoringArea:
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
         """Add the cells that burn at ``at_s`` by the true fire's arrival times (y, x)."""
-        self.add(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
+        self.add_fire(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
 
-    def add(self, cells: Cells) -> None:
+    def add_fire(self, cells: Cells) -> None:
         """Add cells that burn now. Raises MissionServiceError for a cell off the map."""
         if not len(cells):
             return

@@ -32,7 +32,7 @@ class PeerTable:
         self._rows = np.zeros((8, COLUMNS))
         self._heard_at_us = np.zeros(8, dtype=np.int64)
 
-    def receive(self, state: State) -> None:
+    def update(self, state: State) -> None:
         """Store a state, unless a later one is stored."""
         row = self._row_of.get(state.sender)
         if row is None:
@@ -56,7 +56,7 @@ class PeerTable:
             state.airspeed_m_s,
         )
 
-    def forget(self, name: str) -> None:
+    def remove(self, name: str) -> None:
         """Leave a UAV out until its next state."""
         row = self._row_of.get(name)
         if row is not None:

@@ -74,7 +74,7 @@ class SharedMap:
         self._shares: Cells = np.empty(TILE * TILE, dtype=np.int64)
         self._theirs: Cells = np.empty(tiles, dtype=np.int64)
 
-    def start(self, cells_burning: Cells, at_us: int) -> None:
+    def set_initial(self, cells_burning: Cells, at_us: int) -> None:
         """Set the map that all UAVs have before the mission; it is not sent."""
         self.add_view(cells_burning, NONE, at_us)
         self._unsent.clear()
@@ -102,7 +102,7 @@ class SharedMap:
             self._unsent.append(changed)
         return changed
 
-    def receive(self, message: MapMessage) -> tuple[Cells, Cells]:
+    def on_message(self, message: MapMessage) -> tuple[Cells, Cells]:
         """Apply a message of another UAV; returns the changed cells, as ``add_view``.
 
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
@@ -128,14 +128,14 @@ class SharedMap:
     def messages(self, at_us: int) -> list[MapMessage]:
         """The messages to send now: views since the last call, and what is due."""
         self._now_us = max(self._now_us, at_us)
-        said: list[MapMessage] = list(self._updates())
+        messages: list[MapMessage] = list(self._updates())
         if at_us >= self._difference_at_us and (self._cells_due or self._tiles_due):
-            said += self._difference(at_us)
+            messages += self._difference(at_us)
         if at_us >= self._ask_at_us and self._requests_due:
-            said += self._question(at_us)
+            messages += self._question(at_us)
         if at_us >= self._digest_at_us:
-            said.append(self._digest(at_us))
-        return said
+            messages.append(self._digest(at_us))
+        return messages
 
     def _updates(self) -> list[FireUpdate]:
         found = []

@@ -199,8 +199,8 @@ def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[
 
 
 @kernel
-def newer_cells(tile, cells, said, stamps, theirs, found):  # type: ignore[no-untyped-def]
-    """Cells of a tile with a later stamp than ``said``, or that are not in ``cells``.
+def newer_cells(tile, cells, sent, stamps, theirs, found):  # type: ignore[no-untyped-def]
+    """Cells of a tile with a later stamp than ``sent``, or that are not in ``cells``.
 
     ``theirs`` is zeros (TILE * TILE); fills ``found``, rising; returns their count.
     """
@@ -209,7 +209,7 @@ def newer_cells(tile, cells, said, stamps, theirs, found):  # type: ignore[no-un
     for i in range(cells.size):
         row, col = cells[i] // cols - top, cells[i] % cols - left
         if 0 <= row < TILE and 0 <= col < TILE:
-            theirs[row * TILE + col] = max(theirs[row * TILE + col], said[i])
+            theirs[row * TILE + col] = max(theirs[row * TILE + col], sent[i])
     count = 0
     for row in range(top, min(top + TILE, rows)):
         for col in range(left, min(left + TILE, cols)):

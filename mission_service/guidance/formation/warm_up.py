@@ -30,4 +30,4 @@ def warm_up(avoidance: Avoidance) -> None:
             for message in agent.messages(at_us):
                 for other in agents:
                     if other is not agent and not isinstance(message, FireUpdate):
-                        other.receive(message)
+                        other.on_message(message)

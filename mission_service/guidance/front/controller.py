@@ -117,7 +117,7 @@ class FrontFlight:
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        news = self._adviser.at(ring, team.fleet(ring, at_s).speed_m_s, at_s)
+        news = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
         return [] if news is None else [say(vehicle, f"team: {news[1]}", warning=news[0])]
 
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:

@@ -28,11 +28,11 @@ from mission_service.guidance.front.front_estimate_kernels import (
     BASELINE_S,
     PER_SECTOR,
     PLACES,
-    facing,
-    learn,
-    outwards,
-    spread_out,
-    watch,
+    bounds_in_window,
+    front_normals,
+    interpolate_sectors,
+    speed_along_bearings,
+    update_factors,
 )
 
 Floats = NDArray[np.float64]
@@ -145,7 +145,7 @@ class FrontEstimate:
         renewed._reset_learning()
         return renewed
 
-    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+    def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a measured wind (at 20 ft, from true north) to the mean over a quarter of an hour.
 
         A shift beyond gusts and errors of measurement is adopted within a minute or two.
@@ -185,13 +185,13 @@ class FrontEstimate:
     def factors(self) -> Floats:
         """Rate of spread over the model's, on all bearings (360)."""
         found = np.empty(BEARINGS)
-        spread_out(self.factor, found)
+        interpolate_sectors(self.factor, found)
         return found
 
     def factor_sd(self) -> Floats:
         """Standard deviation of the factor on all bearings (360)."""
         found = np.empty(BEARINGS)
-        spread_out(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
+        interpolate_sectors(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
         return found
 
     def slant(self) -> Floats:
@@ -213,7 +213,7 @@ class FrontEstimate:
             self._stretch,
             self._limit,
         )
-        count = facing(self.front, self.centre_row, self.centre_col, self._shape, *places)
+        count = front_normals(self.front, self.centre_row, self.centre_col, self._shape, *places)
         if self.model is None or self.wind_m_s is None:
             return EVEN_CELLS_S * self._stretch[:BEARINGS]
         north, east = self.wind_m_s
@@ -227,7 +227,7 @@ class FrontEstimate:
             blows_from,
         )
         rate /= self.model.landscape.cell_size_m
-        outwards(
+        speed_along_bearings(
             self._bearing[:count],
             rate,
             self._stretch[:count],
@@ -237,14 +237,14 @@ class FrontEstimate:
         )
         return self._unit
 
-    def add_view(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
+    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
         """Update the front by one camera window; returns the bearings (360) with it in view.
 
         ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
         """
         self.advance(at_s)
         burned_to, unburned_from = self._burned_to, self._unburned_from
-        watch(
+        bounds_in_window(
             window,
             row,
             col,
@@ -279,7 +279,7 @@ class FrontEstimate:
         self.burned[not_burned] = still_burned[not_burned]
         self.front[not_burned] = np.minimum(self.front[not_burned], still_burned[not_burned] + 0.5)
         burned_to, unburned_from = self._burned_to, self._unburned_from
-        watch(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
+        bounds_in_window(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
         np.maximum(self.burned, burned_to, out=self.burned)
         in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
         self.front[in_view] = burned_to[in_view]
@@ -328,7 +328,7 @@ class FrontEstimate:
         fuel = self._fuel_at(self.front)
         # An advance over two fuels is no measurement of either.
         alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
-        learn(
+        update_factors(
             due & alike,
             self.front,
             self._anchor,

@@ -30,7 +30,7 @@ SURPRISE = 3.0  # standard deviations
 
 
 @compiled
-def facing(  # type: ignore[no-untyped-def]
+def front_normals(  # type: ignore[no-untyped-def]
     front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
 ):
     """Where the front faces, and the cells from which fire comes; arrays of ``PLACES`` * 360.
@@ -79,7 +79,7 @@ def facing(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def outwards(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
+def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
     """Speed along each bearing; where the front is hollow, of the fire from the faster side.
 
     (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
@@ -91,7 +91,7 @@ def outwards(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore
 
 
 @compiled
-def spread_out(factor, found):  # type: ignore[no-untyped-def]
+def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
     """Values of sectors on all bearings, linear between the sectors' middles."""
     sectors = factor.size
     for i in range(found.size):
@@ -102,7 +102,9 @@ def spread_out(factor, found):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def watch(window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from):  # type: ignore[no-untyped-def]
+def bounds_in_window(  # type: ignore[no-untyped-def]
+    window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from
+):
     """Bounds of the front on each bearing from a window of cells (y, x).
 
     ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
@@ -132,7 +134,9 @@ def watch(window, top, left, centre_row, centre_col, north, east, burned_to, unb
 
 
 @compiled
-def learn(due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance):  # type: ignore[no-untyped-def]
+def update_factors(  # type: ignore[no-untyped-def]
+    due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance
+):
     """Kalman updates of the sectors' factors from the bearings that are due.
 
     Observed advance since the anchor = factor x modelled advance + noise.

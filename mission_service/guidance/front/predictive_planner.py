@@ -109,7 +109,7 @@ class PredictivePlanner:
                 if self.phase == "initial circle":
                     append_view(self._observations, seen)
                 return
-        self.estimate.add_view(*seen)
+        self.estimate.observe(*seen)
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
@@ -124,7 +124,7 @@ class PredictivePlanner:
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a wind measured in the air; from true north."""
-        self.estimate.wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
+        self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
         """Nothing: the planner has one vehicle."""
@@ -153,7 +153,7 @@ class PredictivePlanner:
             outer, _ = self.map.filled_outer()
             self.estimate = self.estimate.reset_around(centre, outer, self._observations[0][3])
             for seen in self._observations:
-                self.estimate.add_view(*seen)
+                self.estimate.observe(*seen)
             self._observations.clear()
 
     def _decide(self, bearing: int, at_s: float) -> Decision:

@@ -75,7 +75,9 @@ class FrontMonitor:
         """The alarm that is raised, to be sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
-    def after(self, name: str, watches: bool, presence: Mapping[str, Presence]) -> list[AnyCommand]:
+    def update(
+        self, name: str, watches: bool, presence: Mapping[str, Presence]
+    ) -> list[AnyCommand]:
         """Commands after an event of a vehicle: a part of the front left, or monitored again.
 
         ``watches``: whether the vehicle follows its planner now.

@@ -87,16 +87,16 @@ class Balanced:
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
         onward = np.concatenate([[0], np.cumsum(np.diff(place_of) % size)]) + place_of[0]
-        for who, heading in enumerate(self._heading.tolist()):
-            place = int(self._goal[who])
+        for vehicle, heading in enumerate(self._heading.tolist()):
+            place = int(self._goal[vehicle])
             before = int(onward[place])
-            self._goal[who] = before % size
-            for leg, length in enumerate(self._legs[who].tolist()):
+            self._goal[vehicle] = before % size
+            for leg, length in enumerate(self._legs[vehicle].tolist()):
                 if length >= NEVER:
                     break
                 place += heading * length
                 after = int(onward[place % old]) + size * (place // old)
-                self._legs[who, leg] = abs(after - before)
+                self._legs[vehicle, leg] = abs(after - before)
                 before, heading = after, -heading
 
     @property
@@ -173,23 +173,23 @@ class Balanced:
         nearest = np.argsort(np.minimum(away, size - away), kind="stable")
         self._sweeps = np.zeros(len(self._members), np.bool_)
         self._sweeps[nearest[: self._pattern.sweeping]] = True
-        for who in range(len(self._members)):
-            self._plan(who)
+        for vehicle in range(len(self._members)):
+            self._plan(vehicle)
 
     def _size(self) -> int:
         assert self._ring is not None
         return self._ring.step_m.size
 
-    def _plan(self, who: int, came_back: bool = False) -> None:
+    def _plan(self, vehicle: int, came_back: bool = False) -> None:
         """Set one plan to the pattern from the next cell on; ``came_back``: on the third pass."""
         size = self._size()
         first = self._pattern.first * size // PARTS
         length = self._pattern.length * size // PARTS
-        sweeps = bool(self._sweeps[who])
+        sweeps = bool(self._sweeps[vehicle])
         serves = length > 0 and sweeps == (self._pattern.sweeping > 0)
         legs = []
-        place = int(self._goal[who])
-        if self._heading[who] < 0:
+        place = int(self._goal[vehicle])
+        if self._heading[vehicle] < 0:
             back = (place - first) % size
             turn = back if serves and back <= 2 * length else 0
             legs.append(turn)
@@ -202,7 +202,7 @@ class Balanced:
         while len(legs) < LEGS:
             legs.append(pair[0])
             pair = pair[::-1]
-        self._legs[who] = legs
+        self._legs[vehicle] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
         """A vehicle has joined or left: all lap until a better pattern is found."""

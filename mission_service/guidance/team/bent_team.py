@@ -7,7 +7,7 @@ from mission_service.guidance.team.bent_region import (
     course_back,
     lifted,
 )
-from mission_service.guidance.team.negotiation import Negotiation, Share, reserved_cells
+from mission_service.guidance.team.negotiation import Negotiation, Party, reserved_cells
 from mission_service.guidance.team.regions import (
     Regions,
     equal_regions,
@@ -128,14 +128,14 @@ class RegionTeam:
                 regions = with_border_moved(regions, after, place, left=True)
         return regions
 
-    def _part(self, regions: Regions, index: int, fleet: ActiveFleet, which: int) -> Share:
+    def _part(self, regions: Regions, index: int, fleet: ActiveFleet, which: int) -> Party:
         begin, end = retained(regions, index)
         cell, cells = int(fleet.cell[which]), regions.cells
         here = lifted(cell, begin, cells)
         following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
         target = self._courses.get(regions.members[index], Course()).target
         going_to = here if target is None else lifted(target, begin, cells)
-        return Share(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
+        return Party(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:

@@ -9,7 +9,7 @@ from mission_service.guidance.team.ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class Party:
     """A vehicle's part in a negotiation; cells are lifted (see ``regions``).
 
     ``reserved`` are the first and the last of the cells that it does not give away: its own, its
@@ -35,7 +35,7 @@ class Share:
 # (ring, the vehicle left of it, it, the one right of it, time in s, exponential importance) to the
 # number of cells that it gives at the beginning and at the end of its region. Of two vehicles in
 # all, the one is left and right of the other.
-Negotiation = Callable[[FrontRing, Share, Share, Share, float, bool], tuple[int, int]]
+Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int, int]]
 
 
 def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
@@ -62,12 +62,12 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 
 
 def on_importance(
-    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
+    ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
     """4.2.1: as many cells as are worth no more than the offer, at either end."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
-    def worth(part: Share) -> float:
+    def worth(part: Party) -> float:
         return float(total(rate, visited, part.begin, part.end, at_s, exponential))
 
     alone = left is right
@@ -79,7 +79,7 @@ def on_importance(
 
 
 def on_centre(
-    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
+    ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
     """4.2.2: of all chunks within the offers, those that best centre the importance that is left.
 
@@ -104,7 +104,7 @@ def on_centre(
 
 
 def on_arrival(
-    ring: FrontRing, left: Share, own: Share, right: Share, at_s: float, exponential: bool
+    ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
     """6.1 (future work, after Ahmadi & Stone): the cells that the neighbour would reach sooner.
 

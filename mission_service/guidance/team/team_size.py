@@ -150,7 +150,7 @@ class TeamSizeAdviser:
             self._last_advice is not None and self._last_advice[0] != vehicles
         )
 
-    def at(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
+    def advise(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
         """(too few vehicles, text) if the advice has changed, else None."""
         self._next_s = at_s + ADVISE_EVERY_S
         too_few, text = team_size_advice(ring, speed_m_s, self._targets)
