@@ -37,9 +37,9 @@ from mission_service.experiments.formation_world import FormationWorld, Rules, f
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.formation.controller import FormationFlight
-from mission_service.guidance.formation.grid import grid_of
-from mission_service.guidance.formation.monitoring import MonitoringArea
-from mission_service.guidance.formation.seats import settings_of
+from mission_service.guidance.formation.map_grid import map_grid_of
+from mission_service.guidance.formation.members import settings_of
+from mission_service.guidance.formation.monitoring_metrics import MonitoringArea
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 from mission_service.interfaces.control.client import Control
@@ -84,7 +84,7 @@ class Stage:
         landscape = landscape_of(self.scenario)
         self._world = FireWorld(fire_of(self.scenario, landscape), landscape)
         self._settings = settings_of(self.scenario, self.scenario.vehicles[0])
-        grid = grid_of(landscape)
+        grid = map_grid_of(landscape)
         near_m = self._settings.augmentation_m(grid.cell_m)
         self._area = MonitoringArea(grid, near_m, self._settings.monitoring_m)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -264,7 +264,7 @@ def map_of(journal: Path) -> NDArray[np.bool_]:
         if entry.is_event:
             core.handle(entry.content)  # type: ignore[arg-type]
     assert isinstance(core.leader, FormationFlight)
-    (seat,) = core.leader.formation.seats.values()
+    (seat,) = core.leader.formation.members.values()
     return seat.agent.map.fire
 
 

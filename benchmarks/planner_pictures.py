@@ -18,10 +18,10 @@ from mission_service.experiments.predictive_flight import fly_predictive
 from mission_service.experiments.ring_flight import fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.experiments.team_fires import SPEED_M_S, uneven
-from mission_service.guidance.front.perimeter import Rule
+from mission_service.guidance.front.perimeter_planner import Rule
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.benchmarks import Bumper, Circling
-from mission_service.guidance.team.bent import LATER_PLANNERS, PLANNERS, bent_rule
+from mission_service.guidance.team.baselines import Bumper, Circling
+from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.ring import TeamRule
 
 Floats = NDArray[np.float64]
@@ -111,7 +111,7 @@ def draw_teams(folder: Path) -> None:
         flight = fly_team(history, rule(), UAVS, SPEED_M_S)
         mean, std = flight.mean_std("linear")
         title = f"{name}: mean unseen advance {mean:.1f} m (± {std:.1f} m over time)"
-        tracks = {f"UAV {seat + 1}": track for seat, track in flight.tracks.items()}
+        tracks = {f"UAV {member + 1}": track for member, track in flight.tracks.items()}
         draw(folder / f"{name.replace('.', '-')}.png", title, tracks, shown, fire.ignition)
 
 

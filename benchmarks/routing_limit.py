@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from mission_service.experiments.fires import ISLAM_HU, SCHEMES, Scheme, islam_hu_burn
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.guidance.front.following import bearing_deg
+from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.front.front_shape import ring_of_cells
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision
 
 SWEEPS = (1, 2, 3, 4, 6, 8)

@@ -16,7 +16,7 @@ from mission_service.experiments.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.experiments.team_fires import SPEED_M_S, team_fires
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import (
+from mission_service.guidance.team.bent_rules import (
     BENCHMARKS,
     IMPORTANCES,
     NEGOTIATIONS,

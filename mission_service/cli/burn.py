@@ -86,12 +86,12 @@ def burn() -> None:
 @JSON
 def status(out: Path, as_json: bool) -> None:
     """Show plan, approvals, GO list and vehicle."""
-    from mission_service.guidance.burn.figures import status_in_words
+    from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.client import Control
 
     with Control(out) as there:
         told = there.ask(do="status")["status"]
-    click.echo(json.dumps(told) if as_json else "\n".join(status_in_words(told)))
+    click.echo(json.dumps(told) if as_json else "\n".join(describe_status(told)))
 
 
 @burn.command()
@@ -102,7 +102,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 
     An approval holds only while somebody of its station is there.
     """
-    from mission_service.guidance.burn.figures import status_in_words
+    from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.client import Control
 
     with Control(out) as there:
@@ -115,7 +115,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
                     click.echo(json.dumps(told))
                 else:
                     click.clear()
-                    click.echo("\n".join([*status_in_words(told), f"{by} at {where} is there"]))
+                    click.echo("\n".join([*describe_status(told), f"{by} at {where} is there"]))
                 time.sleep(every_s)
         except KeyboardInterrupt:
             click.echo(f"{by} at {where} watches no more", err=True)
@@ -146,14 +146,14 @@ def plan(
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
     """Approve the plan HASH (at least its first 8 digits): it shows what that is, and asks."""
     from mission_service.errors import RequestError
-    from mission_service.guidance.burn.figures import plan_in_words
+    from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.client import Control
 
     with Control(out) as there:
         where = station or _only_station(there)
         told = there.ask(do="status")["status"]
         proposed, name = _proposed(told, hash_)
-        click.echo("\n".join(plan_in_words(proposed, name)), err=as_json)
+        click.echo("\n".join(describe_plan(proposed, name)), err=as_json)
         if told["open_items"]:
             items = "; ".join(told["open_items"])
             raise RequestError(f"the GO list comes first; open: {items}")

@@ -48,7 +48,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.front.controller import FrontFlight
-from mission_service.guidance.front.unwatched import FrontWatch
+from mission_service.guidance.front.unmonitored import FrontMonitor
 from mission_service.guidance.protocol import Decision, Leader
 from mission_service.guidance.registry import planners_of
 from mission_service.missions.landing import Landing
@@ -93,10 +93,10 @@ class Core:
             self.spacing = Spacing(scenario, landscape, self.steering.presence)
         elif scenario.planner.rule == FORMATION:
             from mission_service.guidance.formation.controller import FormationFlight
-            from mission_service.guidance.formation.seats import Formation
+            from mission_service.guidance.formation.members import Formation
 
             formation = Formation(scenario, landscape)
-            self.steering = Steering(scenario, landscape, formation.seats)
+            self.steering = Steering(scenario, landscape, formation.members)
             self.leader = FormationFlight(scenario, landscape, formation, self._missions)
             self.spacing = Spacing(scenario, landscape, self.steering.presence)
         else:
@@ -113,7 +113,7 @@ class Core:
             )
             for section in scenario.flown
         }
-        self._watch = FrontWatch(self.steering.planners, landscape.cell_size_m)
+        self._watch = FrontMonitor(self.steering.planners, landscape.cell_size_m)
         self._orders = CrewOrders(
             scenario, self.steering, self.vehicles, self._start, self._approvals
         )
@@ -144,13 +144,13 @@ class Core:
         if not self._along_front:
             return []
         names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
-        again = self._watch.raised() if isinstance(event, Resumed) else []
+        again = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         return [*again, *(each for name in names for each in self._watch_after(name))]
 
     def _watch_after(self, name: str) -> list[AnyCommand]:
         vehicle = self.vehicles[name]
         watches = vehicle.presence.flies and not vehicle.ordered
-        return self._watch.after(name, watches, self.steering.presence)
+        return self._watch.update(name, watches, self.steering.presence)
 
     def _withheld(self, command: AnyCommand) -> bool:
         """Whether a command must not be sent: the last check, which the callers make as well.

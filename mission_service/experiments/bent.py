@@ -15,7 +15,7 @@ from mission_service.experiments.ring_flight import fly_team
 from mission_service.experiments.ring_history import EVERY_S, RingStep, ring_history
 from mission_service.experiments.team_fires import uneven
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import (
+from mission_service.guidance.team.bent_rules import (
     BENCHMARKS,
     IMPORTANCES,
     LATER_NEGOTIATIONS,

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from mission_service.experiments.formation_fires import CELL_M
-from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, Own
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.loiter import steered, wanted_heading_rad
-from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
-from mission_service.guidance.formation.rvo import clear_heading_rad, meets_after_s
+from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
+from mission_service.guidance.formation.camera_footprint import Footprint, changed_cells, mark_seen
+from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
+from mission_service.guidance.formation.map_grid import MapGrid
+from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
+from mission_service.guidance.formation.rvo_kernels import clear_heading_rad, meets_after_s
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.sight import look, mark
 from mission_service.peer_messages import AnyMessage, State
 
 Floats = NDArray[np.float64]
@@ -206,7 +206,7 @@ class FormationWorld:
         at_us = round(self.at_s * 1e6)
         for receiver, message in self.radio.arrived(self.at_s):
             if not self._is_dead(receiver):
-                self.agents[receiver].hear(message)
+                self.agents[receiver].on_message(message)
         looks = round(LOOK_EVERY_S / TICK_S)
         before, self.intentions = self.intentions, []
         for number, agent in enumerate(self.agents):
@@ -233,13 +233,13 @@ class FormationWorld:
         elif self.at_s >= until_s and agent.home_m is not None:
             agent.come_back()
 
-    def _own(self, number: int, at_us: int) -> Own:
+    def _own(self, number: int, at_us: int) -> OwnState:
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()
         height_m, airspeed_m_s = float(self.heights_m[number]), float(self.motion[number, 1])
-        return Own(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
+        return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
-    def view(self, number: int) -> tuple[float, float, float, float, float]:
+    def view(self, number: int) -> Footprint:
         """x, y, course, half across, half along of what a camera sees now."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
@@ -249,10 +249,12 @@ class FormationWorld:
 
     def _look(self, number: int, agent: Agent, at_us: int) -> None:
         view = self.view(number)
-        mark(self.grid, *view, self.seen_s, self.at_s)
-        burning, unburned = look(self.grid, *view, self.arrival_s, self.at_s, agent.maps.fire)
+        mark_seen(self.grid, view, self.seen_s, self.at_s)
+        burning, unburned = changed_cells(
+            self.grid, view, self.arrival_s, self.at_s, agent.maps.fire
+        )
         if len(burning) or len(unburned):
-            agent.see(burning, unburned, at_us)
+            agent.add_view(burning, unburned, at_us)
 
     def _fly(self) -> None:
         """All fly on for a tick as they mean to."""
@@ -326,7 +328,7 @@ def fly_all(  # type: ignore[no-untyped-def]
 ):
     """One step of all: ``motion`` (n, 2) is heading and airspeed."""
     for k in range(headings_rad.size):
-        x_m, y_m, heading_rad, airspeed_m_s = steered(
+        x_m, y_m, heading_rad, airspeed_m_s = heading_step(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
             headings_rad[k], airspeeds_m_s[k], wind_x, wind_y, step_s, bank_rad,
         )  # fmt: skip
@@ -336,10 +338,10 @@ def fly_all(  # type: ignore[no-untyped-def]
         velocities_m_s[k, 1] = airspeed_m_s * math.sin(heading_rad) + wind_y
 
 
-def world_grid(shape: tuple[int, int]) -> Grid:
+def world_grid(shape: tuple[int, int]) -> MapGrid:
     """The paper's cells around the middle of the map."""
     rows, cols = shape
-    return Grid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
+    return MapGrid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
 
 
 def _start(number: int) -> tuple[float, float]:

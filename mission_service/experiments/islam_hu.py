@@ -19,8 +19,12 @@ from mission_service.experiments.fires import (
 )
 from mission_service.experiments.ideal_flight import Flight, fly
 from mission_service.experiments.predictive_flight import fly_predictive
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings, Rule
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.perimeter_planner import (
+    PerimeterPlanner,
+    PerimeterSettings,
+    Rule,
+)
 from mission_service.guidance.protocol import Planner
 
 ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
@@ -46,7 +50,7 @@ def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPl
         least_gain_cells=defaults.least_gain_cells,
         dwell_s=defaults.dwell_s,
         speed_cells_s=burn.speed_m_s / burn.landscape.cell_size_m,
-        path=PathSettings(horizon_cells=80.0, lead_cells=5.0),  # paths are not flown
+        path=PathSettings(horizon_cells=80.0, lookahead_cells=5.0),  # paths are not flown
     )
     centre = (float(burn.ignition[0]), float(burn.ignition[1]))
     return PerimeterPlanner(settings, burn.arrival_s.shape, centre, 0.0)

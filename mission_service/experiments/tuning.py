@@ -16,7 +16,7 @@ import numpy as np
 
 from mission_service.errors import MissionServiceError
 from mission_service.experiments.formation_scenarios import CELL_M, KINDS, PENALTY, STEP_S, fitness
-from mission_service.guidance.formation.forces import NAMES
+from mission_service.guidance.formation.virtual_forces_kernels import NAMES
 
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]

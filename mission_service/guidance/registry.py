@@ -8,19 +8,19 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.fire.setup import fire_position, weather_of
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings
-from mission_service.guidance.front.predictive import (
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner, PerimeterSettings
+from mission_service.guidance.front.predictive_planner import (
     PredictivePlanner,
     PredictiveSettings,
     model_of,
 )
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.benchmarks import Bumper, Circling
-from mission_service.guidance.team.bent import LATER_PLANNERS, PLANNERS, bent_rule
+from mission_service.guidance.team.baselines import Bumper, Circling
+from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.ring import TeamRule
-from mission_service.guidance.team.team import Flyer, Team, TeamSettings
+from mission_service.guidance.team.team import MemberPerformance, Team, TeamSettings
 
 TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
 
@@ -141,11 +141,11 @@ def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
         path=_path_settings(scenario, landscape.cell_size_m),
     )
     flyers = {
-        section.name: Flyer(section.airspeed_m_s, turn_back_s(section))
+        section.name: MemberPerformance(section.airspeed_m_s, turn_back_s(section))
         for section in scenario.vehicles
     }
     team = Team(TEAM[rule](scenario), settings, flyers, landscape.shape, centre, burns_from_s)
-    return {name: team.seat(name) for name in flyers}
+    return {name: team.member(name) for name in flyers}
 
 
 def _path_settings(scenario: Scenario, cell_m: float) -> PathSettings:

@@ -26,7 +26,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.front.controller import FrontFlight, decided
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.registry import RULES, planners_of
 from mission_service.journal.differences import compare, fields_that_differ

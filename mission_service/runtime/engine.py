@@ -62,7 +62,7 @@ from mission_service.events import (
 from mission_service.fire.simulated import FireWorld, Window
 from mission_service.fire.watched import OF_FIRE, WatchedFire
 from mission_service.guidance.burn.interlock import Interlock
-from mission_service.guidance.burn.mission import has_drop
+from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.journal.journal import Journal, command_body, event_body
 from mission_service.journal.recording import Recording
 from mission_service.journal.snapshot import Known, copied
@@ -240,7 +240,7 @@ class Service:
                 command_body(command)
                 trial._refused(command)
                 if trial._interlock is not None:
-                    trial._interlock.sent([command])
+                    trial._interlock.on_commands([command])
         except Exception as error:
             if isinstance(event, Aborted):  # the core cannot handle it
                 for name, gateway in self._gateways.items():
@@ -270,8 +270,8 @@ class Service:
         if isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
         if self._interlock is not None:
-            self._interlock.take(event)
-            self._interlock.sent(commands)
+            self._interlock.apply(event)
+            self._interlock.on_commands(commands)
 
     def go_on(
         self,
@@ -402,7 +402,7 @@ class Service:
                 self.fire.ordered(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
-                self._interlock.sent([command])
+                self._interlock.on_commands([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
 
@@ -411,7 +411,7 @@ class Service:
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:
-            self._interlock.take(event)
+            self._interlock.apply(event)
         return commands
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:

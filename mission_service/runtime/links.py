@@ -23,7 +23,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.burn.mission import return_height_m
+from mission_service.guidance.burn.plan_mission import return_height_m
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.signed import Refusals, refusal, signings
 

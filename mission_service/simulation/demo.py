@@ -18,7 +18,7 @@ from mission_service.config.sections import FORMATION, VehicleSection
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire.setup import home_of, landscape_of
 from mission_service.guidance.formation.controller import waits_at
-from mission_service.guidance.formation.seats import Formation
+from mission_service.guidance.formation.members import Formation
 from mission_service.live.daemon import Run, serve
 from mission_service.missions.approach import approach_mission
 from mission_service.missions.landing import Landing

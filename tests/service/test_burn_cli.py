@@ -75,9 +75,9 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
     made = Run(tmp_path, stations)
     for thing in GOOD:
         if isinstance(thing, Sent):
-            made.lock.sent(thing.commands)
+            made.lock.on_commands(thing.commands)
         else:
-            made.lock.take(thing)
+            made.lock.apply(thing)
     desk = Desk(
         made.tell,
         lambda: made.status(),
@@ -167,7 +167,7 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
 
 
 def test_an_open_list_comes_before_an_approval(run: Run) -> None:
-    run.lock.take(Answered(AT_US, "bob", "bravo", "weather", False))
+    run.lock.apply(Answered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *WHO, "--yes")
     assert (result.exit_code, run.told) == (1, [])
     assert "the GO list comes first; open: weather" in result.stderr
@@ -226,7 +226,7 @@ def test_the_state_in_words_and_as_json(run: Run) -> None:
         f"plan      {HASH[:12]}  line 1, 3 drops; approved by ann at alpha",
     ):
         assert words in told
-    run.lock.take(Aborted(AT_US, "bob", "bravo"))
+    run.lock.apply(Aborted(AT_US, "bob", "bravo"))
     later = run.call("status").output
     assert "GO list   2 open" in later
     assert "not approved: aborted by bob since" in later

@@ -15,7 +15,7 @@ from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.config.sections import BurnSection, PlannerSection, VehicleSection
-from mission_service.guidance.burn.mission import (
+from mission_service.guidance.burn.plan_mission import (
     BAND,
     has_drop,
     mission_items,

@@ -78,8 +78,8 @@ class Flown:
     def peers(self) -> int:
         leader = self.core.leader
         assert isinstance(leader, FormationFlight)
-        assert list(leader.formation.seats) == ["crane"]
-        return len(leader.formation.seats["crane"].agent.peers.rows(10 * S))
+        assert list(leader.formation.members) == ["crane"]
+        return len(leader.formation.members["crane"].agent.peers.rows(10 * S))
 
 
 def state_of(state: State, sender: str, north_m: float) -> State:

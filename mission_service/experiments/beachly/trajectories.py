@@ -25,7 +25,7 @@ from mission_service.events import CrewEvent, Lit
 from mission_service.fire.setup import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.guidance.burn.controller import BurnFlight
-from mission_service.guidance.burn.drops import Sphere
+from mission_service.guidance.burn.sphere_account import Sphere
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate

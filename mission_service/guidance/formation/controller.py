@@ -37,7 +37,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.formation.agent import Intention
-from mission_service.guidance.formation.seats import Formation
+from mission_service.guidance.formation.members import Formation
 from mission_service.guidance.protocol import Decision
 from mission_service.missions.orbits import (
     CLIMBS_FIRST_M,
@@ -151,37 +151,39 @@ class FormationFlight:
                 led.loiter = led.sending
             case MissionHeld() if vehicle.read_back == "unknown":
                 led.loiter = None
-            case Telemetry() if self._by_hand(vehicle, led):
+            case Telemetry() if self._is_manual(vehicle, led):
                 assert vehicle.presence.here is not None
-                self.formation.watch(vehicle.name, vehicle.presence.here)
-            case LinkLost() if led.taken_over or self.formation.seats[vehicle.name].by_hand:
-                self.formation.lost(vehicle.name)
+                self.formation.track_manual(vehicle.name, vehicle.presence.here)
+            case LinkLost() if (
+                led.taken_over or self.formation.members[vehicle.name].manual_control
+            ):
+                self.formation.on_link_lost(vehicle.name)
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
             case VehicleRebooted():
-                self.formation.not_lost(vehicle.name, event.at_us)
+                self.formation.end_tracking(vehicle.name, event.at_us)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 self._mode_changed(vehicle, led, event, at_s)
             case Contact():
                 self._in_contact = event.there
             case Heard():
-                commands += self._hear(vehicle, event.message)
+                commands += self._receive(vehicle, event.message)
             case _:
                 pass
-        return [*commands, *self.formation.said()]
+        return [*commands, *self.formation.outgoing()]
 
-    def _by_hand(self, vehicle: Vehicle, led: Led) -> bool:
+    def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
         """Whether it is in the air, and neither its agent nor its mission leads it."""
         presence = vehicle.presence
         if not presence.airborne or presence.here is None:
             return False
         return bool(vehicle.ordered) or presence.recalled or not led.leads
 
-    def _hear(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
+    def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
         """What is not of this map is left out, and told once of each who says it."""
         try:
-            self.formation.hear(vehicle.name, message)
+            self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
             if message.sender not in self._not_understood:
                 self._not_understood.add(message.sender)
@@ -204,8 +206,8 @@ class FormationFlight:
 
     def _mode_changed(self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float) -> None:
         if not event.armed:
-            self.formation.seats[vehicle.name].agent.come_back()
-            self.formation.not_lost(vehicle.name, event.at_us)
+            self.formation.members[vehicle.name].agent.come_back()
+            self.formation.end_tracking(vehicle.name, event.at_us)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return
         if event.mode == led.mode and led.leads and event.mode != "mission":
@@ -221,8 +223,8 @@ class FormationFlight:
         if not led.leads or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
             return
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
-        self.formation.seats[vehicle.name].left(at_s)
-        self.formation.not_lost(vehicle.name, event.at_us)
+        self.formation.members[vehicle.name].left(at_s)
+        self.formation.end_tracking(vehicle.name, event.at_us)
 
     def status(self) -> dict[str, Any]:
         """Nothing to tell."""
@@ -339,7 +341,7 @@ class FormationFlight:
             vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             led.goes_home_until_s = here.at_s + away_m / slow_m_s
-            self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
+            self.formation.members[vehicle.name].agent.go_home(*vehicle.home_m)
             words = "its time is nearly over: led home"
             return [say(vehicle, words), *self.lead(vehicle, here)]
         return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from mission_service.guidance.formation.agent import Agent, Avoidance, Own
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent import Agent, Avoidance, OwnState
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate
 
@@ -17,7 +17,7 @@ def warm_up(avoidance: Avoidance) -> None:
     So all that an agent does has been done once, and is compiled, or read from the disk. Columns of
     one row and of several are different to the compiler: each hears nobody first, then two.
     """
-    grid = Grid(64, 64, 10.0, 0.0, 640.0)
+    grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])
     agents = [Agent(name, Settings(), grid, fire, 0, avoidance) for name in ("one", "two", "three")]
     for step in range(1, STEPS):
@@ -25,9 +25,9 @@ def warm_up(avoidance: Avoidance) -> None:
         for number, agent in enumerate(agents):
             east_m = 100.0 + 200.0 * number
             seen = fire + step + 64 * number
-            agent.see(seen, seen + 128, at_us)
-            agent.step(Own(at_us, east_m, 20.0 + 4.0 * step, 300.0, 0.0, 17.0, 17.0, 1.0, 1.0))
+            agent.add_view(seen, seen + 128, at_us)
+            agent.step(OwnState(at_us, east_m, 20.0 + 4.0 * step, 300.0, 0.0, 17.0, 17.0, 1.0, 1.0))
             for message in agent.messages(at_us):
                 for other in agents:
                     if other is not agent and not isinstance(message, FireUpdate):
-                        other.hear(message)
+                        other.on_message(message)

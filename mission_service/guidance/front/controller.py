@@ -11,10 +11,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent
-from mission_service.guidance.front.advice import Adviser, Wishes
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision, Planner
-from mission_service.guidance.team.team import Seat
+from mission_service.guidance.team.team import TeamMember
+from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import Here
@@ -50,8 +50,8 @@ class FrontFlight:
         self._missions = missions
         self._phase = dict.fromkeys(planners, "")
         self._corrected: set[str] = set()  # those whose whole path is to be compared
-        self._adviser = Adviser(
-            Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
+        self._adviser = TeamSizeAdviser(
+            CoverageTargets(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
         )
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
@@ -111,13 +111,13 @@ class FrontFlight:
 
     def _advise(self, vehicle: Vehicle, planner: Planner, at_s: float) -> list[AnyCommand]:
         """Tell a team's user what it can keep up with, when that has changed."""
-        if not isinstance(planner, Seat):
+        if not isinstance(planner, TeamMember):
             return []
         team = planner.team
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        news = self._adviser.at(ring, team.fleet(ring, at_s).speed_m_s, at_s)
+        news = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
         return [] if news is None else [say(vehicle, f"team: {news[1]}", warning=news[0])]
 
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from mission_service.guidance.fire_map import BEARINGS
-from mission_service.guidance.front.following import bearing_deg
+from mission_service.guidance.front.cell_importance import window_importance
+from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.front.front_shape import ring_of_cells
-from mission_service.guidance.front.importance import window_importance
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.interfaces.api.states import Importance
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.picture import VehicleState

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 
 from mission_service.core.requests import Settings
 from mission_service.events import TUNED
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import answer
 from mission_service.interfaces.api.context import Api
