@@ -46,7 +46,7 @@ from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_perimeter
-from firemodel.spread.local_spread import spread_fields
+from tests.firemodel.spread_fields import spread_fields
 
 CASES = (
     *("3mph0deg7hr", "3mph60deg7hr", "3mph120deg7hr", "3mph180deg7hr"),

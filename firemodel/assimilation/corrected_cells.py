@@ -9,8 +9,7 @@ from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.marks import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.ways import Ways
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.burning import burning_from_arrival
-from firemodel.spread.fire import Burning, check_shape
+from firemodel.spread.fire import check_shape
 from firemodel.spread.front import earliest_neighbour
 
 Floats = NDArray[np.float64]
@@ -141,27 +140,11 @@ def corrected_arrival(
     return found
 
 
-def burning_corrected(
-    arrival_s: Floats,
-    landscape: Landscape,
-    marks: Floats,
-    at_s: float,
-    method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
-) -> Burning:
-    """The fire as it was at a time by the marks, for a new ``Fire`` to go on from.
-
-    Raises FireModelError if nothing had burned by then, or everything.
-    """
-    return burning_from_arrival(
-        corrected_arrival(arrival_s, landscape, marks, method), landscape, at_s
-    )
-
-
 def warm_up() -> None:
     """Compile what the first correction needs, by a small one."""
-    from firemodel.landscape.flat import flat
+    from firemodel.landscape.flat import flat_landscape
 
-    land = flat(8, 8, 30.0, 0.0, 3.0)
+    land = flat_landscape(8, 8, 30.0, 0.0, 3.0)
     row, col = np.indices(land.shape)
     arrival_s = 60.0 * np.hypot(row - 4.0, col - 4.0)
     x_m, y_m = land.xy_of(np.array([5.0, 6.0]), np.array([4.0, 4.0]))

@@ -12,14 +12,6 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-def of_sensor(x_m: float, y_m: float, at_s: float, hot: bool) -> Mark:
-    """What a thermometer says: hot, fire has come there; not hot, not yet.
-
-    A place that has been hot and cooled down says nothing more: do not ask it again.
-    """
-    return Mark(x_m, y_m, at_s, BURNED if hot else UNBURNED)
-
-
 class SeenFront:
     """Windows of a camera folded into few marks.
 

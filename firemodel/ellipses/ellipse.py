@@ -13,7 +13,7 @@ sides are equal: each a closed form, with one maximum over n (``ellipse_kernels.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -48,12 +48,14 @@ class Spread(NamedTuple):
 
 
 def spreads_of(
-    fuel: int, weather: WeatherStream, grid_convergence_deg: float = 0.0
+    fuel: int, weather: WeatherStream, grid_deg: Callable[[float], float] = float
 ) -> tuple[Spread, ...]:
     """Rothermel's rates of one fuel model on level ground, for each change of the weather.
 
     Section IV: back and flank spread as the head does without wind. The wind at 20 ft is brought
-    down to the flames as for fuel not under trees. Raises FireModelError for an unknown fuel.
+    down to the flames as for fuel not under trees. ``grid_deg`` turns a direction from true north
+    to the grid's (``Landscape.grid_deg``); by default the two are the same. Raises FireModelError
+    for an unknown fuel.
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
@@ -67,7 +69,7 @@ def spreads_of(
         still_m_s = bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
         wind_ft_min = entry.wind_speed_m_s * factor * FT_MIN_PER_M_S
         head_m_s = still_m_s * (1.0 + float(wind_factor(bed, wind_ft_min)))
-        toward_deg = 90.0 - (entry.wind_from_deg + 180.0 - grid_convergence_deg)
+        toward_deg = 90.0 - grid_deg(entry.wind_from_deg + 180.0)
         toward_rad = math.radians(toward_deg % 360.0)
         found.append(Spread(entry.at_s, head_m_s, still_m_s, still_m_s, toward_rad))
     return tuple(found)

@@ -179,6 +179,14 @@ class Landscape:
         lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
         return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
 
+    def grid_deg(self, true_deg: float) -> float:
+        """A direction clockwise from true north, clockwise from the grid's north."""
+        return true_deg - self.grid_convergence_deg
+
+    def true_deg(self, grid_deg: Any) -> Any:
+        """Directions clockwise from the grid's north, 0 to 360 clockwise from true north."""
+        return (grid_deg + self.grid_convergence_deg) % 360.0
+
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Projected x, y in metres of grid positions."""
         return (
@@ -207,6 +215,16 @@ class Landscape:
         """Projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
         lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
         return np.column_stack(self.xy_of_lat_lon(lat, lon))
+
+    def cell_of_lat_lon(self, lat_deg: float, lon_deg: float) -> tuple[int, int]:
+        """Row and column of the cell at a WGS84 place; FireModelError off the landscape."""
+        x_m, y_m = self.xy_of_lat_lon(lat_deg, lon_deg)
+        if not self.contains(x_m, y_m):
+            raise FireModelError(
+                f"ignition at lat {lat_deg}, lon {lon_deg} lies outside the landscape"
+            )
+        row, col = self.row_col_of(x_m, y_m)
+        return round(float(row)), round(float(col))
 
     def contains(self, x_m: float, y_m: float) -> bool:
         """Whether a point lies on the grid."""

@@ -16,7 +16,14 @@ SHORTEST_H = 1 / 60  # of the scale of colours, though all may burn at once
 
 
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
-    """Draw the fire alone. Times (y, x), infinity where it did not come."""
+    """Draw a fire as a PNG: hillshade, fuel, hours of arrival, isochrones, scale.
+
+    Args:
+        path: The file to write.
+        land: The landscape.
+        arrival_s: Arrival times in seconds (y, x), infinity where fire has not come.
+        title: The map's title.
+    """
     figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
     axes.set_title(title, parse_math=False)
     figure.savefig(path)

@@ -54,9 +54,9 @@ Floats = NDArray[np.float64]
 class ProbabilisticFire(Fire):
     """See the module. ``burned_out_s`` (y, x) is when each cell had burned, infinity until then.
 
-    Updates come every ``step_s`` after the start; a cell lit between two of them, or at the time of
-    one, spreads from the next one on. ``rng`` is drawn from only for what burns, in an order that
-    does not depend on how ``advance`` is cut.
+    Updates come every ``update_s`` after the start; a cell lit between two of them, or at the time
+    of one, spreads from the next one on. ``rng`` is drawn from only for what burns, in an order
+    that does not depend on how ``advance`` is cut.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class ProbabilisticFire(Fire):
         burning: Burning | None = None,
         *,
         p_spread: float,
-        step_s: float,
+        update_s: float,
         rng: np.random.Generator,
         burning_steps: int | None = None,
     ) -> None:
@@ -76,7 +76,7 @@ class ProbabilisticFire(Fire):
         Of a fire that is already there cells burn on for what is left of that, by their times of
         arrival. Raises FireModelError where nothing can burn, or for a number that cannot be.
         """
-        _check(p_spread, step_s, burning_steps)
+        _check(p_spread, update_s, burning_steps)
         self.landscape = landscape
         self.weather = weather
         self.wind_limit = False
@@ -85,7 +85,7 @@ class ProbabilisticFire(Fire):
         if burning:
             check_burning(burning, landscape)
         check_ignitions(landscape, ignitions, self.time_s)
-        self._p_spread, self._step_s, self._rng = p_spread, step_s, rng
+        self._p_spread, self._every_s, self._rng = p_spread, update_s, rng
         self._burning_steps = burning_steps or 0
         self._updates = 0
         self._can_burn = ~np.isin(landscape.fuel_model, list(NON_BURNABLE))
@@ -102,7 +102,7 @@ class ProbabilisticFire(Fire):
         burned = np.isfinite(burning.arrival_s)
         self.arrival_time_s[burned] = burning.arrival_s[burned]
         lasted = np.zeros(burned.shape, dtype=np.int64)
-        lasted[burned] = (self.time_s - burning.arrival_s[burned]) // self._step_s
+        lasted[burned] = (self.time_s - burning.arrival_s[burned]) // self._every_s
         fresh = np.pad(self._can_burn & ~burned, 1)
         goes_on = burned & self._can_burn
         if self._burning_steps:
@@ -137,7 +137,7 @@ class ProbabilisticFire(Fire):
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:
-            update_s = self._start_s + (self._updates + 1) * self._step_s
+            update_s = self._start_s + (self._updates + 1) * self._every_s
             ignition_s = self._ignitions[-1][0] if self._ignitions else math.inf
             if min(update_s, ignition_s) > to_time_s:
                 return
@@ -185,11 +185,11 @@ class ProbabilisticFire(Fire):
         return front_polygons(-ago_s, 0.0, self.landscape)
 
 
-def _check(p_spread: float, step_s: float, burning_steps: int | None) -> None:
+def _check(p_spread: float, update_s: float, burning_steps: int | None) -> None:
     if not 0.0 <= p_spread <= 1.0:
         raise FireModelError(f"p_spread = {p_spread} must be from 0 to 1")
-    if not 0.0 < step_s < math.inf:
-        raise FireModelError(f"step_s = {step_s} must be positive")
+    if not 0.0 < update_s < math.inf:
+        raise FireModelError(f"update_s = {update_s} must be positive")
     if burning_steps is not None and burning_steps < 1:
         raise FireModelError(f"burning_steps = {burning_steps} must be 1 or more, or None")
 

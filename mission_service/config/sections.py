@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from firemodel.spread.schemes import SchemeName
+
 FORMATION = "formation"  # rule: all vehicles around the fire
 BURN = "burn"  # rule: ignition lines dropped inside a burn unit
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -154,7 +156,7 @@ class FireSection(Section):
     begin with a fire of ``initial_cells``, grown from the ignitions by the same rule.
     """
 
-    scheme: Literal["anyangle", "devs8", "probabilistic"] = "anyangle"
+    scheme: SchemeName = "anyangle"
     wind_limit: bool = False
     perimeter: Path | None = None
     arrival: Path | None = None

@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
-from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.devs8 import Devs8Fire
+from firemodel.spread.schemes import SchemeName, new_fire
 from mission_service.experiments.front_walk import enclosed_s
 
 Floats = NDArray[np.float64]
-Scheme = Literal["devs8", "anyangle"]
-SCHEMES: tuple[Scheme, ...] = ("devs8", "anyangle")
+COMPARED: tuple[SchemeName, ...] = ("devs8", "anyangle")
 
 CELLS = 200
 CELL_M = 30.0
@@ -28,7 +25,7 @@ class Burn:
     """A fire from beginning to end: ``arrival_s`` (y, x) is when each cell caught fire."""
 
     name: str
-    scheme: Scheme
+    scheme: SchemeName
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]  # row, column
@@ -76,7 +73,7 @@ def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
 
 def burn(
     name: str,
-    scheme: Scheme,
+    scheme: SchemeName,
     landscape: Landscape,
     weather: WeatherStream,
     ignition: tuple[int, int],
@@ -85,8 +82,7 @@ def burn(
     deploy_s: float = HOUR_S,
 ) -> Burn:
     """Let a fire burn to its end."""
-    kind = AnyAngleFire if scheme == "anyangle" else Devs8Fire
-    fire = kind(landscape, weather, [(*ignition, 0.0)])
+    fire = new_fire(scheme, landscape, weather, [(*ignition, 0.0)])
     fire.advance(end_s)
     arrival_s = fire.arrival_time_s.copy()
     return Burn(name, scheme, landscape, weather, ignition, deploy_s, end_s, speed_m_s, arrival_s)
@@ -126,7 +122,7 @@ ISLAM_HU: dict[str, Scenario] = {
 }
 
 
-def islam_hu_burn(name: str, scheme: Scheme) -> Burn:
+def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
     """One of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
     scenario = ISLAM_HU[name]
     return burn(

@@ -54,7 +54,7 @@ def burned(p_spread: float, first_cells: int, seed: int) -> NDArray[np.float64]:
         WeatherStream((wind(0.0, 0.0, 0.0),)),
         [(ROWS // 2, COLS // 2, 0.0)],
         p_spread=p_spread,
-        step_s=UPDATE_S,
+        update_s=UPDATE_S,
         rng=np.random.default_rng(seed),
     )
     updates = 0

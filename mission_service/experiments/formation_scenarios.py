@@ -103,7 +103,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
         WeatherStream((wind(0.0, 0.0, 0.0),)),
         [(int(row), int(col), 0.0) for row, col in lit],
         p_spread=P_SPREAD,
-        step_s=1.0,
+        update_s=1.0,
         rng=rng,
     )
     least, most = kind.fire_cells

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from firemodel.spread.schemes import SchemeName
 from mission_service.config.sections import PlannerSection
 from mission_service.experiments.fires import (
+    COMPARED,
     HOUR_S,
     ISLAM_HU,
-    SCHEMES,
     Burn,
-    Scheme,
     islam_hu_burn,
 )
 from mission_service.experiments.ideal_flight import Flight, fly
@@ -70,7 +70,7 @@ def run(
     share of time north of the ignition, at alpha 1, before and after the fire changes.
     """
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
-    cases = list(product(names, SCHEMES))
+    cases = list(product(names, COMPARED))
     with ProcessPoolExecutor(2) as pool:
         parts = pool.map(on_one_fire, *zip(*cases, strict=True), [out] * len(cases))
         for number, ((name, scheme), part) in enumerate(zip(cases, parts, strict=True), 1):
@@ -80,7 +80,7 @@ def run(
     return found
 
 
-def on_one_fire(name: str, scheme: Scheme, out: Path | None) -> dict[str, list[dict[str, Any]]]:
+def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, list[dict[str, Any]]]:
     """All flights over one fire."""
     burn = islam_hu_burn(name, scheme)
     which = {"scenario": name, "scheme": scheme}
@@ -152,7 +152,7 @@ def _reversals(found: dict[str, Any]) -> str:
     for name, scheme in _fires(found):
         counts = [row["reversals"] for row in _of(found["alpha_sweep"], name, scheme)]
         lines.append(f"  {name:16}{scheme:10}" + "".join(f"{count:9}" for count in counts))
-        if name in PAPER_REVERSALS and scheme == SCHEMES[-1]:
+        if name in PAPER_REVERSALS and scheme == COMPARED[-1]:
             printed = "".join(f"{count:9}" for count in PAPER_REVERSALS[name])
             lines.append(f"  {'':16}{'paper':10}{printed}")
     return "\n".join(lines)
@@ -176,7 +176,7 @@ def _errors(found: dict[str, Any]) -> str:
             f"  {name:16}{scheme:10}{_beside_circling(worst, planners)}   "
             + "".join(f"{row['mean_mean_cells']:11.2f}" for row in rows)
         )
-        if name in PAPER_MEAN_MAX_CELLS and scheme == SCHEMES[-1]:
+        if name in PAPER_MEAN_MAX_CELLS and scheme == COMPARED[-1]:
             printed = _beside_circling(PAPER_MEAN_MAX_CELLS[name], planners)
             lines.append(f"  {'':16}{'paper':10}{printed}".rstrip())
     return "\n".join(lines)

@@ -8,7 +8,8 @@ from scipy.ndimage import gaussian_filter
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, Scheme, burn, wind
+from firemodel.spread.schemes import SchemeName
+from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, burn, wind
 from mission_service.experiments.ideal_flight import fly
 from mission_service.experiments.islam_hu import perimeter_planner
 from mission_service.experiments.predictive_flight import fly_predictive
@@ -26,7 +27,7 @@ def random_fire(seed: int) -> Burn:
     Drawn again until it is neither out at deployment nor over the edge at the end.
     """
     rng = np.random.default_rng(seed)
-    scheme: Scheme = "devs8" if seed % 2 == 0 else "anyangle"
+    scheme: SchemeName = "devs8" if seed % 2 == 0 else "anyangle"
     while True:
         landscape, weather = _landscape(rng), _weather(rng)
         ignition = (int(rng.integers(80, 121)), int(rng.integers(80, 121)))

@@ -87,8 +87,8 @@ class BelievedFire:
         """The fire of some sources (n, 3) x, y, at_s alone."""
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
-            convergence_deg = self._landscape.grid_convergence_deg
-            self._spreads = spreads_of(self._burn.fuel_model, stream, convergence_deg)
+            fuel = self._burn.fuel_model
+            self._spreads = spreads_of(fuel, stream, self._landscape.grid_deg)
         return EllipseFire(self._spreads, sources)
 
     def _corrected(self, base: EllipseFire) -> Simulation:
@@ -190,5 +190,5 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
     """A wind from true north as a velocity on the grid: x, y in m/s."""
-    from_rad = math.radians(from_deg - landscape.grid_convergence_deg)
+    from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

@@ -158,7 +158,7 @@ class FireWorld:
         if camera.along_deg is None:
             beyond = rows * rows + cols * cols > radius * radius
         else:
-            heading_deg = telemetry.heading_deg - land.grid_convergence_deg
+            heading_deg = land.grid_deg(telemetry.heading_deg)
             beyond = beyond_rectangle(rows, cols, heading_deg, half_width, half_length)
         codes[beyond] = ord(".")
         return Observed(telemetry.at_us, telemetry.vehicle, top, left, in_letters(codes))

@@ -65,13 +65,9 @@ def _grid_around(
     return bearing, distance, spans
 
 
-def front_in_window(window: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Burned cells that have an unburned cell beside them (4 neighbours) in the same window."""
-    return np.asarray(_front_in_window(window))
-
-
 @compiled
-def _front_in_window(window):  # type: ignore[no-untyped-def]
+def front_in_window(window):  # type: ignore[no-untyped-def]
+    """Burned cells that have an unburned cell beside them (4 neighbours) in the same window."""
     rows, cols = window.shape
     front = np.zeros((rows, cols), dtype=np.bool_)
     for row in range(rows):
@@ -227,7 +223,7 @@ def fill_circular(values: Floats) -> Floats:
 @compiled
 def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
     """Distance of the front on each bearing and whether it is in view; ``burned`` is brought up."""
-    front = _front_in_window(window)
+    front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
     beside = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
     for row in range(window.shape[0]):

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.corrected_cells import (
     ArrivalRaster,
-    burning_corrected,
     corrected_arrival,
     warm_up,
 )
@@ -15,6 +14,7 @@ from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival
 from tests.firemodel.grids import CELL_M, landscape, steady
 
 Floats = NDArray[np.float64]
@@ -54,11 +54,12 @@ def off(found: AnyAngleFire, at_s: float) -> float:
 def test_a_fire_in_the_wrong_wind_is_nearer_to_the_truth_now_and_later(method: str) -> None:
     marks = marks_on(TRUTH, MARKED_S)
     if method == "gaussian":
-        burning = burning_corrected(MODEL.arrival_time_s, LAND, marks, MARKED_S)
+        arrival_s = corrected_arrival(MODEL.arrival_time_s, LAND, marks)
     else:
-        burning = burning_corrected(
-            MODEL.arrival_time_s, LAND, marks, MARKED_S, lambda f, m: PaperCorrected(f, m, 60.0)
+        arrival_s = corrected_arrival(
+            MODEL.arrival_time_s, LAND, marks, lambda f, m: PaperCorrected(f, m, 60.0)
         )
+    burning = burning_from_arrival(arrival_s, LAND, MARKED_S)
     going_on = AnyAngleFire(LAND, MODEL.weather, [], burning)
     assert off(going_on, MARKED_S) < (0.25 if method == "gaussian" else 0.5) * off(MODEL, MARKED_S)
     going_on.advance(LATER_S)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.assimilation.seen import SeenFront, of_sensor
+from firemodel.assimilation.seen import SeenFront
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
 from tests.firemodel.grids import CELL_M, landscape
@@ -73,8 +73,3 @@ def test_an_empty_window_or_one_outside_is_nothing() -> None:
     seen.fold(0, 0, (), 5.0, MODEL)
     seen.fold(0, 0, ("...", "..."), 5.0, MODEL)
     assert seen.marks().shape == (0, 4)
-
-
-def test_a_sensor_says_whether_fire_has_come() -> None:
-    assert of_sensor(1.0, 2.0, 60.0, True) == (1.0, 2.0, 60.0, BURNED)
-    assert of_sensor(1.0, 2.0, 60.0, False) == (1.0, 2.0, 60.0, UNBURNED)

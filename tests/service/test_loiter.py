@@ -72,12 +72,23 @@ def test_speed_changes_take_time() -> None:
     assert states[-1, 3] == pytest.approx(25.0)
 
 
+def literal_course_rad(
+    x_m: float, y_m: float, course_rad: float, agent: tuple[float, float], radius_m: float,
+    turn_rad: float,
+) -> float:  # fmt: skip
+    """Eqs. 14 and 15 to the letter: turn on until the agent is on the right side, then eq. 15."""
+    sense = loiter.sense_of(radius_m)
+    if sense * loiter.side_of_agent_m(x_m, y_m, course_rad, *agent) <= 0.0:
+        return float(course_rad - sense * turn_rad)
+    return float(loiter.wanted_course_rad(x_m, y_m, *agent, radius_m))
+
+
 def test_to_the_letter_an_agent_on_the_wrong_side_is_turned_to_first() -> None:
-    literal = loiter.literal_course_rad
-    assert literal(0.0, 0.0, 0.0, 500.0, -1.0, -150.0, 0.1) == pytest.approx(-0.1)
-    assert literal(0.0, 0.0, 0.0, 500.0, 1.0, 150.0, 0.1) == pytest.approx(0.1)
+    literal = literal_course_rad
+    assert literal(0.0, 0.0, 0.0, (500.0, -1.0), -150.0, 0.1) == pytest.approx(-0.1)
+    assert literal(0.0, 0.0, 0.0, (500.0, 1.0), 150.0, 0.1) == pytest.approx(0.1)
     wanted_rad = loiter.wanted_course_rad(0.0, 0.0, 500.0, 1.0, -150.0)
-    assert literal(0.0, 0.0, 0.0, 500.0, 1.0, -150.0, 0.1) == wanted_rad
+    assert literal(0.0, 0.0, 0.0, (500.0, 1.0), -150.0, 0.1) == wanted_rad
 
 
 def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_ever() -> None:
@@ -88,7 +99,7 @@ def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_eve
     literal = start
     turn_rad = loiter.most_turn_rad(17.5, BANK, STEP_S)
     for _ in range(1000):
-        course_rad = loiter.literal_course_rad(*literal[:3], 0.0, -30.0, -150.0, turn_rad)
+        course_rad = literal_course_rad(*literal[:3], (0.0, -30.0), -150.0, turn_rad)
         literal = loiter.steered(*literal, course_rad, 17.5, 0.0, 0.0, STEP_S, BANK)
         assert math.hypot(literal[0], literal[1] + 30.0) < 75.0
 

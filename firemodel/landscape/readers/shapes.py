@@ -27,11 +27,19 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
     """The geometries of a file's features, in its order, in the landscape's CRS and without z.
 
     GeoJSON, KML, KMZ, Shapefile (zipped or not) and what else GDAL reads. GeoJSON is longitude and
-    latitude (RFC 7946) unless it has a ``crs`` member, as older files do. ``crs`` is that of files
-    which have none.
+    latitude (RFC 7946) unless it has a ``crs`` member, as older files do.
 
-    Raises FireModelError naming file and feature (from 1): no CRS or one not known, no features,
-    or one that is empty, not valid, or nowhere on the landscape.
+    Args:
+        path: The file.
+        landscape: Its CRS is that of the result, and each feature must touch its grid.
+        crs: The CRS of files that have none.
+
+    Returns:
+        A shapely geometry for each feature.
+
+    Raises:
+        FireModelError: No CRS or an unknown one, no features, or a feature that is empty, invalid
+            or off the landscape; the message names file and feature (from 1).
     """
     shapes, found = features_of(path)
     refuse(crs_problems(path, found, crs))

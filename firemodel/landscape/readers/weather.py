@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firemodel.errors import FireModelError
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
-from firemodel.physics.weather import WIND_10M_OVER_20FT, Weather, WeatherStream
+from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
 
 Floats = NDArray[np.float64]
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
@@ -39,7 +39,9 @@ COLUMNS = (
         for unit, m_s in SPEEDS_M_S.items()
     }
     | {
-        f"wind_10m_{unit}": Column("wind_speed_m_s", 0.0, 100.0 / m_s, m_s / WIND_10M_OVER_20FT)
+        f"wind_10m_{unit}": Column(
+            "wind_speed_m_s", 0.0, 100.0 / m_s, float(wind_20ft_from_10m(m_s))
+        )
         for unit, m_s in SPEEDS_M_S.items()
     }
     | {
@@ -70,21 +72,27 @@ def read_weather(
 ) -> WeatherStream:
     """Read a .raws, .wxs or .csv file; each record holds from its time until the next.
 
-    ``start`` is the stream's 0 s, by default the first record's time; the file must span it, and
-    what is past by then is left out. .raws and .wxs have times without a UTC offset, so ``start``
-    has none either; their RAWS_UNITS line is ENGLISH (°F, inches, wind 20 ft above the vegetation
-    in mph) or METRIC (°C, mm, wind at 10 m in km/h).
+    .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH (°F, inches,
+    wind 20 ft above the vegetation in mph) or METRIC (°C, mm, wind at 10 m in km/h).
 
     CSV has one header line that names the columns, in any order: ``time`` (ISO 8601) or ``at_s``
     (then without ``start``); a wind speed, ``wind_speed_`` (20 ft) or ``wind_10m_`` with ``m_s``,
     ``mph`` or ``kmh``; ``wind_from_deg`` or ``wind_toward_deg``, clockwise from north; and, where
     wanted, the rest of ``COLUMNS``. Rain falls between a record and the next.
 
-    Fuel moistures are the file's columns; those it has not are ``moisture``, at all times. With
-    ``conditioned`` the dead ones follow temperature, humidity and rain (``physics/moisture.py``)
-    from ``moisture`` at the file's first record on.
+    Args:
+        path: The file.
+        start: The stream's 0 s, by default the first record's time. The file must span it; earlier
+            records are left out. Without a UTC offset for .raws and .wxs.
+        moisture: Fuel moistures (fractions) that the file has no columns for.
+        conditioned: The dead moistures follow temperature, humidity and rain from ``moisture`` at
+            the file's first record on (``physics/moisture.py``).
 
-    Raises FireModelError naming file, line, field and value.
+    Returns:
+        The weather, wind at 20 ft in m/s.
+
+    Raises:
+        FireModelError: The file cannot be used; the message names file, line, field and value.
     """
     rows = _csv_rows(path) if path.suffix.lower() == ".csv" else _raws_rows(path)
     if not rows:

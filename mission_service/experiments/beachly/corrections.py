@@ -188,15 +188,3 @@ def _rows(one: Study) -> list[dict[str, Any]]:
         }
         for method, errors in one.errors_m.items()
     ]
-
-
-def improvements(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """By method, the share of the mean error that its corrections took away on random fires."""
-    found = {}
-    for method in METHODS:
-        of_it = [
-            row for row in rows if row["method"] == method and row["truth"].startswith("random")
-        ]
-        left = sum(row["mean_error_m"] for row in of_it)
-        found[method] = 1.0 - left / sum(row["mean_error_uncorrected_m"] for row in of_it)
-    return found

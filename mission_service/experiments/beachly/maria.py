@@ -95,7 +95,7 @@ def case_of(perimeters: list[Perimeter]) -> Case:
     points = cells_of(grid)
     first = perimeters[0]
     outline = shapely.get_coordinates(shapely.segmentize(first.area.boundary, SOURCE_M))
-    spreads = spreads_of(FUEL, WeatherStream([first.weather]), grid.grid_convergence_deg)
+    spreads = spreads_of(FUEL, WeatherStream([first.weather]), grid.grid_deg)
     model = EllipseFire(spreads, np.column_stack([outline, np.zeros(len(outline))]))
     inside = shapely.contains_xy(first.area, points[:, 0], points[:, 1]).reshape(grid.shape)
     return Case(

@@ -164,9 +164,9 @@ def _misset(
         told.dead_1h_pct,
         told.live_herb_pct,
     )
-    stream, turn_deg = WeatherStream([wrong]), landscape.grid_convergence_deg
+    stream = WeatherStream([wrong])
     choice = sorted(
-        (spreads_of(int(code), stream, turn_deg)[0] for code in fuels),
+        (spreads_of(int(code), stream, landscape.grid_deg)[0] for code in fuels),
         key=lambda spread: spread.head_m_s,
     )
     found = choice[len(choice) // 2]

@@ -182,12 +182,6 @@ class Hazard:
         _sample_margins(*self._raster(), x_m, y_m, at_s, spacing_m / 2.0, found)
         return found
 
-    def in_danger(
-        self, x_m: Floats, y_m: Floats, at_s: Floats, spacing_m: float = 0.0
-    ) -> NDArray[np.bool_]:
-        """Whether each sample (n,) is in danger."""
-        return self.margins_s(x_m, y_m, at_s, spacing_m) < self.margins.time_s
-
 
 def cell_for(box: Box, margins: Margins) -> float:
     """The size of cells for what can be reached in a box, by the budget of nodes.

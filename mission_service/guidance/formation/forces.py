@@ -32,11 +32,6 @@ def as_array(constants: Constants) -> NDArray[np.float64]:
     return np.array([getattr(constants, name) for name in NAMES], dtype=np.float64)
 
 
-def from_array(values: NDArray[np.float64]) -> Constants:
-    """What ``as_array`` was made from."""
-    return Constants(**dict(zip(NAMES, map(float, values), strict=True)))
-
-
 def tie_rad(number: int) -> float:
     """A direction for vehicle ``number`` unlike that of all others (the golden angle)."""
     return number * 2.399963229728653 % (2.0 * math.pi)

@@ -7,10 +7,10 @@ What is steered is the course over the ground; in wind the heading crabs. The la
 the vehicle comes to at the end of the step, not where it is, so that the circle flown has the
 radius asked for.
 
-Eq. 14 (turn right, anticlockwise, until the agent is on the left) is here to the letter, but eq. 15
-leads there by itself, and the rule does harm: a vehicle that has its agent inside its own turning
-circle turns for ever. In its place, who has to turn about does it the way of the orbit: nobody
-wavers between left and right, and others can tell the path.
+Eq. 14 (turn right, anticlockwise, until the agent is on the left) is left out: eq. 15 leads there
+by itself, and by eq. 14 a vehicle whose agent is inside its own turning circle turns for ever.
+Instead, a vehicle that has to turn about turns the way of its orbit: it does not waver between left
+and right, and others can predict its path.
 """
 
 import math
@@ -47,20 +47,6 @@ def wanted_course_rad(  # type: ignore[no-untyped-def]
     distance_m = math.hypot(x_m - agent_x_m, y_m - agent_y_m)
     sense = sense_of(radius_m)
     return polar_rad + sense * 2.0 * math.atan(distance_m / abs(radius_m))
-
-
-@kernel
-def literal_course_rad(  # type: ignore[no-untyped-def]
-    x_m, y_m, course_rad, agent_x_m, agent_y_m, radius_m, turn_rad
-):
-    """Eqs. 14 and 15 to the letter: turn on until the agent is on the right side, then eq. 15.
-
-    Anticlockwise that is to the right until it is on the left. Nothing here flies by it, see above.
-    """
-    sense = sense_of(radius_m)
-    if sense * side_of_agent_m(x_m, y_m, course_rad, agent_x_m, agent_y_m) <= 0.0:
-        return course_rad - sense * turn_rad
-    return wanted_course_rad(x_m, y_m, agent_x_m, agent_y_m, radius_m)
 
 
 @kernel

@@ -16,11 +16,10 @@ PARTS = 64  # of the ring: where arcs may begin and end
 
 
 class Split(NamedTuple):
-    """Who does what; the arc in metres along the ring from its first cell."""
+    """How many vehicles lap and how many sweep an arc of ``arc_m`` metres of the ring."""
 
     lapping: int
     sweeping: int
-    arc_from_m: float
     arc_m: float
     worst_advance_m: float  # that the front makes unseen anywhere
 
@@ -41,28 +40,14 @@ def _at_least(number: float) -> int:
     return max(1, math.ceil(number - 1e-9))
 
 
-def mixed_worst(hot_share: float, hot_weight: float, vehicles: int, sweeping: int) -> float:
-    """Worst weighted age, in L/v of the cold part: max(2 w h / k, 1 / (n - k)); w / n if k is 0.
-
-    A hot arc is ``hot_share`` of the ring and ``hot_weight`` times as fast as the rest. With
-    ``sweeping`` = ``vehicles`` the rest is never seen: infinite.
-    """
-    if sweeping == 0:
-        return hot_weight / vehicles
-    if sweeping == vehicles:
-        return math.inf
-    return max(2.0 * hot_weight * hot_share / sweeping, 1.0 / (vehicles - sweeping))
-
-
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
     """The split and the arc that keep the worst advance least, from the measured spread.
 
     Arrays (n) of a ring. All lap unless sweeping is better; of equal ones the fewest sweep.
     """
     length_m = float(step_m.sum())
-    best = Split(
-        vehicles, 0, 0.0, 0.0, float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
-    )
+    lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
+    best = Split(vehicles, 0, 0.0, lapping_m)
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
     parts = min(PARTS, step_m.size)
     edges = np.arange(parts + 1) * step_m.size // parts
@@ -82,7 +67,6 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
                 best = Split(
                     vehicles - sweeping,
                     sweeping,
-                    float(along_m[edges[first]]),
                     float(arc_m[at]),
                     float(worst[at]),
                 )
