@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from firemodel.physics.weather import WeatherStream
+from mission_service.experiments.boundary_following import FrontWalk
 from mission_service.experiments.fires import CELL_M, HOUR_S, Burn, flat, wind
-from mission_service.experiments.front_walk import FrontWalk
-from mission_service.experiments.ideal_flight import look
-from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.experiments.predictive_flight import predictive_planner
+from mission_service.experiments.islam_hu.ideal_flight import look
+from mission_service.experiments.islam_hu.predictive_flight import predictive_planner
+from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent import LATER_PLANNERS, bent_rule

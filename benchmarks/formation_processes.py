@@ -33,7 +33,7 @@ from benchmarks.link_shared import free_ports
 from benchmarks.mosquitto import Mosquitto
 from mission_service.config.scenario import SHIPPED, Scenario, load_scenario, parse_scenario
 from mission_service.core.core import Core
-from mission_service.experiments.formation_world import FormationWorld, Rules, fly
+from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules, fly
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.formation.controller import FormationFlight

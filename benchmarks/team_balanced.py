@@ -12,9 +12,9 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import Any, NamedTuple
 
-from mission_service.experiments.ring_flight import TeamFlight, fly_team
-from mission_service.experiments.ring_history import RingStep, ring_history
-from mission_service.experiments.team_fires import SPEED_M_S, team_fires
+from mission_service.experiments.bent.ring_flight import TeamFlight, fly_team
+from mission_service.experiments.bent.ring_history import RingStep, ring_history
+from mission_service.experiments.bent.scenarios import SPEED_M_S, team_fires
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent import (
     BENCHMARKS,

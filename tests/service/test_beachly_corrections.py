@@ -10,6 +10,7 @@ from firemodel.ellipses.marks import BURNED, BURNING
 from mission_service.experiments.beachly import corrections as study
 from mission_service.experiments.beachly import maria
 from mission_service.experiments.beachly.participants import front_error_m, front_points
+from mission_service.experiments.beachly.run import run_corrections
 from mission_service.experiments.beachly.truth import random_burn, unit_box
 from tests.firemodel.shared import shared_file
 
@@ -19,7 +20,7 @@ SEEDS = (1007, 1018)  # not those that are reported
 def test_two_fires_are_corrected_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(maria, "folder", lambda: None)
     said: list[str] = []
-    rows = study.run(tmp_path, said.append, SEEDS, participants=1)
+    rows = run_corrections(tmp_path, said.append, SEEDS, participants=1)
     assert [(row["truth"], row["method"]) for row in rows] == [
         (f"random {seed}", method) for seed in SEEDS for method in ("paper", "gaussian")
     ]

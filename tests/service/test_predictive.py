@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
-from mission_service.experiments.ideal_flight import fly
-from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.experiments.measured_wind import MeasuredWind
-from mission_service.experiments.predictive_flight import fly_predictive, predictive_planner
-from mission_service.experiments.random_fires import mean_max_errors
+from mission_service.experiments.islam_hu.ideal_flight import fly
+from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
+from mission_service.experiments.islam_hu.predictive_flight import (
+    fly_predictive,
+    predictive_planner,
+)
+from mission_service.experiments.islam_hu.random_fires import mean_max_errors
+from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
 from mission_service.guidance.front.belief import Belief
 from mission_service.guidance.front.front_shape import hull_of

@@ -12,7 +12,6 @@ paper's 24.8 m. Fires 100 to 119 were not looked at before.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +35,6 @@ from mission_service.experiments.beachly.truth import (
     END_S,
     MINUTE_S,
     Burn,
-    random_burn,
     unit_box,
 )
 
@@ -77,28 +75,6 @@ class Study(NamedTuple):
     marks: Floats
     uncorrected_m: Floats
     errors_m: dict[str, Floats]  # by method, at each time
-
-
-def run(
-    out: Path | None,
-    progress: Callable[[str], None] = lambda text: None,
-    fires: tuple[int, ...] = FIRES,
-    participants: int = PARTICIPANTS,
-) -> list[dict[str, Any]]:
-    """All fires and, where its data is, Maria; with ``out`` the figures are drawn there."""
-    from mission_service.experiments.beachly.maria import maria_rows
-
-    studies: list[Study] = []
-    for number, seed in enumerate(fires, 1):
-        studies += study(random_burn(seed), participants)
-        progress(f"corrections of fire {number} of {len(fires)}")
-    rows = [row for one in studies for row in _rows(one)]
-    rows += maria_rows(progress)
-    if out:
-        from mission_service.experiments.beachly.correction_figures import draw
-
-        draw(out, studies)
-    return rows
 
 
 def study(burn: Burn, participants: int) -> list[Study]:
@@ -174,7 +150,8 @@ def in_period(at_s: Floats) -> NDArray[np.bool_]:
     return np.asarray(at_s <= WATCHING.begins_s[1] + WATCHING.segment_s)
 
 
-def _rows(one: Study) -> list[dict[str, Any]]:
+def rows_of(one: Study) -> list[dict[str, Any]]:
+    """A row for each method."""
     period = in_period(one.case.at_s)
     return [
         {

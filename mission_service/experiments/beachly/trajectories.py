@@ -7,7 +7,6 @@ edge. 4: as 3, but the planner hears of the second front in mid-flight.
 
 import math
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -192,17 +191,3 @@ def row_of(flown: Flown) -> dict[str, Any]:
         "lines": len(lines),
         "farthest_off_its_place_m": round(max((s.miss_m for s in flown.spheres), default=0.0), 2),
     }
-
-
-def run(out: Path | None, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """All four; with ``out`` the pictures of figs. 6 and 7 are drawn there."""
-    rows = []
-    for number in (1, 2, 3, 4):
-        flown = fly(number, out)
-        progress(f"scenario {number}: {len(flown.spheres)} drops")
-        rows.append(row_of(flown))
-        if out is not None:
-            from mission_service.experiments.beachly.figures import draw_trajectory
-
-            draw_trajectory(out / f"scenario-{number}.png", flown)
-    return rows

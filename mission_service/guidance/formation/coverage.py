@@ -2,8 +2,8 @@
 
 What an agent adds, the weight in its circle that no other covers, is its part of a potential that
 all share, the weight they cover together. So whoever gains lets all gain, and they come to rest,
-which measured is within 3 % of the best placement (``experiments/static_placement.py``). Forces
-stop wherever they cancel: between the fire's centre and a neighbour.
+which measured is within 3 % of the best placement (``virtual_agents/static_placement.py`` of the
+experiments). Forces stop wherever they cancel: between the fire's centre and a neighbour.
 
 An agent weighs all places in its area, on a lattice, with the way there: around the augmented
 fire, never through. It moves only for what is worth it (``WORTH``) or when the fire comes, so that

@@ -10,9 +10,9 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.schemes import SchemeName
 from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, burn, wind
-from mission_service.experiments.ideal_flight import fly
-from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.experiments.predictive_flight import fly_predictive
+from mission_service.experiments.islam_hu.ideal_flight import fly
+from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
+from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 
 END_S = 4 * HOUR_S
 FUELS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)

@@ -2,21 +2,18 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mission_service.experiments.bent_tables import averages, name_of
-
-if TYPE_CHECKING:
-    from mission_service.experiments.bent import Run
+from mission_service.experiments.bent.scenarios import Run
+from mission_service.experiments.bent.tables import averages, name_of
 
 HOUR_S = 3600.0
 BENCHMARK_COLOUR, IMPORTANCE_COLOUR, CENTRE_COLOUR = "0.55", "tab:blue", "tab:orange"
 UNIT = {"linear": "m", "exponential": "s$^{1 + \\mathrm{ROS}}$"}
 
 
-def draw(out: Path, runs: "Sequence[Run]", single: "Sequence[Run]", every_s: float) -> None:
+def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) -> None:
     """All three as PNG; ``single`` are the runs of one vehicle for figure 5.3."""
     draw_combinations(out / "bent_5_1.png", "5.1", runs, "linear")
     draw_combinations(out / "bent_5_2.png", "5.2", runs, "exponential")
@@ -28,7 +25,7 @@ def draw(out: Path, runs: "Sequence[Run]", single: "Sequence[Run]", every_s: flo
     draw_team_sizes(out / "bent_5_3.png", sorted(shown, key=lambda run: run.case.uavs), every_s)
 
 
-def draw_combinations(path: Path, number: str, runs: "Sequence[Run]", importance: str) -> None:
+def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: str) -> None:
     """Figures 5.1 and 5.2: mean and standard deviation, averaged over numbers of vehicles."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
@@ -63,7 +60,7 @@ def draw_combinations(path: Path, number: str, runs: "Sequence[Run]", importance
     figure.savefig(path)
 
 
-def draw_team_sizes(path: Path, runs: "Sequence[Run]", every_s: float) -> None:
+def draw_team_sizes(path: Path, runs: Sequence[Run], every_s: float) -> None:
     """Figure 5.3: cost over time of teams of different sizes."""
     from matplotlib.figure import Figure
 

@@ -9,30 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from mission_service.experiments.formation_fires import EXPERIMENTS, Experiment, burned
-from mission_service.experiments.formation_world import (
+from mission_service.experiments.virtual_agents.ideal_world import (
     Flight,
     FormationWorld,
     Rules,
     fly,
 )
-from mission_service.experiments.static_placement import best_around
+from mission_service.experiments.virtual_agents.scenarios import EXPERIMENTS, Experiment, burned
+from mission_service.experiments.virtual_agents.static_placement import best_around
 from mission_service.guidance.formation.settings import Settings
 
 SEEDS = (1, 2, 3)
 PROCESSES = 2
 AT_END_S = 60.0
 COMPLETE = 0.998
-# What the paper's text and figures have at the end, in percent; conflicts that end in collisions.
-PAPER = {
-    "Exp1": 100,
-    "Exp2": 67,
-    "Exp2_1": 100,
-    "Exp3": 83,
-    "Exp3_1": 100,
-    "Exp4": 100,
-    "Exp5": 100,
-}
 
 
 def run(
@@ -49,7 +39,7 @@ def run(
             flights[experiment.name].append(result[0])
             best[experiment.name].append(result[1])
     if out:
-        from mission_service.experiments.virtual_agents_figures import draw
+        from mission_service.experiments.virtual_agents.figures import draw
 
         draw(out, flights)
     return {"experiments": [_row(name, runs, best[name]) for name, runs in flights.items()]}
@@ -97,23 +87,3 @@ def _row(name: str, runs: list[Flight], best: list[float]) -> dict[str, Any]:
         "closest_m": round(min(run.closest_m for run in runs), 1),
         "flights": len(runs),
     }
-
-
-def in_text(found: dict[str, Any]) -> str:
-    """The result as a table for people."""
-    lines = [
-        "Coverage in the last minute, beside that of the best places found offline; the best at",
-        "any time; the paper's. Conflicts, collisions, nearest pair of all flights",
-        "             virtual agents",
-        "            end offline   best  paper      UAVs  efficiency  conflicts collisions"
-        "  nearest  cells wrong",
-    ]
-    for row in found["experiments"]:
-        lines.append(
-            f"  {row['name']:6}{row['va_coverage_final']:7.1%}{row['va_coverage_best_static']:8.1%}"
-            f"{row['va_coverage_best']:7.1%}{PAPER[row['name']]:5} %"
-            f"{row['uav_coverage_final']:10.1%}{row['uav_coverage_efficiency_final']:12.2%}"
-            f"{row['conflicts']:11}{row['collisions']:11}{row['closest_m']:7.0f} m"
-            f"{row['inaccuracy_mean_cells']:13.1f}"
-        )
-    return "\n".join(lines)

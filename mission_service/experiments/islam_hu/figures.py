@@ -9,8 +9,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mission_service.experiments.fires import HOUR_S, Burn
-from mission_service.experiments.ideal_flight import Flight, fly
-from mission_service.experiments.islam_hu import PAPER_REVERSALS, changes_s, perimeter_planner
+from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
+from mission_service.experiments.islam_hu.scenarios import (
+    PAPER_REVERSALS,
+    changes_s,
+    perimeter_planner,
+)
 from mission_service.guidance.fire_map import EAST, NORTH
 
 Floats = NDArray[np.float64]

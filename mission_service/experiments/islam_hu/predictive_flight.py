@@ -5,8 +5,8 @@ It is told the landscape, the moistures at the beginning, and a measured wind wi
 """
 
 from mission_service.experiments.fires import Burn
-from mission_service.experiments.ideal_flight import Flight, fly
-from mission_service.experiments.measured_wind import WIND_20FT_SHARE, MeasuredWind
+from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
+from mission_service.experiments.islam_hu.measured_wind import WIND_20FT_SHARE, MeasuredWind
 from mission_service.guidance.front.following import PathSettings
 from mission_service.guidance.front.predictive import (
     PredictivePlanner,

@@ -12,8 +12,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.experiments.fires import CELL_M
-from mission_service.experiments.ring_history import RingStep
 from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from mission_service.experiments.formation_fires import CELL_M, COLS, EXPERIMENTS, ROWS
-from mission_service.experiments.formation_world import Flight
+from mission_service.experiments.virtual_agents.ideal_world import Flight
+from mission_service.experiments.virtual_agents.scenarios import CELL_M, COLS, EXPERIMENTS, ROWS
 
 COLOURS = ("#0b3c8c", "#b34700", "#7a0177", "#00796b", "#8c6d00", "#666666", "#c2185b", "#2e7d32")
 BURNED, BURNING = "#4d4d4d", "#e05a2b"

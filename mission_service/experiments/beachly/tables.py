@@ -1,21 +1,6 @@
-"""The experiments of Beachly et al.: trajectories (section VI) and corrections (section VII)."""
+"""The result as text."""
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
-
-from mission_service.experiments.beachly import corrections as beachly_corrections
-from mission_service.experiments.beachly import trajectories as beachly_trajectories
-
-Progress = Callable[[str], None]
-
-
-def run(out: Path | None, progress: Progress) -> dict[str, Any]:
-    """Both; with ``out`` pictures like figs. 6, 7, 10 and 11 are drawn there."""
-    return {
-        "trajectories": beachly_trajectories.run(out, progress),
-        "corrections": beachly_corrections.run(out, progress),
-    }
 
 
 def in_text(found: dict[str, Any]) -> str:

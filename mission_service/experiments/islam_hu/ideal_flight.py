@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
+from mission_service.experiments.boundary_following import FrontWalk
 from mission_service.experiments.fires import Burn
-from mission_service.experiments.front_walk import FrontWalk
-from mission_service.experiments.measured_wind import MeasuredWind
+from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.protocol import Planner
 from mission_service.replay.distance_error import TrueShape

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from mission_service.experiments.formation_fires import CELL_M
+from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, Own
 from mission_service.guidance.formation.grid import Grid
 from mission_service.guidance.formation.loiter import steered, wanted_heading_rad

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from mission_service.experiments.bent import SIZES
+from mission_service.experiments.bent.scenarios import SIZES
 
 PLANNER_NAMES = {
     "circling": "Circling",

@@ -1,0 +1,148 @@
+"""The fires on which teams are judged (uneven, even, wind turning), and what flies on one.
+
+Fires are chosen by what is in them, not by how a planner fares: what the papers' fires have (two
+fuels and changing weather; no unevenness; wind that turns by 180° half-way), on 200 x 200 cells of
+30 m, none of them reaching an edge, four hours flown at 20 m/s, a lap taking one to ten minutes.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.physics.weather import WeatherStream
+from mission_service.experiments.fires import (
+    BRUSH,
+    HOUR_S,
+    SHORT_GRASS,
+    TALL_GRASS,
+    Burn,
+    burn,
+    flat,
+    of_one_fuel,
+    of_two_fuels,
+    wind,
+)
+from mission_service.guidance.team.balanced import Balanced
+from mission_service.guidance.team.bent import (
+    BENCHMARKS,
+    IMPORTANCES,
+    LATER_NEGOTIATIONS,
+    LATER_PLANNERS,
+    NEGOTIATIONS,
+    PLANNERS,
+    bent_rule,
+)
+from mission_service.guidance.team.ring import TeamRule
+
+Floats = NDArray[np.float64]
+
+SPEED_M_S = 20.0
+SIZES = (2, 3, 4, 5, 6)
+
+
+def uneven() -> Burn:
+    """Brush in the north, grass in the south, wind that freshens, veers and drops again."""
+    weather = WeatherStream(
+        (wind(0.0, 4.0, 30.0), wind(2.0 * HOUR_S, 6.0, 60.0), wind(3.5 * HOUR_S, 3.0, 20.0))
+    )
+    land = flat(of_two_fuels(BRUSH, SHORT_GRASS))
+    return burn("uneven", "anyangle", land, weather, (75, 150), 5.0 * HOUR_S, SPEED_M_S)
+
+
+def even() -> Burn:
+    """Tall grass under a breath of wind; the vehicles come when it is large enough for six."""
+    weather = WeatherStream((wind(0.0, 0.5, 0.0),))
+    land = flat(of_one_fuel(TALL_GRASS))
+    return burn(
+        "even", "anyangle", land, weather, (100, 100), 6.0 * HOUR_S, SPEED_M_S, 2.0 * HOUR_S
+    )
+
+
+def wind_turning() -> Burn:
+    """Short grass, the wind turning from north to south after three hours."""
+    weather = WeatherStream((wind(0.0, 3.0, 0.0), wind(3.0 * HOUR_S, 3.0, 180.0)))
+    land = flat(of_one_fuel(SHORT_GRASS))
+    return burn("wind turning", "anyangle", land, weather, (85, 100), 5.0 * HOUR_S, SPEED_M_S)
+
+
+def team_fires() -> list[Burn]:
+    """All three."""
+    return [uneven(), even(), wind_turning()]
+
+
+class Case(NamedTuple):
+    """One run; a benchmark has no negotiation, and its importance is only that of its cost."""
+
+    planner: str
+    negotiation: str | None
+    importance: str
+    uavs: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a case; the cost every 20 s, from deployment on."""
+
+    case: Case
+    cost: Floats
+    min_separation_m: float
+
+    @property
+    def mean(self) -> float:
+        """Of the cost over time."""
+        return float(self.cost.mean())
+
+    @property
+    def std(self) -> float:
+        """Of the cost over time."""
+        return float(self.cost.std())
+
+    def told(self) -> dict[str, Any]:
+        """As in the JSON."""
+        return {
+            **self.case._asdict(),
+            "mean_cost": self.mean,
+            "std_cost": self.std,
+            "min_separation_m": self.min_separation_m,
+        }
+
+
+def thesis_cases() -> list[Case]:
+    """The thesis's 80 runs, and its 20 of benchmarks."""
+    cases = [Case(*names) for names in product(PLANNERS, NEGOTIATIONS, IMPORTANCES, SIZES)]
+    return cases + [
+        Case(name, None, importance, uavs)
+        for name, importance, uavs in product(BENCHMARKS, IMPORTANCES, SIZES)
+    ]
+
+
+def later_cases() -> list[Case]:
+    """With the two ideas that the thesis leaves for later (6.1)."""
+    cases = product(PLANNERS | LATER_PLANNERS, NEGOTIATIONS | LATER_NEGOTIATIONS)  # type: ignore[operator]
+    return [
+        Case(planner, negotiation, importance, uavs)
+        for (planner, negotiation), importance, uavs in product(cases, IMPORTANCES, SIZES)
+        if planner in LATER_PLANNERS or negotiation in LATER_NEGOTIATIONS
+    ]
+
+
+def balanced_cases() -> list[Case]:
+    """team.balanced, beside them."""
+    return [
+        Case("balanced", None, importance, uavs) for importance in IMPORTANCES for uavs in SIZES
+    ]
+
+
+def team_size_cases() -> list[Case]:
+    """What figure 5.3 shows besides: one vehicle."""
+    return [Case("back-and-forth", "importance", "linear", 1)]
+
+
+def rule_of(case: Case) -> TeamRule:
+    """The rule that a case flies."""
+    if case.planner == "balanced":
+        return Balanced("exponential" if case.importance == "exponential" else "linear")
+    return bent_rule(case.planner, case.negotiation, case.importance)
