@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.kernels import Bounds, changing, steady, to_plane
+from firemodel.ellipses.ellipse_kernels import Bounds, changing, steady, to_plane
 from firemodel.ellipses.tiles import Tiles, check_finite, tiles_of
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import FUEL_MODELS

@@ -26,7 +26,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -39,14 +38,9 @@ from firemodel.spread.fire import (
     Burning,
     Fire,
     Ignition,
-    check_burning,
-    check_ignitions,
 )
 from firemodel.spread.front import front_polygons
-
-# North, east, south, west as steps of (row, col).
-STEP_ROW = np.array([-1, 0, 1, 0])
-STEP_COL = np.array([0, 1, 0, -1])
+from firemodel.spread.probabilistic_kernels import update
 
 Floats = NDArray[np.float64]
 
@@ -77,14 +71,8 @@ class ProbabilisticFire(Fire):
         arrival. Raises FireModelError where nothing can burn, or for a number that cannot be.
         """
         _check(p_spread, update_s, burning_steps)
-        self.landscape = landscape
-        self.weather = weather
-        self.wind_limit = False
-        self.time_s = self._start_s = burning.at_s if burning else 0.0
-        self.start_area = None  # it has cells only
-        if burning:
-            check_burning(burning, landscape)
-        check_ignitions(landscape, ignitions, self.time_s)
+        super().__init__(landscape, weather, ignitions, burning)
+        self._start_s = self.time_s
         self._p_spread, self._every_s, self._rng = p_spread, update_s, rng
         self._burning_steps = burning_steps or 0
         self._updates = 0
@@ -157,7 +145,7 @@ class ProbabilisticFire(Fire):
         count = self._cells.size
         cells, lasted = np.empty((2, 5 * count), dtype=np.int64)
         cells[:count], lasted[:count] = self._cells, self._lasted
-        size = _update(
+        size = update(
             at_s,
             self._rng.random(4 * count) < self._p_spread,
             cells,
@@ -192,43 +180,3 @@ def _check(p_spread: float, update_s: float, burning_steps: int | None) -> None:
         raise FireModelError(f"update_s = {update_s} must be positive")
     if burning_steps is not None and burning_steps < 1:
         raise FireModelError(f"burning_steps = {burning_steps} must be 1 or more, or None")
-
-
-@kernel
-def _can_spread(cell, side, arrival_s, can_burn, cols):  # type: ignore[no-untyped-def]
-    """The neighbour on a side if it is left to burn, else -1."""
-    row, col = cell // cols + STEP_ROW[side], cell % cols + STEP_COL[side]
-    if not (0 <= row < arrival_s.size // cols and 0 <= col < cols):
-        return -1
-    target = row * cols + col
-    return target if can_burn[target] and arrival_s[target] == np.inf else -1
-
-
-@kernel
-def _update(  # type: ignore[no-untyped-def]
-    at_s, spreads, cells, lasted, count, arrival_s, burned_out_s, can_burn, cols, burning_steps
-):
-    """Spread from the first ``count`` cells, then drop what has burned; returns how many burn."""
-    size = count
-    for k in range(count):
-        for side in range(4):
-            target = _can_spread(cells[k], side, arrival_s, can_burn, cols)
-            if target >= 0 and spreads[4 * k + side]:
-                arrival_s[target] = at_s
-                cells[size], lasted[size] = target, 0
-                size += 1
-    kept = 0
-    for k in range(size):
-        cell = cells[k]
-        if k < count:
-            lasted[k] += 1
-            goes_on = lasted[k] < burning_steps
-            for side in range(4):
-                if burning_steps == 0 and _can_spread(cell, side, arrival_s, can_burn, cols) >= 0:
-                    goes_on = True
-            if not goes_on:
-                burned_out_s[cell] = at_s
-                continue
-        cells[kept], lasted[kept] = cell, lasted[k]
-        kept += 1
-    return kept

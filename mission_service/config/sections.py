@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
 
 FORMATION = "formation"  # rule: all vehicles around the fire
@@ -20,15 +21,6 @@ Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-LAYER_KEYS = (
-    "fuel",
-    "elevation",
-    "slope",
-    "aspect",
-    "canopy_cover",
-    "canopy_height",
-    "canopy_base",
-)
 RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
 # A name that is no name may be the key itself.
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
@@ -74,7 +66,7 @@ class LandscapeSection(Section):
     @property
     def layers(self) -> dict[str, Path]:
         """The file of each layer that has one of its own."""
-        found = {name: getattr(self, name) for name in LAYER_KEYS}
+        found = {name: getattr(self, name) for name in LAYERS}
         return {name: path for name, path in found.items() if path is not None}
 
     @model_validator(mode="after")

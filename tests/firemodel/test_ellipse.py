@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.ellipses.kernels import reach
+from firemodel.ellipses.ellipse_kernels import reach
 from firemodel.errors import FireModelError
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire

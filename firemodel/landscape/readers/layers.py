@@ -9,19 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
+from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import LARGEST_M, STEEPEST, TALLEST_TREE_M
 from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
 from firemodel.physics.fuels import check_codes
 
-LAYERS = (
-    "fuel",
-    "elevation",
-    "slope",
-    "aspect",
-    "canopy_cover",
-    "canopy_height",
-    "canopy_base",
-)
 # How much of a metre, or of one, is in a unit.
 FACTORS = {
     "m": 1.0,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
+from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.bands import (
     Band,
@@ -22,7 +23,6 @@ from firemodel.landscape.readers.bands import (
     values_of,
 )
 from firemodel.landscape.readers.layers import (
-    LAYERS,
     layers_of,
     to_gradient,
     to_layer,

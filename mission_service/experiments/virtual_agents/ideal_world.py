@@ -12,13 +12,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
+from mission_service.experiments.virtual_agents.ideal_world_kernels import (
+    count_meetings,
+    fly_all,
+    wanted_headings,
+)
 from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, Own
 from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.loiter import steered, wanted_heading_rad
 from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
-from mission_service.guidance.formation.rvo import clear_heading_rad, meets_after_s
+from mission_service.guidance.formation.rvo import clear_heading_rad
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.sight import look, mark
 from mission_service.peer_messages import AnyMessage, State
@@ -32,10 +35,6 @@ TRACK_EVERY_S = 1.0
 BASE_M = (-1400.0, -1400.0)  # the first in the queue, from the middle of the map
 QUEUE_M = 70.0  # between one and the next, and between queues
 QUEUE = 8  # so many in a queue
-# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
-# every turn, a hundred times for each collision, where the paper has two.
-CONFLICT_WITHIN_S = 5.0
-ANEW_S = 2.0  # a conflict that has been over for so long begins anew
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,38 +124,6 @@ class Safety:
         self.conflicts += conflicts
         self.collisions += collisions
         self.closest_m = min(self.closest_m, closest_m)
-
-
-@kernel
-def count_meetings(  # type: ignore[no-untyped-def]
-    at_s, places_m, velocities_m_s, wanted_m_s, heights_m, apart_m, neighbourhood_m,
-    in_conflict_s, together,
-):  # fmt: skip
-    """Conflicts and collisions that begin now, and the least distance of any two."""
-    conflicts, collisions, closest_m = 0, 0, np.inf
-    for a in range(len(places_m)):
-        for b in range(a):
-            x, y = places_m[b, 0] - places_m[a, 0], places_m[b, 1] - places_m[a, 1]
-            distance_m = math.sqrt(x * x + y * y + (heights_m[b] - heights_m[a]) ** 2)
-            closest_m = min(closest_m, distance_m)
-            if distance_m < apart_m and not together[a, b]:
-                collisions += 1
-            together[a, b] = distance_m < apart_m
-            if distance_m > neighbourhood_m:
-                continue
-            mean_x = velocities_m_s[a, 0] + velocities_m_s[b, 0]
-            mean_y = velocities_m_s[a, 1] + velocities_m_s[b, 1]
-            of_a = meets_after_s(
-                x, y, 2.0 * wanted_m_s[a, 0] - mean_x, 2.0 * wanted_m_s[a, 1] - mean_y, apart_m
-            )
-            of_b = meets_after_s(
-                -x, -y, 2.0 * wanted_m_s[b, 0] - mean_x, 2.0 * wanted_m_s[b, 1] - mean_y, apart_m
-            )
-            if min(of_a, of_b) < CONFLICT_WITHIN_S:
-                if at_s - in_conflict_s[a, b] > ANEW_S:
-                    conflicts += 1
-                in_conflict_s[a, b] = at_s
-    return conflicts, collisions, closest_m
 
 
 class FormationWorld:
@@ -308,32 +275,6 @@ class FormationWorld:
             self.settings.neighbourhood_m,
         )
         return float(heading_rad)
-
-
-@kernel
-def wanted_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
-    """Fill ``headings_rad`` (n): where eqs. 14 and 15 lead each vehicle."""
-    for k in range(headings_rad.size):
-        headings_rad[k] = wanted_heading_rad(
-            places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
-            orbits[k, 0], orbits[k, 1], orbits[k, 2], wind_x, wind_y, step_s, bank_rad,
-        )  # fmt: skip
-
-
-@kernel
-def fly_all(  # type: ignore[no-untyped-def]
-    places_m, motion, headings_rad, airspeeds_m_s, wind_x, wind_y, step_s, bank_rad, velocities_m_s
-):
-    """One step of all: ``motion`` (n, 2) is heading and airspeed."""
-    for k in range(headings_rad.size):
-        x_m, y_m, heading_rad, airspeed_m_s = steered(
-            places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
-            headings_rad[k], airspeeds_m_s[k], wind_x, wind_y, step_s, bank_rad,
-        )  # fmt: skip
-        places_m[k, 0], places_m[k, 1] = x_m, y_m
-        motion[k, 0], motion[k, 1] = heading_rad, airspeed_m_s
-        velocities_m_s[k, 0] = airspeed_m_s * math.cos(heading_rad) + wind_x
-        velocities_m_s[k, 1] = airspeed_m_s * math.sin(heading_rad) + wind_y
 
 
 def world_grid(shape: tuple[int, int]) -> Grid:
