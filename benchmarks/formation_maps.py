@@ -15,12 +15,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.experiments.virtual_agents.camera_view import look, mark
+from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.fire_maps import AgentMaps
 from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import MapMessage, SharedMap
-from mission_service.guidance.formation.sight import look, mark
 from mission_service.peer_messages import Digest, FireUpdate
 
 GRID = Grid(500, 500, 10.0, 0.0, 5000.0)
@@ -82,8 +82,8 @@ def steps(order: NDArray[np.int64]) -> dict[str, float]:
         "shared map: hear 10 new cells": each_us(shared.hear, heard),
         "shared map: hear them again": each_us(shared.hear, heard),
         "shared map: nothing to say": each_us(shared.messages, [(5,)] * 500),
-        "look": each_us(look, [(GRID, *view, arrival_s, at_s, known)] * 500),
-        "mark": each_us(mark, [(GRID, *view, seen_s, at_s)] * 500),
+        "look": each_us(look, [(GRID, view, arrival_s, at_s, known)] * 500),
+        "mark": each_us(mark, [(GRID, view, seen_s, at_s)] * 500),
         "monitoring: 10 new cells": each_us(monitoring.add, [(ten,) for ten in tens]),
         "agent coverage of 8": each_us(monitoring.agent_coverage, [(agents_m, 302.8)] * 101),
         "seen coverage": each_us(monitoring.seen_coverage, [(seen_s, at_s)] * 101),

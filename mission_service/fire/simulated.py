@@ -5,7 +5,6 @@ Nothing but observations leaves this module towards the planners.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,44 +15,14 @@ from autopilot_bridge.links.signing import read_key
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire import Fire
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
 from mission_service.events import CrewEvent, Observed, Telemetry
+from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, fire_of, landscape_of
 
 AROUND_CELLS = 3  # of a change that people are told of, so that its edge is seen
-
-Marks = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """A camera looking straight down: its footprint on the ground is a disc.
-
-    With ``along_deg``, the angle along the track, it is a rectangle that turns with the vehicle.
-    """
-
-    fov_deg: float
-    along_deg: float | None = None
-
-    def radius_m(self, height_m: float) -> float:
-        """Radius of the footprint from ``height_m`` above ground, half the width of a rectangle."""
-        return max(height_m, 0.0) * math.tan(math.radians(self.fov_deg) / 2.0)
-
-    def half_length_m(self, height_m: float) -> float:
-        """Half the length of a rectangle along the track; 0 for a disc."""
-        return max(height_m, 0.0) * math.tan(math.radians(self.along_deg or 0.0) / 2.0)
-
-
-def beyond_rectangle(
-    south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
-) -> Marks:
-    """Which places (arrays) are outside a rectangle around 0, 0, its length along a heading."""
-    cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
-    ahead, right = east * sin - south * cos, east * cos + south * sin
-    return np.asarray((np.abs(ahead) > half_length) | (np.abs(right) > half_width))
 
 
 class Window(NamedTuple):
@@ -135,10 +104,10 @@ class FireWorld:
         if not math.isfinite(x_m + y_m):  # too far away for the landscape's projection
             return None
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
-        half_width = camera.radius_m(height_m) / land.cell_size_m
+        half_width = camera.half_width_m(height_m) / land.cell_size_m
         half_length = camera.half_length_m(height_m) / land.cell_size_m
         half_width += wider_cells
-        half_length += wider_cells if camera.along_deg is not None else 0.0
+        half_length += wider_cells if camera.along_rad is not None else 0.0
         radius = math.hypot(half_width, half_length)
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
         top, bottom = (
@@ -155,7 +124,7 @@ class FireWorld:
         codes = np.where(arrived <= telemetry.at_us / 1e6, ord("b"), ord("u")).astype(np.uint8)
         rows = np.arange(top, bottom + 1)[:, None] - row
         cols = np.arange(left, right + 1)[None, :] - col
-        if camera.along_deg is None:
+        if camera.along_rad is None:
             beyond = rows * rows + cols * cols > radius * radius
         else:
             heading_deg = land.grid_deg(telemetry.heading_deg)
@@ -173,11 +142,6 @@ def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
     if scenario.planner.rule != "burn":
         corrected = CorrectedFire(landscape, partial(begun_again, scenario, landscape))
     return FireWorld(fire_of(scenario, landscape), landscape, corrected)
-
-
-def camera_of(vehicle: VehicleSection) -> Camera:
-    """The camera a vehicle carries."""
-    return Camera(vehicle.camera_fov_deg, vehicle.camera_along_deg)
 
 
 def check(scenario: Scenario) -> dict[str, object]:

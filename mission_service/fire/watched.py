@@ -25,7 +25,8 @@ from mission_service.events import (
     VehicleRebooted,
     WindTold,
 )
-from mission_service.fire.simulated import FireWorld, Window, camera_of
+from mission_service.fire.camera import camera_of
+from mission_service.fire.simulated import FireWorld, Window
 
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindTold)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mission_service.experiments.virtual_agents.rollout import unroll
 from mission_service.guidance.formation.forces import (
     NAMES,
     as_array,
@@ -14,7 +15,6 @@ from mission_service.guidance.formation.forces import (
     tie_rad,
     velocity_of_forces,
 )
-from mission_service.guidance.formation.rollout import unroll
 from mission_service.guidance.formation.settings import Constants, Settings
 
 CELLS, CELL_M = 200, 10.0

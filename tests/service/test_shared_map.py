@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.errors import MissionServiceError
+from mission_service.experiments.virtual_agents.camera_view import look
+from mission_service.experiments.virtual_agents.monitoring import inaccuracy_cells
 from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.monitoring import inaccuracy_cells
 from mission_service.guidance.formation.shared_cells import CHECKSUM, TILE, mixed
 from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
-from mission_service.guidance.formation.sight import look
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
 SHAPE = (40, 50)  # 3 x 4 tiles, not all of them whole
@@ -328,7 +328,7 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
                 east, north = 460.0 * math.cos(k * math.pi / 4), 460.0 * math.sin(k * math.pi / 4)
                 x_m, y_m = 800.0 + east + 150 * math.cos(way), 800.0 + north + 150 * math.sin(way)
                 view = (x_m, y_m, way + math.pi / 2, 152.0, 130.0)
-                shared.see(*look(grid, *view, arrival_s, at_s, shared.fire), at_us)
+                shared.see(*look(grid, view, arrival_s, at_s, shared.fire), at_us)
             for message in shared.messages(at_us):
                 lost = rng.random(8) < (loss if at_s < lossy_until_s else 0.0)
                 under_way += [(i, message) for i in range(8) if i != k and not lost[i]]

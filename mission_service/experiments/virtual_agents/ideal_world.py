@@ -12,18 +12,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.experiments.virtual_agents.camera_view import View, look, mark
 from mission_service.experiments.virtual_agents.ideal_world_kernels import (
     count_meetings,
     fly_all,
     wanted_headings,
 )
+from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, Own
 from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.rvo import clear_heading_rad
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.sight import look, mark
 from mission_service.peer_messages import AnyMessage, State
 
 Floats = NDArray[np.float64]
@@ -206,18 +206,18 @@ class FormationWorld:
         height_m, airspeed_m_s = float(self.heights_m[number]), float(self.motion[number, 1])
         return Own(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
-    def view(self, number: int) -> tuple[float, float, float, float, float]:
+    def view(self, number: int) -> View:
         """x, y, course, half across, half along of what a camera sees now."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()
-        half_across_m, half_along_m = camera.width_m(height_m) / 2.0, camera.length_m(height_m) / 2
-        return x_m, y_m, math.atan2(vy, vx), half_across_m, half_along_m
+        footprint_m = camera.half_width_m(height_m), camera.half_length_m(height_m)
+        return x_m, y_m, math.atan2(vy, vx), *footprint_m
 
     def _look(self, number: int, agent: Agent, at_us: int) -> None:
         view = self.view(number)
-        mark(self.grid, *view, self.seen_s, self.at_s)
-        burning, unburned = look(self.grid, *view, self.arrival_s, self.at_s, agent.maps.fire)
+        mark(self.grid, view, self.seen_s, self.at_s)
+        burning, unburned = look(self.grid, view, self.arrival_s, self.at_s, agent.maps.fire)
         if len(burning) or len(unburned):
             agent.see(burning, unburned, at_us)
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
+from mission_service.experiments.virtual_agents.rollout import unroll
 from mission_service.experiments.virtual_agents.static_placement import coverage, weights_of
 from mission_service.guidance.formation.fire_maps import AgentMaps
 from mission_service.guidance.formation.forces import tie_rad
 from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.rollout import unroll
 from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]

@@ -6,6 +6,7 @@ the scenario.
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,12 @@ from mission_service.commands import Say
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
+from mission_service.fire.camera import camera_of
 from mission_service.fire.setup import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, Own
 from mission_service.guidance.formation.by_hand import MEASURED_OVER_S, Motion, expected_orbit
 from mission_service.guidance.formation.grid import grid_of
-from mission_service.guidance.formation.settings import NEVER_M, Airframe, Camera, Settings
+from mission_service.guidance.formation.settings import NEVER_M, Airframe, Settings
 from mission_service.guidance.protocol import Decision
 from mission_service.peer_messages import AnyMessage, Leaving, State
 from mission_service.position_fix import Here
@@ -33,10 +35,10 @@ HOT_FOR_S = 1.5  # after the last look at fire straight below
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
     """Table 1 with what the scenario says of the formation and of this vehicle."""
     told = scenario.formation
-    across_rad = math.radians(section.camera_fov_deg)
-    along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(across_rad / 2.0))
-    if section.camera_along_deg is not None:
-        along_rad = math.radians(section.camera_along_deg)
+    camera = camera_of(section)
+    if camera.along_rad is None:
+        along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(camera.across_rad / 2.0))
+        camera = replace(camera, along_rad=along_rad)
     airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
     height_m = told.apart_by_height_m
     return Settings(
@@ -48,7 +50,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
         safety_radius_m=told.safety_radius_m,
         neighbourhood_m=told.neighbourhood_m,
         range_m=told.range_m,
-        camera=Camera(across_rad, along_rad),
+        camera=camera,
         airframe=airframe,
     )
 

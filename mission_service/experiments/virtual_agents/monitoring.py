@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
+from mission_service.experiments.virtual_agents.camera_view import View, cells_in_view
 from mission_service.guidance.formation.fire_maps import check_cells, disc, no_counts, stamp
 from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.sight import first_col_and_end, first_row_and_end, in_cells
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -94,25 +94,16 @@ class MonitoringArea:
         share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
         return share
 
-    def efficiency(self, views: Sequence[tuple[float, float, float, float, float]]) -> float:
+    def efficiency(self, views_of_all: Sequence[View]) -> float:
         """Priorities of all views together over the sum of each one's; 1 where there are none.
 
-        A view is (x_m, y_m, course_rad, half_across_m, half_along_m), as in ``sight``.
+        Views are those of ``camera_view``.
         """
         union = total = 0.0
         self._view += 1
-        for x_m, y_m, course_rad, half_across_m, half_along_m in views:
-            row, col, across, along = in_cells(self.grid, x_m, y_m, half_across_m, half_along_m)
-            new, all_of_it = _in_view(
-                row,
-                col,
-                course_rad,
-                across,
-                along,
-                self.priority,
-                self._views,
-                self._view,
-            )
+        priorities, views = self.priority.ravel(), self._views.ravel()
+        for view in views_of_all:
+            new, all_of_it = _in_view(cells_in_view(self.grid, view), priorities, views, self._view)
             union += new
             total += all_of_it
         return union / total if total else 1.0
@@ -167,16 +158,12 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _in_view(row, col, course_rad, across, along, priority, views, view):  # type: ignore[no-untyped-def]
+def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
     """Priorities in a view that are in none with this number yet, and all of them."""
-    rows, cols = priority.shape
     new, total = 0.0, 0.0
-    first, end = first_row_and_end(row, course_rad, across, along, rows)
-    for r in range(first, end):
-        left, right = first_col_and_end(r, row, col, course_rad, across, along, cols)
-        for c in range(left, right):
-            total += priority[r, c]
-            if views[r, c] != view:
-                views[r, c] = view
-                new += priority[r, c]
+    for cell in cells:
+        total += priorities[cell]
+        if views[cell] != view:
+            views[cell] = view
+            new += priorities[cell]
     return new, total

@@ -1,0 +1,51 @@
+"""What a camera that looks straight down sees of a map: the cells whose centres are in its view.
+
+A view is x_m, y_m, the course (radians anticlockwise from east), and half the footprint's width
+across the track and length along it in metres.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.fire.camera import EDGE, beyond_rectangle
+from mission_service.guidance.formation.grid import Grid
+
+Cells = NDArray[np.int64]
+Floats = NDArray[np.float64]
+View = tuple[float, float, float, float, float]
+
+
+def look(
+    grid: Grid, view: View, arrival_s: Floats, at_s: float, fire: NDArray[np.bool_]
+) -> tuple[Cells, Cells]:
+    """Cells in view that burn and are not in a map of the fire, and the other way round.
+
+    ``arrival_s`` (y, x) is the true fire's, infinity where it does not come; burned is burning.
+    ``fire`` (y, x) is the map. Returns two arrays of cell numbers, rising.
+    """
+    cells = cells_in_view(grid, view)
+    burns, mapped = arrival_s.ravel()[cells] <= at_s, fire.ravel()[cells]
+    return cells[burns & ~mapped], cells[mapped & ~burns]
+
+
+def mark(grid: Grid, view: View, seen_s: Floats, at_s: float) -> None:
+    """Write into ``seen_s`` (y, x) when the cells in view were last seen: now."""
+    seen_s.ravel()[cells_in_view(grid, view)] = at_s
+
+
+def cells_in_view(grid: Grid, view: View) -> Cells:
+    """Numbers of the cells in view, rising."""
+    x_m, y_m, course_rad, half_across_m, half_along_m = view
+    row, col = grid.row_col_of(x_m, y_m)
+    across, along = half_across_m / grid.cell_m, half_along_m / grid.cell_m
+    reach = math.hypot(across, along) + EDGE
+    rows, cols = (
+        np.arange(max(math.ceil(at - reach), 0), min(math.floor(at + reach) + 1, count))
+        for at, count in ((row, grid.rows), (col, grid.cols))
+    )
+    heading_deg = 90.0 - math.degrees(course_rad)
+    beyond = beyond_rectangle(rows[:, None] - row, cols - col, heading_deg, across, along)
+    found: Cells = (rows[:, None] * grid.cols + cols)[~beyond]
+    return found
