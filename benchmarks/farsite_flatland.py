@@ -40,7 +40,7 @@ from benchmarks.shared import data_folder, overlap
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
 from firemodel.landscape.readers.shapes import read_shapes
-from firemodel.landscape.readers.weather import read_weather
+from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.physics.moisture import HOUR_S, TIME_LAGS_H, after_time_lag, equilibrium_moisture_pct
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from firemodel.landscape.rasterise import with_barriers
     from firemodel.landscape.readers.rasters import read_landscape
     from firemodel.landscape.readers.shapes import read_shapes
-    from firemodel.landscape.readers.weather import read_weather
+    from firemodel.landscape.readers.weather_files import read_weather
     from firemodel.physics.fuels import FUEL_MODELS
     from firemodel.physics.weather import Weather, WeatherStream
     from firemodel.simulate import burn
+    from firemodel.spread.arrival_map import draw_map
     from firemodel.spread.behaviour import behaviour_of
     from firemodel.spread.fire import Fire
-    from firemodel.spread.map import draw_map
     from firemodel.spread.schemes import SCHEMES
     from firemodel.spread.writers import write_fronts, write_rasters
 

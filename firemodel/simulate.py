@@ -92,7 +92,7 @@ def _stream(given: WeatherStream | Weather | Path | str | None) -> WeatherStream
         return WeatherStream([given or DRY])
     if isinstance(given, WeatherStream):
         return given
-    from firemodel.landscape.readers.weather import read_weather
+    from firemodel.landscape.readers.weather_files import read_weather
 
     return read_weather(Path(given))
 

@@ -1,7 +1,7 @@
 """Arrival times at any angle: fire comes to a cell in a straight line from a source.
 
 A source is the centre of a burned cell, or a point where the front stood when the weather changed.
-A cell that burns offers its neighbours two ways: straight from its own source, or from itself. The
+A cell that burns offers its neighbours two paths: straight from its own source, or from itself. The
 time along a line is added up over the cells it crosses (``lines``). Cells are taken in order of
 time (Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where conditions are the same
 all around, lines may be of any length, and arrival times are those of the exact ellipse.
@@ -24,10 +24,10 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle_kernels import burn_until
 from firemodel.spread.fire import Burning, Fire, Ignition, StartArea
 from firemodel.spread.heap import push
-from firemodel.spread.labels import Heap, Labels, Ways, empty_ways
-from firemodel.spread.lines import forget, ground_of
+from firemodel.spread.labels import ActivePaths, Heap, Labels, empty_paths
 from firemodel.spread.local_spread import perturbed
-from firemodel.spread.rerate_kernels import set_out, under_way, ways_from
+from firemodel.spread.rerate_kernels import paths_from, set_out, under_way
+from firemodel.spread.travel_time import forget, ground_of
 
 Floats = NDArray[np.float64]
 
@@ -59,10 +59,10 @@ class AnyAngleFire(Fire):
         self.arrival_time_s = self._labels.arrival_s.reshape(landscape.shape)
         self._heap = _empty_heap(1024)
         self._points, self._used = np.empty((64, 3)), 0  # sources: row, column, time
-        self._ways = empty_ways(0)
+        self._paths = empty_paths(0)
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
-        self._since_s = self.time_s  # when the ways set out
+        self._since_s = self.time_s  # when the paths set out
         # The next one last.
         self._ignitions = sorted(((t, row * cols + col) for row, col, t in ignitions), reverse=True)
         if burning:
@@ -70,9 +70,9 @@ class AnyAngleFire(Fire):
             self._labels.arrival_s[burned] = burning.arrival_s.ravel()[burned]
             self._labels.best_s[burned] = burning.arrival_s.ravel()[burned]
             self._labels.source[burned] = burned.nonzero()[0]
-            ways = ways_from(burning.front, self._labels.best_s, landscape.shape)
-            targets = np.unique(ways.target)
-            self._set_out(ways, Ways(targets, np.full((targets.size, 2), np.nan)))
+            paths = paths_from(burning.front, self._labels.best_s, landscape.shape)
+            targets = np.unique(paths.target)
+            self._set_out(paths, ActivePaths(targets, np.full((targets.size, 2), np.nan)))
         self.advance(self.time_s)
 
     def _light(self, ignition: Ignition) -> None:
@@ -145,35 +145,35 @@ class AnyAngleFire(Fire):
             self._heap = Heap(times, cells, push(times, cells, size, at_s, cell))
 
     def _change_weather(self, at_s: float) -> None:
-        room = self._ways.target.size + 16 * self._heap.size
-        ways, tips = empty_ways(room), empty_ways(self._heap.size)
+        room = self._paths.target.size + 16 * self._heap.size
+        paths, tips = empty_paths(room), empty_paths(self._heap.size)
         counts = under_way(
             at_s,
             self._since_s,
             self._heap,
-            self._ways,
+            self._paths,
             self._points,
             self._labels,
             self._ground,
             self._entry,
-            ways,
+            paths,
             tips,
         )
         forget(self._ground)
         self._entry += 1
         self._since_s = at_s
-        self._set_out(ways.first(counts[0]), tips.first(counts[1]))
+        self._set_out(paths.first(counts[0]), tips.first(counts[1]))
 
-    def _set_out(self, ways: Ways, tips: Ways) -> None:
-        """On these ways, all others being given up, at the time since_s."""
-        self._ways = ways
+    def _set_out(self, paths: ActivePaths, tips: ActivePaths) -> None:
+        """On these paths, all others being given up, at the time since_s."""
+        self._paths = paths
         count = tips.target.size
         while self._points.shape[0] < self._used + count:
             self._points = np.resize(self._points, (2 * (self._used + count), 3))
         heap = _empty_heap(count + 1024)
         self._used, size = set_out(
             self._since_s,
-            ways,
+            paths,
             tips,
             np.empty((count, 3)),
             heap,
@@ -185,7 +185,7 @@ class AnyAngleFire(Fire):
         )
         self._heap = Heap(heap.times, heap.cells, size)
 
-    def ways(self) -> Floats:
+    def arrival_vectors(self) -> Floats:
         """Metres towards north and east (2, y, x) from each cell's source; 0 where it was lit."""
         labels, (rows, cols) = self._labels, self.landscape.shape
         n, burned = rows * cols, np.isfinite(labels.arrival_s)

@@ -5,7 +5,7 @@ import numpy as np
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
 from firemodel.spread.labels import place_of, squeezes
-from firemodel.spread.lines import STEP_COL, STEP_ROW, cell_at, crossing_s, from_piece, travel
+from firemodel.spread.travel_time import STEP_COL, STEP_ROW, cell_at, crossing_s, from_piece, travel
 
 LONGEST_LINE_CELLS = 32  # over changing ground
 KNIGHT_ROW = np.array([-2, -1, 1, 2, 2, 1, -1, -2])
@@ -45,12 +45,12 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
             length = max(abs(to_row - from_row), abs(to_col - from_col))
             if source != cell and source != via and length <= reachable:
                 limit_s = best - from_s
-                way_s, _ = travel(
+                path_s, _ = travel(
                     from_row, from_col, float(to_row), float(to_col), limit_s, ground, entry
                 )
                 other = via
-                if way_s < limit_s:
-                    best, via = max(from_s + way_s, now), source
+                if path_s < limit_s:
+                    best, via = max(from_s + path_s, now), source
                 if other >= n and source >= n and points[other - n, 2] == from_s:
                     # Both set out from one front: perhaps better from between them.
                     time, at_row, at_col = from_piece(
@@ -63,11 +63,11 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
                         entry,
                     )
                     limit_s = best - from_s
-                    way_s, _ = travel(
+                    path_s, _ = travel(
                         at_row, at_col, float(to_row), float(to_col), limit_s, ground, entry
                     )
-                    if time < np.inf and way_s < limit_s - WORTH_A_POINT * (best - from_s):
-                        best, via = max(from_s + way_s, now), n + used
+                    if time < np.inf and path_s < limit_s - WORTH_A_POINT * (best - from_s):
+                        best, via = max(from_s + path_s, now), n + used
                         points[used, 0], points[used, 1], points[used, 2] = at_row, at_col, from_s
                         used += 1
             if source == cell or length > alike:
@@ -93,10 +93,10 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
             target = to_row * cols + to_col
             if best_s[target] > now:
                 limit_s = best_s[target] * (1.0 - ROUNDING) - now
-                way_s, _ = travel(
+                path_s, _ = travel(
                     float(row), float(col), float(to_row), float(to_col), limit_s, ground, entry
                 )
-                if way_s < limit_s:
-                    best_s[target], sources[target] = now + way_s, cell
-                    size = push(times, cells, size, now + way_s, target)
+                if path_s < limit_s:
+                    best_s[target], sources[target] = now + path_s, cell
+                    size = push(times, cells, size, now + path_s, target)
     return size, used

@@ -53,7 +53,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
             heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
-    way = fire.ways().reshape(2, -1)
+    way = fire.arrival_vectors().reshape(2, -1)
     rate, toward_deg, intensity = _behaviour(arrival_s, way, began_s, heat, terrain, tables)
     toward_deg = land.true_deg(toward_deg)
     flame_m = rothermel.flame_length_m(intensity)

@@ -152,7 +152,7 @@ class Fire(ABC):
         found = front_polygons(self._expected_s(), time_s, self.landscape)
         return with_start(found, self.start_area, time_s)
 
-    def ways(self) -> Floats:
+    def arrival_vectors(self) -> Floats:
         """Metres towards north and east (2, y, x) of the last straight way by which fire came.
 
         Here from the neighbour that burned first; 0 where it was lit.

@@ -26,19 +26,19 @@ class Heap(NamedTuple):
     size: int
 
 
-class Ways(NamedTuple):
+class ActivePaths(NamedTuple):
     """Lines on which fire was under way when the weather last changed."""
 
     target: NDArray[np.int32]  # (k) the cell it leads to
     at: Floats  # (k, 2) where the fire was: row, column
 
-    def first(self, count: int) -> "Ways":
-        return Ways(self.target[:count].copy(), self.at[:count].copy())
+    def first(self, count: int) -> "ActivePaths":
+        return ActivePaths(self.target[:count].copy(), self.at[:count].copy())
 
 
-def empty_ways(room: int) -> Ways:
+def empty_paths(room: int) -> ActivePaths:
     """Room for so many."""
-    return Ways(np.empty(room, dtype=np.int32), np.empty((room, 2)))
+    return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 2)))
 
 
 @kernel

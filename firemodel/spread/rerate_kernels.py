@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from firemodel.spread.heap import push
-from firemodel.spread.labels import Ways, place_of, squeezes
-from firemodel.spread.lines import STEP_COL, STEP_ROW, from_piece, travel
+from firemodel.spread.labels import ActivePaths, place_of, squeezes
+from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_piece, travel
 
 NEAR_FRONT_CELLS = 2  # which cells a front that is given sets out for
 WINDOW_CELLS = 3  # how far away the piece of front may be from which fire comes to a cell
@@ -19,7 +19,7 @@ WINDOW_CELLS = 3  # how far away the piece of front may be from which fire comes
 Floats = NDArray[np.float64]
 
 
-def ways_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> Ways:
+def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:
     """From the points of a front to the unburned cells around each."""
     rows, cols = shape
     around = np.arange(-NEAR_FRONT_CELLS, NEAR_FRONT_CELLS + 1)
@@ -30,14 +30,14 @@ def ways_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> Ways:
     target = np.where(inside, row * cols + col, 0)
     wanted = inside & (best_s[target] == np.inf)
     point = np.nonzero(wanted)[0]
-    return Ways(target[wanted].astype(np.int32), front[point])
+    return ActivePaths(target[wanted].astype(np.int32), front[point])
 
 
 @kernel
-def under_way(at_s, since_s, heap, ways, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
+def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
     """Find every line on which fire is under way at a time; returns (their number, of tips).
 
-    Into found go the ways of the last time that have not come to their end, and those that cells
+    Into found go the paths of the last time that have not come to their end, and those that cells
     burned since then offer to their neighbours; into tips, for each cell next to the fire, how far
     the fire has come on the best of all.
     """
@@ -45,10 +45,10 @@ def under_way(at_s, since_s, heap, ways, points, labels, ground, entry, found, t
     cols = ground.cols
     rows = arrival_s.size // cols
     count = tip = 0
-    for k in range(ways.target.size):
-        target = ways.target[k]
+    for k in range(paths.target.size):
+        target = paths.target[k]
         if arrival_s[target] == np.inf:
-            row, col = ways.at[k, 0], ways.at[k, 1]
+            row, col = paths.at[k, 0], paths.at[k, 1]
             to_row, to_col = float(target // cols), float(target % cols)
             _, part = travel(row, col, to_row, to_col, at_s - since_s, ground, entry)
             found.target[count] = target
@@ -138,18 +138,20 @@ def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyp
 
 
 @kernel
-def _try_way(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-untyped-def]
+def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-untyped-def]
     """Put a way into best (time, row, column) of a tip if it is the better one."""
     target, cols = tips.target[k], ground.cols
     limit_s = best[k, 0] - at_s
-    way_s, _ = travel(row, col, float(target // cols), float(target % cols), limit_s, ground, entry)
-    if way_s < limit_s or best[k, 1] != best[k, 1]:
-        best[k, 0], best[k, 1], best[k, 2] = at_s + way_s, row, col
+    path_s, _ = travel(
+        row, col, float(target // cols), float(target % cols), limit_s, ground, entry
+    )
+    if path_s < limit_s or best[k, 1] != best[k, 1]:
+        best[k, 0], best[k, 1], best[k, 2] = at_s + path_s, row, col
 
 
 @kernel
-def set_out(at_s, ways, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Start anew from ways and tips: labels, a heap, the points that are sources; (points, size).
+def set_out(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
+    """Start anew from paths and tips: labels, a heap, the points that are sources; (points, size).
 
     best (tips, 3) is room to work in.
     """
@@ -160,13 +162,13 @@ def set_out(at_s, ways, tips, best, heap, points, used, labels, ground, entry): 
         best[k, 0], best[k, 1], best[k, 2] = np.inf, np.nan, np.nan
     for k in range(tips.target.size):
         if tips.at[k, 0] == tips.at[k, 0]:
-            _try_way(k, tips.at[k, 0], tips.at[k, 1], at_s, tips, best, ground, entry)
+            _try_path(k, tips.at[k, 0], tips.at[k, 1], at_s, tips, best, ground, entry)
         row, col = _along_front(np.int64(tips.target[k]), tips, sources, ground, entry)
         if row == row:
-            _try_way(k, row, col, at_s, tips, best, ground, entry)
-    for k in range(ways.target.size):
-        tip = -2 - sources[ways.target[k]]
-        _try_way(tip, ways.at[k, 0], ways.at[k, 1], at_s, tips, best, ground, entry)
+            _try_path(k, row, col, at_s, tips, best, ground, entry)
+    for k in range(paths.target.size):
+        tip = -2 - sources[paths.target[k]]
+        _try_path(tip, paths.at[k, 0], paths.at[k, 1], at_s, tips, best, ground, entry)
     size = 0
     for k in range(tips.target.size):
         target = tips.target[k]

@@ -40,7 +40,7 @@ def enclosed_s(arrival_s: Floats) -> Floats:
     return np.array(found)[1:-1, 1:-1]
 
 
-class FrontWalk:
+class BoundaryFollower:
     """A vehicle on the front of a growing fire: the cell it is on and the side that is outside."""
 
     def __init__(self, fire_s: Floats, at_s: float) -> None:

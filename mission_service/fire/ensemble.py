@@ -50,7 +50,7 @@ class Ensemble(NamedTuple):
     version: int
 
 
-class Otherwise(NamedTuple):
+class Perturbation(NamedTuple):
     """What is different in one of them."""
 
     wind_factor: float
@@ -58,7 +58,7 @@ class Otherwise(NamedTuple):
     spread_factor: float
 
 
-def perturbations(seed: int, count: int = MEMBERS) -> list[Otherwise]:
+def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
     """Drawn in equal parts of each distribution (Latin hypercube; McKay et al. 1979).
 
     The same each time, so that a forecast made anew moves only as the fire does.
@@ -67,7 +67,7 @@ def perturbations(seed: int, count: int = MEMBERS) -> list[Otherwise]:
     middle = ndtri((np.arange(count) + 0.5) / count)
     wind, turn, spread = (rng.permutation(middle) for _ in range(3))
     return [
-        Otherwise(float(a), float(b), float(c))
+        Perturbation(float(a), float(b), float(c))
         for a, b, c in zip(
             np.exp(WIND_LOG_SD * wind),
             WIND_TURN_SD_DEG * turn,

@@ -83,7 +83,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 def _from_file(section: WeatherFile) -> WeatherStream:
-    from firemodel.landscape.readers.weather import read_weather
+    from firemodel.landscape.readers.weather_files import read_weather
 
     moisture = Moisture(
         section.dead_1h_pct / 100.0,

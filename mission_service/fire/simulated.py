@@ -1,4 +1,4 @@
-"""The simulated truth: the landscape, the fire that burns on it, and a camera that looks at it.
+"""The simulated truth: the landscape, the fire that burns on it, and cameras that observe it.
 
 Nothing but observations leaves this module towards the planners.
 """
@@ -22,7 +22,7 @@ from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, fire_of, landscape_of
 
-AROUND_CELLS = 3  # of a change that people are told of, so that its edge is seen
+AROUND_CELLS = 3  # around a change in the window that is reported, so that its edge is in it
 
 
 class Window(NamedTuple):
@@ -53,12 +53,12 @@ def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
 
 
 class FireWorld:
-    """The burning truth and what cameras see of it."""
+    """The burning truth, and what cameras observe of it."""
 
     def __init__(
         self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
     ) -> None:
-        """``corrected`` takes what people say of the fire, where that changes what burns."""
+        """``corrected`` applies operators' reports, where these change what burns."""
         self.fire = fire
         self.landscape = landscape
         self._corrected = corrected
@@ -76,19 +76,19 @@ class FireWorld:
             for fire in fires:
                 fire.light(row, col, max(at_s, fire.time_s))
 
-    def told(self, event: CrewEvent) -> Window | None:
-        """Take in what a person says of the fire and the wind; the window that burns otherwise.
+    def apply_report(self, event: CrewEvent) -> Window | None:
+        """Apply a report of fire or wind; returns the window of cells that burn otherwise.
 
         Raises FireModelError for what cannot be; nothing is changed then.
         """
         if self._corrected is None:
             return None
         before = self.fire
-        self.fire = self._corrected.told(event, before)
+        self.fire = self._corrected.apply_report(event, before)
         return None if self.fire is before else window_of_change(before, self.fire)
 
     def corrections(self) -> list[dict[str, Any]]:
-        """What people have drawn and holds."""
+        """Corrections that hold."""
         return [] if self._corrected is None else self._corrected.log.status()
 
     def observe(
@@ -134,9 +134,9 @@ class FireWorld:
 
 
 def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
-    """The fire of a scenario, to be set right by people.
+    """The fire of a scenario, corrected by operators.
 
-    In a burn it is the simulated truth: what people say changes what is believed, not what burns.
+    In a burn it is the simulated truth: reports change the estimate, not what burns.
     """
     corrected = None
     if scenario.planner.rule != "burn":

@@ -248,7 +248,7 @@ class Service:
 
     def _told_of_fire(self, event: CrewEvent) -> Window | None:
         """What people say of the fire, before it is written down: what cannot be is refused."""
-        found = self.fire.told(event)
+        found = self.fire.apply_report(event)
         if self.picture is not None and isinstance(event, OF_FIRE):
             self.picture.fire_changed()
         return found

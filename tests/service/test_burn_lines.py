@@ -14,7 +14,7 @@ from mission_service.guidance.burn.lines import (
     stretch,
     upwind_of,
 )
-from mission_service.guidance.burn.ways import Ways
+from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
@@ -75,9 +75,9 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
 
 def test_ways_bend_around_what_is_not_inside() -> None:
     ring = shapely.box(0, 0, 100, 100).difference(shapely.box(40, 20, 60, 80))
-    ways = Ways(ring)
-    assert ways.way((5.0, 5.0), (95.0, 5.0)) == [(5.0, 5.0), (95.0, 5.0)]
-    way = ways.way((5.0, 45.0), (95.0, 45.0))
+    ways = VisibilityGraph(ring)
+    assert ways.shortest_path((5.0, 5.0), (95.0, 5.0)) == [(5.0, 5.0), (95.0, 5.0)]
+    way = ways.shortest_path((5.0, 45.0), (95.0, 45.0))
     assert way is not None
     assert len(way) == 4
     assert ring.covers(shapely.LineString(way))
@@ -85,9 +85,9 @@ def test_ways_bend_around_what_is_not_inside() -> None:
     shortest = 2 * math.hypot(35.0, 25.0) + 20.0
     assert shortest <= length < shortest + 4.0
     apart = shapely.MultiPolygon([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10)])
-    assert Ways(apart).way((5.0, 5.0), (25.0, 5.0)) is None
+    assert VisibilityGraph(apart).shortest_path((5.0, 5.0), (25.0, 5.0)) is None
     bent = shapely.Polygon([(0, 0), (10, 0), (10, 90), (50, 90), (50, 100), (0, 100)])
     both = shapely.MultiPolygon([bent, shapely.box(200, 0, 210, 10)])
-    found = Ways(both).way((5.0, 5.0), (45.0, 95.0))
+    found = VisibilityGraph(both).shortest_path((5.0, 5.0), (45.0, 95.0))
     assert found is not None
     assert both.covers(shapely.LineString(found))

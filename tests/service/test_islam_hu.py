@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from firemodel.spread.schemes import SchemeName
 from mission_service.cli.main import main
-from mission_service.experiments.boundary_following import AROUND, FrontWalk, enclosed_s
+from mission_service.experiments.boundary_following import AROUND, BoundaryFollower, enclosed_s
 from mission_service.experiments.fires import CELLS, Burn
 from mission_service.experiments.islam_hu import run as islam_hu
 from mission_service.experiments.islam_hu import scenarios
@@ -37,7 +37,7 @@ def flown(name: str, scheme: SchemeName, rule: Rule, alpha: float = 1.0) -> Flig
 def test_the_walk_goes_round_a_fire_that_stands_still_and_leaves_out_no_cell(
     clockwise: bool,
 ) -> None:
-    walk = FrontWalk(DISC_S, 1000.0)
+    walk = BoundaryFollower(DISC_S, 1000.0)
     visited = [walk.cell]
     while len(visited) == 1 or walk.cell != visited[0]:
         walk.onwards(clockwise, 1000.0)
@@ -51,7 +51,7 @@ def test_the_walk_goes_round_a_fire_that_stands_still_and_leaves_out_no_cell(
 
 
 def test_the_walk_stays_on_a_front_that_grows() -> None:
-    walk = FrontWalk(DISC_S, 500.0)
+    walk = BoundaryFollower(DISC_S, 500.0)
     for at_s in np.arange(500.0, 2500.0, 20.0):
         walk.onwards(True, at_s)
         radius = np.hypot(walk.cell[0] - CENTRE[0], walk.cell[1] - CENTRE[1])

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.experiments.beachly.participants import (
     APART_M,
@@ -28,7 +28,7 @@ from mission_service.experiments.beachly.participants import (
     front_error_m,
     front_points,
     inside,
-    random_marks,
+    random_observations,
 )
 from mission_service.experiments.beachly.truth import (
     CELL_M,
@@ -48,7 +48,7 @@ WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)),
 PAPER_LENGTH_M = 20.0  # chosen before, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # around the unit, where simulated fronts still count
 METHODS: dict[str, Method] = {
-    "paper": lambda fire, marks: PaperCorrected(fire, marks, PAPER_LENGTH_M),
+    "paper": lambda fire, observations: PaperCorrected(fire, observations, PAPER_LENGTH_M),
     "gaussian": GaussianCorrected,
 }
 
@@ -68,11 +68,11 @@ class Case(NamedTuple):
 
 
 class Study(NamedTuple):
-    """What one participant's marks did."""
+    """What one participant's observations did."""
 
     case: Case
     participant: int
-    marks: Floats
+    observations: Floats
     uncorrected_m: Floats
     errors_m: dict[str, Floats]  # by method, at each time
 
@@ -83,9 +83,9 @@ def study(burn: Burn, participants: int) -> list[Study]:
     uncorrected_m = errors_m(case, np.empty((0, 4)), None)
     found = []
     for participant in range(participants):
-        marks = marks_of_participant(burn, participant)
-        errors = {name: errors_m(case, marks, method) for name, method in METHODS.items()}
-        found.append(Study(case, participant, marks, uncorrected_m, errors))
+        observations = observations_of_participant(burn, participant)
+        errors = {name: errors_m(case, observations, method) for name, method in METHODS.items()}
+        found.append(Study(case, participant, observations, uncorrected_m, errors))
     return found
 
 
@@ -99,11 +99,11 @@ def case_of(burn: Burn) -> Case:
     return Case(f"random {burn.seed}", at_s, fronts, burn.model, grid, cells_of(grid), never)
 
 
-def marks_of_participant(burn: Burn, participant: int) -> Floats:
-    """The marks (n, 4) of one of them; always the same."""
+def observations_of_participant(burn: Burn, participant: int) -> Floats:
+    """The observations (n, 4) of one of them; always the same."""
     rng = np.random.default_rng((burn.seed, participant))
     count = int(rng.integers(FEWEST, MOST + 1))
-    return random_marks(
+    return random_observations(
         rng, count, WATCHING, burn.arrival_s, burn.model, burn.landscape, unit_box()
     )
 
@@ -125,21 +125,21 @@ def cells_of(grid: Landscape) -> Floats:
     return np.column_stack([axis.ravel() for axis in grid.xy_of(*np.indices(grid.shape))])
 
 
-def arrival_s(case: Case, marks: Floats, method: Method | None) -> Floats:
+def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats:
     """(rows, cols) by the model, corrected or not."""
-    fire = method(case.model, marks) if method else case.model
+    fire = method(case.model, observations) if method else case.model
     found = fire.ignition_time_s(case.points).reshape(case.grid.shape)
     return np.minimum(found, case.before_s)
 
 
-def errors_m(case: Case, marks: Floats, method: Method | None) -> Floats:
+def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
     """Front error at each time, by what was marked until then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
-        known = int(np.count_nonzero(marks[:, 2] <= at_s))
+        known = int(np.count_nonzero(observations[:, 2] <= at_s))
         if known != used:
-            used, expected_s = known, arrival_s(case, marks[:known], method)
+            used, expected_s = known, arrival_s(case, observations[:known], method)
         front = front_points(expected_s, float(at_s), case.grid, case.apart_m)
         found[number] = front_error_m(case.fronts[number], front, case.most_m)
     return found
@@ -157,7 +157,7 @@ def rows_of(one: Study) -> list[dict[str, Any]]:
         {
             "truth": one.case.name,
             "method": method,
-            "corrections": len(one.marks),
+            "corrections": len(one.observations),
             "mean_error_uncorrected_m": float(np.nanmean(one.uncorrected_m[period])),
             "mean_error_m": float(np.nanmean(errors[period])),
             "mean_error_uncorrected_all_minutes_m": float(np.nanmean(one.uncorrected_m)),

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
@@ -109,7 +109,7 @@ def scenario_of(number: int) -> Scenario:
     return base.model_copy(update={"name": f"beachly-{number}", "burn": burn})
 
 
-class Onlooker:
+class RecordingCrew:
     """A simulated crew that notes what is flown; in scenario 4 it tells of the second front."""
 
     def __init__(self, flown: Flown, scenario: Scenario) -> None:
@@ -160,7 +160,7 @@ def fly(number: int, out: Path | None = None) -> Flown:
     flown = Flown(number, landscape, area)
     with tempfile.TemporaryDirectory() as folder:
         journal = (out or Path(folder)) / f"scenario-{number}.jsonl"
-        simulate(scenario, journal, "", crew=Onlooker(flown, scenario).due)
+        simulate(scenario, journal, "", crew=RecordingCrew(flown, scenario).due)
     return flown
 
 

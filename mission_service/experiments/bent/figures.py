@@ -30,7 +30,7 @@ def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: 
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    costs = averages([run.told() for run in runs], importance)
+    costs = averages([run.as_row() for run in runs], importance)
     colour_of = {}
     for run in runs:
         negotiated = CENTRE_COLOUR if run.case.negotiation == "centre" else IMPORTANCE_COLOUR

@@ -85,7 +85,7 @@ def run(
         "speed_m_s": speed_m_s,
         "hours": (burn.end_s - burn.deploy_s) / 3600.0,
         "perimeter_km": [float(step.step_m.sum()) / 1e3 for step in (history[0], history[-1])],
-        "runs": [one.told() for one in of_thesis],
-        "later": [one.told() for one in of_later],
-        "balanced": [one.told() for one in of_ours],
+        "runs": [one.as_row() for one in of_thesis],
+        "later": [one.as_row() for one in of_later],
+        "balanced": [one.as_row() for one in of_ours],
     }

@@ -100,7 +100,7 @@ class Run:
         """Of the cost over time."""
         return float(self.cost.std())
 
-    def told(self) -> dict[str, Any]:
+    def as_row(self) -> dict[str, Any]:
         """As in the JSON."""
         return {
             **self.case._asdict(),

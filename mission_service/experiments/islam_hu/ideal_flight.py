@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
-from mission_service.experiments.boundary_following import FrontWalk
+from mission_service.experiments.boundary_following import BoundaryFollower
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
 from mission_service.guidance.front.front_shape import hull_of
@@ -78,7 +78,7 @@ def fly(
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s
     at_s = burn.deploy_s
-    walk = FrontWalk(burn.enclosed_s, at_s)
+    walk = BoundaryFollower(burn.enclosed_s, at_s)
     row, col = walk.cell
     track, reversals, windows, errors = [], [], [], []
     while at_s < burn.end_s:

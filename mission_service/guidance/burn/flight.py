@@ -9,11 +9,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
 from mission_service.guidance.burn.unit import Unit
-from mission_service.guidance.burn.ways import Ways
+from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 Lights = Callable[[Floats], Simulation]  # sources (n, 3) x, y, at_s: the fire of them alone
@@ -77,8 +77,8 @@ class Air:
     fire: Simulation
     lights: Lights
     hazard: Hazard
-    low: Ways
-    high: Ways | None  # inside the fence
+    low: VisibilityGraph
+    high: VisibilityGraph | None  # inside the fence
     home_m: tuple[float, float]
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
@@ -105,7 +105,7 @@ class Air:
     def high_way(self, here: Place, x_m: float, y_m: float) -> list[tuple[float, float]] | None:
         """At the safe height, inside the fence; None if there is none."""
         begin, end = (here.x_m, here.y_m), (x_m, y_m)
-        return [begin, end] if self.high is None else self.high.way(begin, end)
+        return [begin, end] if self.high is None else self.high.shortest_path(begin, end)
 
     def home_s(self, here: Place) -> float:
         """Time from the safe height here to the ground at home; infinity if there is no way."""
@@ -407,7 +407,7 @@ class Flier:
 
     def _low(self, here: Place, x_m: float, y_m: float) -> Route | None:
         level = self._level(here)
-        way = self.air.low.way((here.x_m, here.y_m), (x_m, y_m)) if level else None
+        way = self.air.low.shortest_path((here.x_m, here.y_m), (x_m, y_m)) if level else None
         return None if way is None or level is None else self.air.along(level, way)
 
     def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:

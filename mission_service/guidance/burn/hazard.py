@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 

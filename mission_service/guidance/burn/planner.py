@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.flight import Air, Lights, Place, Trip, fly
@@ -151,8 +151,8 @@ def air_of(situation: Situation, settings: BurnSection) -> Air:
         situation.fire,
         situation.lights,
         hazard_of(situation.fire, unit.area.bounds, margins),
-        unit.low_ways,
-        unit.high_ways,
+        unit.low_paths,
+        unit.high_paths,
         situation.home_m,
     )
 

@@ -12,7 +12,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import PersonTold, PlanWanted, UnitTold
-from mission_service.fire.estimated import BelievedFire, toward
+from mission_service.fire.estimated import EstimatedFire, toward
 from mission_service.guidance.burn.aim import aimed
 from mission_service.guidance.burn.drops import Account, Place
 from mission_service.guidance.burn.flight import Air
@@ -44,7 +44,7 @@ class BurnState:
         """Raises MissionServiceError for a unit, or a home, that cannot be."""
         self.burn, self.landscape = burn, landscape
         self.unit = unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
-        self.fire = BelievedFire(burn, landscape, weather)
+        self.fire = EstimatedFire(burn, landscape, weather)
         self.account = Account(burn.spheres)
         self.area_left: Any = self.unit.area
         self.line = 1

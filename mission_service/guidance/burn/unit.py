@@ -18,7 +18,7 @@ from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.lines import only_areas
-from mission_service.guidance.burn.ways import Ways
+from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
@@ -55,15 +55,15 @@ class Unit:
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
 
     @cached_property
-    def low_ways(self) -> Ways:
+    def low_paths(self) -> VisibilityGraph:
         """Where may be flown below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
-        return Ways(self._without_people(inside))
+        return VisibilityGraph(self._without_people(inside))
 
     @cached_property
-    def high_ways(self) -> Ways | None:
+    def high_paths(self) -> VisibilityGraph | None:
         """Where may be flown at the safe height; None for everywhere."""
-        return None if self.fence is None else Ways(self.fence)
+        return None if self.fence is None else VisibilityGraph(self.fence)
 
     def _without_people(self, area: BaseGeometry) -> BaseGeometry:
         for person in self.people:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.flight import Place
 from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line

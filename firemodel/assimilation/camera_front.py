@@ -1,24 +1,24 @@
-"""Marks from what cameras and sensors see, with no person in between."""
+"""Observations from what cameras and sensors see, with no person in between."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED, Mark, Simulation
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, PointObservation, Simulation
 from firemodel.landscape.landscape import Landscape
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-class SeenFront:
-    """Windows of a camera folded into few marks.
+class CameraFront:
+    """Windows of a camera folded into few observations.
 
     Between a cell seen burned and one beside it seen unburned there is the front: burning, at that
     time. Besides, what the simulation has otherwise is marked burned or unburned. Of each state at
-    most one mark is kept for each square of ``apart_m`` and each ``every_s``, the newest, and of
-    all the newest ``most``.
+    most one observation is kept for each square of ``apart_m`` and each ``every_s``, the newest,
+    and of all the newest ``most``.
     """
 
     def __init__(
@@ -26,13 +26,13 @@ class SeenFront:
     ) -> None:
         self.landscape, self.most = landscape, most
         self._apart_m, self._every_s = apart_m, every_s
-        self._marks: dict[tuple[int, int, int, int], Mark] = {}
+        self._observations: dict[tuple[int, int, int, int], PointObservation] = {}
 
     def fold(self, row: int, col: int, cells: Sequence[str], at_s: float, fire: Simulation) -> None:
         """A window (``events.Observed``) with its north-west cell at (row, col).
 
         Rows run from north to south, with ``b`` burning or burned, ``u`` unburned, anything else
-        not seen. ``fire`` is the simulation as it is without these marks.
+        not seen. ``fire`` is the simulation as it is without these observations.
         """
         window = np.array([list(line) for line in cells])
         if window.size == 0:
@@ -51,13 +51,15 @@ class SeenFront:
         self._keep(places[burned[known] & ~simulated], at_s, BURNED)
         self._keep(places[unburned[known] & simulated], at_s, UNBURNED)
 
-    def marks(self) -> Floats:
+    def observations(self) -> Floats:
         """(n, 4) x, y, at_s, state in order of time."""
-        newest = sorted(self._marks.values(), key=lambda mark: mark.at_s)[-self.most :]
+        newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
+            -self.most :
+        ]
         return np.array(newest, dtype=np.float64).reshape(-1, 4)
 
     def _keep(self, places: Floats, at_s: float, state: int) -> None:
         for x_m, y_m in places:
             square = int(x_m // self._apart_m), int(y_m // self._apart_m)
             key = (state, *square, int(at_s // self._every_s))
-            self._marks[key] = Mark(float(x_m), float(y_m), at_s, state)
+            self._observations[key] = PointObservation(float(x_m), float(y_m), at_s, state)

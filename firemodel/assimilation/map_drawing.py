@@ -1,4 +1,4 @@
-"""Marks from what people draw on a map: a point, a line, a polygon."""
+"""Observations from what people draw on a map: a point, a line, a polygon."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
 Floats = NDArray[np.float64]
@@ -14,8 +14,10 @@ Shape = Literal["point", "line", "polygon"]
 LEAST_POINTS = {"point": 1, "line": 2, "polygon": 3}
 
 
-def marks_of(shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float) -> Floats:
-    """Marks (n, 4) x, y, at_s, state of a shape with these corners (k, 2) x, y in metres.
+def observations_of(
+    shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
+) -> Floats:
+    """Observations (n, 4) x, y, at_s, state of a shape with these corners (k, 2) x, y in metres.
 
     Of a line, and of a polygon's outline, corners and points between them at most ``spacing_m``
     apart. A polygon that burns has its front there and is not marked inside; one that is burned or

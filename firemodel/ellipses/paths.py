@@ -14,7 +14,7 @@ from firemodel.ellipses.ellipse import EllipseFire
 Floats = NDArray[np.float64]
 
 
-class Ways(NamedTuple):
+class StraightPaths(NamedTuple):
     """To n places: from ``origin`` (n, 2) x, y, lit at ``lit_s`` (n,), within ``takes_s`` (n,).
 
     Where fire never comes, ``takes_s`` is infinite and the rest is of some other way.
@@ -25,8 +25,8 @@ class Ways(NamedTuple):
     takes_s: Floats
 
 
-class Ratable(Protocol):
-    """A fire that knows its ways, and itself with other rates."""
+class AdjustableFire(Protocol):
+    """A fire that knows its paths, and itself with other rates."""
 
     @property
     def rates_sd(self) -> Floats:
@@ -36,10 +36,10 @@ class Ratable(Protocol):
     def first_rates(self) -> Floats:
         """Rates (m, k) to begin the search from."""
 
-    def rated(self, rates: Floats) -> "Ratable":
+    def rated(self, rates: Floats) -> "AdjustableFire":
         """The fire with other rates; 0 for those it has."""
 
-    def ways(self, points_m: Floats) -> Ways:
+    def paths(self, points_m: Floats) -> StraightPaths:
         """To points (n, 2) x, y."""
 
     def places(self) -> Floats:
@@ -49,7 +49,7 @@ class Ratable(Protocol):
         """When fire comes to each point."""
 
 
-class RatableEllipses:
+class AdjustableEllipses:
     """An ``EllipseFire``, at least one source lit.
 
     Rates are logarithms of a factor on all, on the head and on the flanks besides, and a turn of
@@ -71,7 +71,7 @@ class RatableEllipses:
     def __init__(self, fire: EllipseFire) -> None:
         self.fire = fire
 
-    def rated(self, rates: Floats) -> "RatableEllipses":
+    def rated(self, rates: Floats) -> "AdjustableEllipses":
         """All spreads of the fire changed alike."""
         every, head, flank, turn_rad = (float(rate) for rate in rates)
         spreads = [
@@ -83,13 +83,13 @@ class RatableEllipses:
             )
             for spread in self.fire.spreads
         ]
-        return RatableEllipses(EllipseFire(spreads, self.fire.sources))
+        return AdjustableEllipses(EllipseFire(spreads, self.fire.sources))
 
-    def ways(self, points_m: Floats) -> Ways:
+    def paths(self, points_m: Floats) -> StraightPaths:
         """From the source that fire comes from first."""
         time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
-        return Ways(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
+        return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 
     def places(self) -> Floats:
         """The sources."""

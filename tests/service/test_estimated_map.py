@@ -6,8 +6,8 @@ import numpy as np
 
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Corrected
-from mission_service.fire.estimated import BelievedFire
-from mission_service.fire.estimated_forecast import BelievedForecasts
+from mission_service.fire.estimated import EstimatedFire
+from mission_service.fire.estimated_forecast import EstimatedForecasts
 from mission_service.fire.setup import landscape_of, weather_of
 
 
@@ -15,8 +15,8 @@ def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> 
     scenario = load_scenario("burn")
     assert scenario.burn is not None
     landscape = landscape_of(scenario)
-    believed = BelievedFire(scenario.burn, landscape, weather_of(scenario))
-    forecasts = BelievedForecasts(lambda: believed, landscape, lambda: 600.0)
+    believed = EstimatedFire(scenario.burn, landscape, weather_of(scenario))
+    forecasts = EstimatedForecasts(lambda: believed, landscape, lambda: 600.0)
     before = asyncio.run(forecasts.arrival(1200.0))
     row, col = np.argwhere((before.arrival_s > 900) & (before.arrival_s < 1000))[0]
     x_m, y_m = landscape.xy_of(float(row), float(col))

@@ -1,4 +1,4 @@
-"""What people and sensors say of a fire: places with a time, and what is there at that time."""
+"""Observations of a fire: a place, a time, and the state of the place at that time."""
 
 from typing import NamedTuple, Protocol
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# The sign of (time of ignition - time of the mark).
+# The sign of (time of ignition - time of the observation).
 BURNED, BURNING, UNBURNED = -1, 0, 1
 
 
@@ -18,7 +18,7 @@ class Simulation(Protocol):
         """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
 
 
-class Mark(NamedTuple):
+class PointObservation(NamedTuple):
     """At ``at_s`` the place is BURNED (it came before), BURNING (it comes then) or UNBURNED."""
 
     x_m: float
@@ -27,13 +27,13 @@ class Mark(NamedTuple):
     state: int
 
 
-def errors_s(fire: Simulation, marks: Floats) -> Floats:
-    """How much later than simulated the fire came to each mark (n, 4): (n,), negative for earlier.
+def errors_s(fire: Simulation, observations: Floats) -> Floats:
+    """How much later than simulated the fire came to each observation (n, 4), in s: (n,).
 
-    Infinite where the fire never comes by the simulation. A burned or unburned mark that the
-    simulation agrees with has no error.
+    Negative for earlier, infinite where the fire never comes by the simulation. A burned or
+    unburned observation that the simulation agrees with has no error.
     """
-    late_s: Floats = marks[:, 2] - fire.ignition_time_s(marks[:, :2])
-    state = marks[:, 3]
+    late_s: Floats = observations[:, 2] - fire.ignition_time_s(observations[:, :2])
+    state = observations[:, 3]
     late_s = np.where(state == BURNED, np.minimum(late_s, 0.0), late_s)
     return np.where(state == UNBURNED, np.maximum(late_s, 0.0), late_s)

@@ -1,4 +1,4 @@
-"""Marks that set a simulation right, by the paper's method."""
+"""Observations that set a simulation right, by the paper's method."""
 
 import math
 
@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.assimilation import corrections
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED, errors_s
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, errors_s
 from firemodel.errors import FireModelError
 
 Floats = NDArray[np.float64]
@@ -18,7 +18,7 @@ FIRE = EllipseFire([Spread(0.0, 0.5, 0.1, 0.1, 0.0)], np.zeros((1, 3)))
 HERE = (50.0, 0.0)  # where it comes after 100 s
 
 
-def marks(*rows: tuple[float, float, float, int]) -> Floats:
+def observations(*rows: tuple[float, float, float, int]) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
@@ -30,14 +30,14 @@ def moved_s(given: Floats, *places: tuple[float, float]) -> Floats:
 
 def test_a_mark_is_right_where_it_is_and_fades_with_distance() -> None:
     late = moved_s(
-        marks((*HERE, 160.0, BURNING)), HERE, (50.0, LENGTH_M), (50.0 + 6.5 * LENGTH_M, 0)
+        observations((*HERE, 160.0, BURNING)), HERE, (50.0, LENGTH_M), (50.0 + 6.5 * LENGTH_M, 0)
     )
     assert late.tolist() == pytest.approx([60.0, 60.0 * math.exp(-0.5), 0.0], abs=1e-6)
     assert late[2] == 0.0
 
 
 def test_marks_together_are_averaged_and_apart_they_do_not_add_up() -> None:
-    two = marks((*HERE, 160.0, BURNING), (*HERE, 120.0, BURNING))
+    two = observations((*HERE, 160.0, BURNING), (*HERE, 120.0, BURNING))
     assert moved_s(two, HERE, (50.0, LENGTH_M)).tolist() == pytest.approx(
         [40.0, 80.0 * math.exp(-0.5) / (2.0 * math.exp(-0.5))]
     )
@@ -57,15 +57,15 @@ def test_marks_together_are_averaged_and_apart_they_do_not_add_up() -> None:
 def test_burned_and_unburned_say_by_when_and_from_when(
     at_s: float, state: int, late_s: float
 ) -> None:
-    assert moved_s(marks((*HERE, at_s, state)), HERE)[0] == pytest.approx(late_s)
+    assert moved_s(observations((*HERE, at_s, state)), HERE)[0] == pytest.approx(late_s)
 
 
 def test_what_the_fire_agrees_with_does_not_weaken_the_others() -> None:
     agrees = [(50.0, float(y), 500.0, BURNED) for y in range(5)]
-    assert moved_s(marks((*HERE, 160.0, BURNING), *agrees), HERE)[0] == pytest.approx(60.0)
+    assert moved_s(observations((*HERE, 160.0, BURNING), *agrees), HERE)[0] == pytest.approx(60.0)
     as_simulated = float(FIRE.ignition_time_s(np.array([HERE]))[0])
     exact = (*HERE, as_simulated, BURNING)  # does: fire was seen to come just then
-    assert moved_s(marks((*HERE, 160.0, BURNING), exact), HERE)[0] == pytest.approx(30.0)
+    assert moved_s(observations((*HERE, 160.0, BURNING), exact), HERE)[0] == pytest.approx(30.0)
 
 
 def test_without_marks_nothing_is_moved() -> None:
@@ -75,7 +75,7 @@ def test_without_marks_nothing_is_moved() -> None:
 def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
     rain = (Spread(0.0, 0.5, 0.1, 0.1, 0.0), Spread(100.0, 0.0, 0.0, 0.0, 0.0))
     fire = EllipseFire(rain, np.zeros((1, 3)))
-    given = marks(
+    given = observations(
         (115.0, 0.0, 800.0, BURNING), (100.0, 0.0, 900.0, BURNED), (200.0, 0.0, 700.0, UNBURNED)
     )
     corrected = PaperCorrected(fire, given, LENGTH_M)
@@ -83,7 +83,7 @@ def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
     found = corrected.ignition_time_s(points)
     assert found.tolist() == pytest.approx([50.0, 800.0, 900.0, 800.0, np.inf])
     none = EllipseFire(rain, np.empty((0, 3)))
-    assert PaperCorrected(none, marks((*HERE, 10.0, BURNED)), LENGTH_M).ignition_time_s(
+    assert PaperCorrected(none, observations((*HERE, 10.0, BURNED)), LENGTH_M).ignition_time_s(
         np.array([HERE])
     ).tolist() == [10.0]
 
@@ -112,7 +112,7 @@ def test_tiles_and_polynomials_change_nothing(
 
 def test_times_known_before_give_the_same() -> None:
     points = np.random.default_rng(6).uniform(-100.0, 100.0, (500, 2))
-    corrected = PaperCorrected(FIRE, marks((*HERE, 160.0, BURNING)), LENGTH_M)
+    corrected = PaperCorrected(FIRE, observations((*HERE, 160.0, BURNING)), LENGTH_M)
     simulated_s = FIRE.ignition_time_s(points)
     again = corrected.corrected_s(points, simulated_s)
     assert again.tolist() == corrected.ignition_time_s(points).tolist()
@@ -133,5 +133,5 @@ def test_a_length_that_cannot_be_is_refused(length_m: float) -> None:
 
 
 def test_marks_of_another_shape_are_refused() -> None:
-    with pytest.raises(FireModelError, match=r"marks are \(2, 3\)"):
+    with pytest.raises(FireModelError, match=r"observations are \(2, 3\)"):
         PaperCorrected(FIRE, np.zeros((2, 3)), LENGTH_M)

@@ -1,4 +1,4 @@
-"""Shortest ways inside an area: around what is not in it."""
+"""Shortest paths inside an area, by its visibility graph."""
 
 import heapq
 import math
@@ -14,8 +14,8 @@ Place = tuple[float, float]
 CLEAR_M = 1.0  # corners are passed so far away where there is room
 
 
-class Ways:
-    """Ways inside ``area``; corners worth passing are found when first asked for."""
+class VisibilityGraph:
+    """The visibility graph of ``area``; its corners are computed on first use."""
 
     def __init__(self, area: BaseGeometry) -> None:
         self.area = area
@@ -24,13 +24,13 @@ class Ways:
         self._lengths: Floats = np.empty((0, 0))
 
     def straight(self, begin: Place, end: Place) -> bool:
-        """Whether the straight way is inside."""
+        """Whether the straight line is inside."""
         if begin == end:
             return bool(self.area.covers(shapely.Point(begin)))
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
-    def way(self, begin: Place, end: Place) -> list[Place] | None:
-        """Places from ``begin`` to ``end``, both with them; None if there is no way."""
+    def shortest_path(self, begin: Place, end: Place) -> list[Place] | None:
+        """Places from ``begin`` to ``end``, both with them; None if there is no path."""
         if self.straight(begin, end):
             return [begin, end]
         if not self.area.covers(shapely.MultiPoint([begin, end])):

@@ -1,9 +1,10 @@
-"""A fire simulation set right by marks, as Beachly et al. do it (section IV).
+"""A fire simulation set right by observations, as Beachly et al. do it (section IV).
 
-Each mark gives an error: how much later than simulated fire came there (``marks.errors_s``). It is
-carried to other places by a squared exponential k of the distance. Where marks are many their
-errors are averaged, and far from all of them nothing is corrected: Σ k e / max(1, Σ k). All marks
-count alike, whenever they were made: of two at one place the mean holds.
+Each observation gives an error: how much later than simulated fire came there
+(``observations.errors_s``). It is carried to other places by a squared exponential k of the
+distance. Where observations are many their errors are averaged, and far from all of them nothing is
+corrected: Σ k e / max(1, Σ k). All observations count alike, whenever they were made: of two at one
+place the mean holds.
 """
 
 import math
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from firemodel.ellipses.marks import BURNING, UNBURNED, Simulation, errors_s
+from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation, errors_s
 from firemodel.ellipses.tiles import first_of, tiles_of
 from firemodel.errors import FireModelError
 
@@ -22,7 +23,7 @@ LARGEST = -math.log(LEAST)
 # exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of what y / 64 can be.
 PARTS, MIDDLE = 64.0, LARGEST / 128.0
 # Where many points are in a square of ``SMOOTH`` lengths, what is reckoned in NODES x NODES places
-# of it (Chebyshev's) gives a polynomial that is off by less than LEAST of a mark's error.
+# of it (Chebyshev's) gives a polynomial that is off by less than LEAST of an observation's error.
 NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
@@ -32,29 +33,29 @@ Floats = NDArray[np.float64]
 
 
 class PaperCorrected:
-    """A fire with marks (n, 4) x, y, at_s, state that reach about ``length_m`` around them.
+    """A fire with observations (n, 4) x, y, at_s, state that reach about ``length_m`` around them.
 
-    A burned or unburned mark that the fire agrees with corrects nothing and does not count. Where
-    fire never comes by the simulation a shift of time cannot help: there a place burns from the
-    earliest time at which a mark within ``length_m`` says so.
+    A burned or unburned observation that the fire agrees with corrects nothing and does not count.
+    Where fire never comes by the simulation a shift of time cannot help: there a place burns from
+    the earliest time at which an observation within ``length_m`` says so.
     """
 
-    def __init__(self, fire: Simulation, marks: Floats, length_m: float) -> None:
-        """Raises FireModelError for marks of another shape or no length."""
+    def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
+        """Raises FireModelError for observations of another shape or no length."""
         self.fire, self.length_m = fire, length_m
-        self.marks = np.asarray(marks, dtype=np.float64)
-        if self.marks.ndim != 2 or self.marks.shape[1] != 4:
+        self.observations = np.asarray(observations, dtype=np.float64)
+        if self.observations.ndim != 2 or self.observations.shape[1] != 4:
             raise FireModelError(
-                f"corrections: marks are {self.marks.shape}; they must be (count, 4): x, y, at_s, "
-                "state"
+                f"corrections: observations are {self.observations.shape}; they must be "
+                "(count, 4): x, y, at_s, state"
             )
         if not 0.0 < length_m < np.inf:
             raise FireModelError(f"corrections: length_m = {length_m} must be more than 0 m")
-        error_s = errors_s(fire, self.marks)
+        error_s = errors_s(fire, self.observations)
         never = ~np.isfinite(error_s)
-        counts = ~never & ((error_s != 0.0) | (self.marks[:, 3] == BURNING))
-        self._places, self._error_s = self.marks[counts, :2], error_s[counts]
-        self._anyway = self.marks[never & (self.marks[:, 3] != UNBURNED), :3]
+        counts = ~never & ((error_s != 0.0) | (self.observations[:, 3] == BURNING))
+        self._places, self._error_s = self.observations[counts, :2], error_s[counts]
+        self._anyway = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
@@ -108,9 +109,9 @@ def _squared_exponential(y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _add_up(box, places, error_s, part, xs, ys, total, weight):  # type: ignore[no-untyped-def]
-    """Σ k e and Σ k at each x, y in a box, of the marks whose k is not 0 all over it."""
-    for mark in range(places.shape[0]):
-        x, y, error = places[mark, 0], places[mark, 1], error_s[mark]
+    """Σ k e and Σ k at each x, y in a box, of the observations whose k is not 0 all over it."""
+    for observation in range(places.shape[0]):
+        x, y, error = places[observation, 0], places[observation, 1], error_s[observation]
         off_x, off_y = max(box[0] - x, x - box[1], 0.0), max(box[2] - y, y - box[3], 0.0)
         if part * (off_x * off_x + off_y * off_y) >= LARGEST:
             continue
