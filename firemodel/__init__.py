@@ -34,24 +34,24 @@ if TYPE_CHECKING:
     from firemodel.spread.writers import write_fronts, write_rasters
 
 _MODULES = {
-    "FUEL_MODELS": "physics.fuels",
-    "SCHEMES": "spread.schemes",
-    "Fire": "spread.fire",
-    "FireModelError": "errors",
-    "Landscape": "landscape.landscape",
-    "Weather": "physics.weather",
-    "WeatherStream": "physics.weather",
-    "behaviour_of": "spread.behaviour",
-    "burn": "simulate",
-    "draw_map": "spread.map",
-    "flat_landscape": "landscape.flat",
-    "jacksboro": "landscape.default",
-    "read_landscape": "landscape.readers.rasters",
-    "read_shapes": "landscape.readers.shapes",
-    "read_weather": "landscape.readers.weather",
-    "with_barriers": "landscape.rasterise",
-    "write_fronts": "spread.writers",
-    "write_rasters": "spread.writers",
+    "FUEL_MODELS": "firemodel.physics.fuels",
+    "SCHEMES": "firemodel.spread.schemes",
+    "Fire": "firemodel.spread.fire",
+    "FireModelError": "firemodel.errors",
+    "Landscape": "firemodel.landscape.landscape",
+    "Weather": "firemodel.physics.weather",
+    "WeatherStream": "firemodel.physics.weather",
+    "behaviour_of": "firemodel.spread.behaviour",
+    "burn": "firemodel.simulate",
+    "draw_map": "firemodel.spread.arrival_map",
+    "flat_landscape": "firemodel.landscape.flat",
+    "jacksboro": "firemodel.landscape.default",
+    "read_landscape": "firemodel.landscape.readers.rasters",
+    "read_shapes": "firemodel.landscape.readers.shapes",
+    "read_weather": "firemodel.landscape.readers.weather_files",
+    "with_barriers": "firemodel.landscape.rasterise",
+    "write_fronts": "firemodel.spread.writers",
+    "write_rasters": "firemodel.spread.writers",
 }
 
 __all__ = [
@@ -79,7 +79,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    found = getattr(import_module(_MODULES[name]), name)
     globals()[name] = found
     return found
 

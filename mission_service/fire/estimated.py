@@ -52,9 +52,7 @@ class EstimatedFire:
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
         # Spheres of the line under way; its flight keeps clear of them by itself.
-        self.held = np.empty(
-            (0, 3)
-        )  # spheres of the line under way; its flight keeps clear of them by itself
+        self.held = np.empty((0, 3))
         self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
         self._observations = np.empty((0, 4))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firemodel.assimilation import corrections
+from firemodel.assimilation import distance_weighting
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, errors_s
@@ -120,10 +120,10 @@ def test_times_known_before_give_the_same() -> None:
 
 
 def test_its_exponential_is_one() -> None:
-    y = np.linspace(0.0, corrections.LARGEST * (1.0 - 1e-9), 5000)
-    found = np.array([corrections._squared_exponential(value) for value in y])
+    y = np.linspace(0.0, distance_weighting.LARGEST * (1.0 - 1e-9), 5000)
+    found = np.array([distance_weighting._squared_exponential(value) for value in y])
     np.testing.assert_allclose(found, np.exp(-y), rtol=1e-10)
-    assert corrections._squared_exponential(corrections.LARGEST + 1e-9) == 0.0
+    assert distance_weighting._squared_exponential(distance_weighting.LARGEST + 1e-9) == 0.0
 
 
 @pytest.mark.parametrize("length_m", [0.0, -1.0, math.inf, math.nan])

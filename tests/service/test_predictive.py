@@ -15,7 +15,6 @@ from mission_service.experiments.islam_hu.predictive_flight import (
     fly_predictive,
     predictive_planner,
 )
-from mission_service.experiments.islam_hu.random_fires import mean_max_errors
 from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
 from mission_service.guidance.front.belief import Belief
@@ -24,6 +23,7 @@ from mission_service.guidance.front.hedge import hedged
 from mission_service.guidance.front.predictive import PredictivePlanner, model_of
 from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
 from mission_service.replay.distance_error import TrueShape
+from tests.service.random_fires import mean_max_errors
 
 Floats = NDArray[np.float64]
 SHAPE = (200, 200)
