@@ -121,7 +121,7 @@ def corrected_arrival(
     observations: Floats,
     method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
 ) -> Floats:
-    """Arrival times (y, x) of a cellular fire, set right by observations (n, 4) x, y, at_s, state.
+    """Arrival times (y, x) of a cellular fire, corrected by observations (n, 4) x, y, at_s, state.
 
     ``method`` may also be the paper's, with its length: ``lambda fire, observations:
     PaperCorrected(fire, observations, 30.0)``. Let the fire burn on ahead of what is marked first:

@@ -1,4 +1,4 @@
-"""A fire simulation set right by observations, as Beachly et al. do it (section IV).
+"""A fire simulation corrected by observations, as Beachly et al. do it (section IV).
 
 Each observation gives an error: how much later than simulated fire came there
 (``observations.errors_s``). It is carried to other places by a squared exponential k of the
@@ -22,7 +22,7 @@ LEAST = 1e-9  # a squared exponential that is less is none
 LARGEST = -math.log(LEAST)
 # exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of what y / 64 can be.
 PARTS, MIDDLE = 64.0, LARGEST / 128.0
-# Where many points are in a square of ``SMOOTH`` lengths, what is reckoned in NODES x NODES places
+# Where many points are in a square of ``SMOOTH`` lengths, what is computed in NODES x NODES places
 # of it (Chebyshev's) gives a polynomial that is off by less than LEAST of an observation's error.
 NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
@@ -86,7 +86,7 @@ class PaperCorrected:
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
     """exp(-y) to 1e-10 of it, 0 where it is less than ``LEAST``; without a branch or a call.
 
-    So that several places are reckoned at once, which exp is not.
+    So that several places are computed at once, which exp is not.
     """
     z = min(y, LARGEST) / PARTS - MIDDLE
     found = SERIES[8]
@@ -161,7 +161,7 @@ def _shifts(places, error_s, length_m, tiles, room, total, weight):  # type: ign
         if begin == end:
             continue
         box = tile_boxes[tile]
-        # Of their own, so that places count from 0 and several can be reckoned at once.
+        # Of their own, so that places count from 0 and several can be computed at once.
         xs, ys = tiles.x[begin:end], tiles.y[begin:end]
         totals, weights = total[begin:end], weight[begin:end]
         half_x, half_y = 0.5 * (box[1] - box[0]), 0.5 * (box[3] - box[2])

@@ -1,7 +1,7 @@
 """A fire as ellipses that grow from points, whose time of ignition is known anywhere at once.
 
 Section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and Ignitions"), with its
-eqs. 1 and 2 set right: after a time t the ellipse of a point ignition spans from ``-back t`` to
+eqs. 1 and 2 corrected: after a time t the ellipse of a point ignition spans from ``-back t`` to
 ``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same
 everywhere and the ground is level. Lines are series of points (``line_sources``).
 
@@ -79,7 +79,7 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
     """A line (n, 2) x, y as sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
 
     Corners are sources. ``at_s`` is one time, or one for each corner (n,) of a line lit as
-    somebody walks. Midway between two sources the front is behind that of a line by about
+    a person walks. Midway between two sources the front is behind that of a line by about
     s²/(8 r) where it has come r to the sides of each (r is ``flank_m_s`` times the time): 3 % of r
     at r = 2 s; before r = s/2 the two have not met. Raises FireModelError for no points or no
     spacing.
@@ -126,7 +126,7 @@ class EllipseFire:
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
-        """Both: ``ignition_time_s`` and, unless they are not asked for (empty), ``sources_of``."""
+        """Both: ``ignition_time_s`` and, unless not requested (empty), ``sources_of``."""
         points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
         sources = self.sources

@@ -34,7 +34,7 @@ class Bounds(NamedTuple):
     begins_m: Floats
     lit_m: Floats
     limit_m: Floats  # (k) room for how far by a limit
-    last: NDArray[np.int64]  # (sources) room for the direction that last told
+    last: NDArray[np.int64]  # (sources) room for the direction that decided last
 
 
 @kernel
@@ -104,7 +104,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
             if at[level] != square:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
-        # Of their own, so that places count from 0 and several can be reckoned at once.
+        # Of their own, so that places count from 0 and several can be computed at once.
         xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
@@ -182,7 +182,7 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
 
 @kernel
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
-    """When fire lit at a time comes to d from its source, and the n that tells: (time, nx, ny).
+    """When fire lit at a time comes to d from its source, and the deciding n: (time, nx, ny).
 
     Or any time from the limit on: each u gives a bound from below. ``n`` is a first guess; 0, 0
     for none.
@@ -220,7 +220,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """``reach`` from a source, beginning with the n of the last time, which it keeps anew."""
+    """``reach`` from a source, beginning with the n of the last time, which it updates."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],

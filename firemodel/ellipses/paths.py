@@ -1,4 +1,4 @@
-"""How fire comes to places, in simulations whose rates can be set anew: what corrections rest on.
+"""How fire comes to places, in simulations whose rates can be changed: what corrections rest on.
 
 A way is taken as straight, from where fire was lit to the place.
 """
@@ -26,7 +26,7 @@ class StraightPaths(NamedTuple):
 
 
 class AdjustableFire(Protocol):
-    """A fire that knows its paths, and itself with other rates."""
+    """A fire with its paths, and the same fire at other rates."""
 
     @property
     def rates_sd(self) -> Floats:

@@ -63,7 +63,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
     """Rise per metre towards north and towards east, (2, y, x), from elevation (y, x).
 
     Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); beyond the edge
-    the ground goes on level. Reckoned in float64, some rows at a time to stay small.
+    the ground goes on level. Computed in float64, some rows at a time to stay small.
     """
     rows, cols = elevation_m.shape
     padded = np.pad(elevation_m, 1, mode="edge")
@@ -158,7 +158,7 @@ class Landscape:
 
     @property
     def slope_tan(self) -> Floats:
-        """Slope as rise over run (y, x); worked out anew each time, as ``aspect_deg`` is."""
+        """Slope as rise over run (y, x); computed again each time, as ``aspect_deg`` is."""
         north, east = self.gradient
         slope: Floats = np.hypot(north, east, dtype=np.float64)
         return slope

@@ -7,7 +7,7 @@ time (Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where condit
 all around, lines may be of any length, and arrival times are those of the exact ellipse.
 
 When the weather changes, each line under way is cut where the fire is on it, and that point becomes
-the source of the rest: what has not burned is rated anew, and no way already covered is lost.
+the source of the rest: what has not burned is rated again, and no way already covered is lost.
 """
 
 import bisect

@@ -64,7 +64,7 @@ class Devs8Fire(Fire):
         That is Byram's, at its head. A cell that does not pass it waits for weather in which it
         does (in des-fire for another neighbour), and one that burns stands still (in des-fire it
         goes out); a cell of ``ignitions`` burns in any case. A fire that is already there sets out
-        anew from the centres of its outermost cells. Raises FireModelError where nothing can burn.
+        again from the centres of its outermost cells. Raises FireModelError where nothing can burn.
         """
         if not 0.0 <= ignition_intensity_kw_m < math.inf:
             raise FireModelError(

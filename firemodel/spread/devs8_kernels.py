@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):
-    """What the rates are reckoned with; cells in one row (n)."""
+    """What the rates are computed with; cells in one row (n)."""
 
     cols: int
     cell_m: float

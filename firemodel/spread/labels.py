@@ -1,4 +1,4 @@
-"""What the any-angle scheme knows of each cell: when fire comes, and whence."""
+"""Arrival times and sources of cells in the any-angle scheme."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 class Labels(NamedTuple):
-    """What is known of when and whence fire comes; cells in one row (n)."""
+    """When fire comes to each cell, and from which source; cells in one row (n)."""
 
     arrival_s: Floats  # (n) infinity until it burns
     best_s: Floats  # (n) earliest arrival found so far; minus infinity where nothing burns

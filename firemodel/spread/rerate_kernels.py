@@ -151,7 +151,7 @@ def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-
 
 @kernel
 def set_out(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Start anew from paths and tips: labels, a heap, the points that are sources; (points, size).
+    """Start again from paths and tips: labels, a heap, the points that are sources; (points, size).
 
     best (tips, 3) is room to work in.
     """

@@ -1,7 +1,7 @@
 """The spread schemes: name, class and settings of each. A new scheme is one module and one entry.
 
-Scenario files, experiments and the command line ask this table. Modules are imported when a fire
-is made, since they compile kernels.
+Scenario files, experiments and the command line look schemes up here. Modules are imported when a
+fire is made, since they compile kernels.
 """
 
 from collections.abc import Sequence

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):
-    """What lines are reckoned with; cells in one row (n)."""
+    """What lines are computed with; cells in one row (n)."""
 
     cols: int
     cell_m: float

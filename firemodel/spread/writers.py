@@ -72,7 +72,7 @@ def fronts_geojson(
     """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
 
     Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
-    the status says that nobody approved them. ``time_zero`` is 0 s by the calendar, if known.
+    the status says that they are not approved. ``time_zero`` is 0 s by the calendar, if known.
     Raises FireModelError for a time that the fire has not come to.
     """
     features = []

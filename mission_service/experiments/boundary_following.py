@@ -1,7 +1,7 @@
 """Following the true front of a burn from cell to cell, as Islam & Hu let their vehicle do.
 
 "We assume that the UAS has the capability of boundary following and always flies on top of the
-fire perimeter" (section III). A planner says which way round; this says which cell is next.
+fire perimeter" (section III). A planner decides the direction; this gives the next cell.
 """
 
 import heapq

@@ -141,14 +141,14 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
     """The cells (n, 2) of a stroke, less those that were erased."""
-    told = held.correction
-    places = landscape.xy_of_places(told.points)
+    correction = held.correction
+    places = landscape.xy_of_places(correction.points)
     shape: BaseGeometry = shapely.Point(places[0])
-    if told.shape == "line":
+    if correction.shape == "line":
         shape = shapely.LineString(places)
-    elif told.shape == "polygon":
+    elif correction.shape == "polygon":
         area = shapely.Polygon(places)
-        shape = area.exterior if told.state == "burning" else area
+        shape = area.exterior if correction.state == "burning" else area
     cells = cells_of([shape], landscape)
     centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
     return cells[not_erased(centres_m, held.erasures, landscape)]

@@ -87,11 +87,13 @@ class CorrectionLog:
         ]
 
 
-def observations_of_correction(told: Corrected, landscape: Landscape, spacing_m: float) -> Floats:
+def observations_of_correction(
+    correction: Corrected, landscape: Landscape, spacing_m: float
+) -> Floats:
     """Observations (n, 4) x, y, at_s, state of what was drawn. Raises FireModelError."""
-    places = landscape.xy_of_places(told.points)
-    at_s, state = told.marked_at_us / 1e6, STATES[told.state]
-    return observations_of(told.shape, places, at_s, state, spacing_m)
+    places = landscape.xy_of_places(correction.points)
+    at_s, state = correction.marked_at_us / 1e6, STATES[correction.state]
+    return observations_of(correction.shape, places, at_s, state, spacing_m)
 
 
 def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:

@@ -20,7 +20,7 @@ UNCORRECTED_SD = 0.37
 
 
 class EstimatedForecasts:
-    """As ``Forecasts``; a simulation knows the future as well as the past."""
+    """As ``Forecasts``; a simulation has the future as well as the past."""
 
     def __init__(
         self,

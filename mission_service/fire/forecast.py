@@ -25,7 +25,7 @@ LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now: the next of these to w
 LONGEST_S = LENGTHS_S[-1]
 # Burned further than that, so that a slider at "now and three hours" finds it made for a while.
 FURTHER_S = 1200.0
-OLD_S = 180.0  # of mission time, when a forecast is made anew
+OLD_S = 180.0  # of mission time, when a forecast is computed again
 REST_S = 10.0  # of real time between two, unless people changed the fire
 
 Floats = NDArray[np.float64]

@@ -237,7 +237,7 @@ def _fire(
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Where the crew says the fire is (x, y): the ignition, or a point reported inside the fire.
+    """Where the crew reports the fire (x, y): the ignition, or a point reported inside the fire.
 
     Of a burn it is where its firing boss stands.
     """

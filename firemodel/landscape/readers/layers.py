@@ -33,7 +33,7 @@ UNITS = {
     "canopy_height": _HEIGHTS,
     "canopy_base": _HEIGHTS,
 }
-# What all programs write; everything else has to be said.
+# What all programs write; everything else must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
 # Share of the sky in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
 COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)

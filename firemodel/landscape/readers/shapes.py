@@ -129,7 +129,7 @@ def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
         return shapely.Point() if wkb is None else shapely.from_wkb(wkb)
     except shapely.errors.ShapelyError as error:
         raise FireModelError(
-            f"{path}: feature {number} is not a geometry ({error}); draw it anew"
+            f"{path}: feature {number} is not a geometry ({error}); draw it again"
         ) from None
 
 
@@ -147,7 +147,7 @@ def _check_crs_member(path: Path) -> None:
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except ValueError as error:
-        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it anew") from None
+        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it again") from None
     if "crs" not in content:
         return
     member = content["crs"]
@@ -186,7 +186,7 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
         yield f"{where} is empty; delete or draw it"
         return
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        yield f"{where} has a coordinate that is not a number; draw it anew"
+        yield f"{where} has a coordinate that is not a number; draw it again"
         return
     if not shape.is_valid:
         reason = shapely.is_valid_reason(shape)

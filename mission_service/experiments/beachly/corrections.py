@@ -60,7 +60,7 @@ class Case(NamedTuple):
     at_s: Floats  # when errors are measured
     fronts: list[Floats]  # true ones then, (n, 2) each
     model: Simulation
-    grid: Landscape  # where the model is asked
+    grid: Landscape  # where the model is evaluated
     points: Floats  # (rows * cols, 2) its cells
     before_s: Floats  # (rows, cols) burned at the beginning: a time; else infinite
     apart_m: float = APART_M  # of points on fronts
@@ -111,7 +111,7 @@ def observations_of_participant(burn: Burn, participant: int) -> Floats:
 def grid_around(
     box: tuple[float, float, float, float], beyond_m: float, cell_m: float, crs: str
 ) -> Landscape:
-    """A level grid around a box, to ask a simulation on."""
+    """A level grid around a box, to evaluate a simulation on."""
     west, south, east, north = box
     cols, rows = (
         int(np.ceil((size + 2.0 * beyond_m) / cell_m)) for size in (east - west, north - south)

@@ -2,7 +2,7 @@
 
 A burn unit of 20 acres, wind of 2 m/s towards the south, a backing fire along the southern edge.
 1: nothing else. 2: the centre has burned farther. 3: a second front at 45 degrees from the southern
-edge. 4: as 3, but the planner hears of the second front in mid-flight.
+edge. 4: as 3, but the second front is reported to the planner in mid-flight.
 """
 
 import math
@@ -42,7 +42,7 @@ BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), 
 
 @dataclass
 class Sample:
-    """Once a second: where the vehicle was, and what it believed of the fire."""
+    """Once a second: where the vehicle was, and what it estimated of the fire."""
 
     at_s: float
     x_m: float
@@ -110,7 +110,7 @@ def scenario_of(number: int) -> Scenario:
 
 
 class RecordingCrew:
-    """A simulated crew that notes what is flown; in scenario 4 it tells of the second front."""
+    """A simulated crew that records what is flown; in scenario 4 it reports the second front."""
 
     def __init__(self, flown: Flown, scenario: Scenario) -> None:
         assert scenario.burn is not None
@@ -167,7 +167,7 @@ def fly(number: int, out: Path | None = None) -> Flown:
 def least_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """The least time, over all moments at low height and all drops, until fire came there.
 
-    By what was believed at that moment. Negative where it burned already.
+    By what was estimated at that moment. Negative where it burned already.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s

@@ -96,9 +96,10 @@ def fly_team(
     """Fly ``uavs`` vehicles over a history of a ring; the whole ring was seen at its beginning.
 
     They start at equal distances, seats 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
-    (time in s, seat), done at the first step of the ring from then on; who joins comes in at the
-    cell that has waited longest. ``rule.decide`` is given one ``Ring`` a step and one ``Fleet`` as
-    long as the team is the same: their arrays are written on, so it copies what it keeps.
+    (time in s, seat), done at the first step of the ring from then on; a vehicle that joins comes
+    in at the cell that has waited longest. ``rule.decide`` is given one ``Ring`` a step and one
+    ``Fleet`` as long as the team is the same: their arrays are written on, so it copies what it
+    keeps.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -193,7 +194,7 @@ class _Team:
         )
 
     def fly_until(self, end_s: float) -> None:
-        """From cell to cell; whoever arrives decides, the lower seat first."""
+        """From cell to cell; each decides as it arrives, the lower seat first."""
         arrivals_s = [vehicle.arrival_s for vehicle in self._vehicles]
         while arrivals_s:
             at_s = min(arrivals_s)

@@ -21,7 +21,7 @@ from mission_service.experiments.bent.scenarios import (
 
 TOLD_EVERY = 20
 PROCESSES = 2
-# The thesis does not tell; its vehicles move as a model of firefighters does (2.3), and at this
+# The thesis gives no speed; its vehicles move as a model of firefighters does (2.3), and at this
 # speed its costs come out: 64 and 3,000 on average.
 SPEED_M_S = 1.5
 
@@ -68,7 +68,7 @@ def run(
     speed_m_s: float = SPEED_M_S,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Everything the experiment tells; figures as PNG in ``out``, if given."""
+    """The whole result; figures as PNG in ``out``, if given."""
     burn = uneven()
     history = ring_history(burn)
     thesis, later, single = thesis_cases(), later_cases(), team_size_cases()

@@ -41,7 +41,7 @@ THESIS_NEGOTIATIONS = {
     "exponential": {"importance": (3371.688, 2697.640), "centre": (3037.289, 2246.203)},
 }
 
-Told = dict[str, Any]
+Row = dict[str, Any]
 Averages = dict[str, tuple[float, float]]  # name: mean and standard deviation of the cost
 
 
@@ -50,7 +50,7 @@ def name_of(planner: str, negotiation: str | None) -> str:
     return PLANNER_NAMES[planner] + NEGOTIATION_NAMES[negotiation]
 
 
-def averages(runs: Sequence[Told], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
+def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
     """Costs of the combinations, averaged over numbers of vehicles."""
     found: dict[str, list[tuple[float, float]]] = {}
     for run in runs:
@@ -90,7 +90,7 @@ def in_text(found: dict[str, Any]) -> str:
     return "\n".join([*lines, "", f"Closest that any two vehicles came: {closest_m:.1f} m"])
 
 
-def _best_lines(runs: Sequence[Told], importance: str) -> list[str]:
+def _best_lines(runs: Sequence[Row], importance: str) -> list[str]:
     lines = [_row("UAVs", "lowest cost", "thesis", "lowest stdev", "thesis")]
     groups = [(str(size), [size]) for size in SIZES] + [("Average", list(SIZES))]
     for (label, sizes), thesis in zip(groups, THESIS_BEST[importance], strict=True):
@@ -107,7 +107,7 @@ def _row(label: str, *cells: str) -> str:
     return f"{label:8}" + "".join(f"{cell:34}" for cell in cells).rstrip()
 
 
-def _negotiation_lines(runs: Sequence[Told], later: Sequence[Told], importance: str) -> list[str]:
+def _negotiation_lines(runs: Sequence[Row], later: Sequence[Row], importance: str) -> list[str]:
     lines = [f"{'':24}{'cost':>10}{'thesis':>10}{'stdev':>10}{'thesis':>10}"]
     for negotiation, label in (
         ("importance", "Importance"),
@@ -125,7 +125,7 @@ def _negotiation_lines(runs: Sequence[Told], later: Sequence[Told], importance: 
     return lines
 
 
-def _all_lines(runs: Sequence[Told], importance: str) -> list[str]:
+def _all_lines(runs: Sequence[Row], importance: str) -> list[str]:
     lines = [f"{'':36}" + "".join(f"{f'{size} UAVs':>18}" for size in SIZES)]
     by_size = [averages(runs, importance, [size]) for size in SIZES]
     for name in by_size[0]:

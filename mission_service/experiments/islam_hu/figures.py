@@ -137,8 +137,8 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
             column = moments.index(at_s)
             importance = planner.importance(row, col, at_s)
             _draw_windows(panels[column], importance, at_s, turning=at_s in turns_s)
-            believed = planner.shape(row, col)
-            _draw_belief(panels[2 + column], burn, believed, (row, col), planner.clockwise, at_s)
+            estimated = planner.shape(row, col)
+            _draw_belief(panels[2 + column], burn, estimated, (row, col), planner.clockwise, at_s)
 
     fly(burn, planner, before=look_at)
     figure.suptitle(f"{burn.name}, {burn.scheme}: importance of the windows, damped rule, α = 1")
@@ -155,7 +155,7 @@ def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> 
         label = f"{name}: {importance[part].sum():.0f}"
         axes.fill_between(cell[part], importance[part], color=colour, alpha=0.7, label=label)
     axes.set(
-        xlabel="cell of the believed front, from the vehicle backwards",
+        xlabel="cell of the estimated front, from the vehicle backwards",
         ylabel="importance (cells of unseen spread)",
         ylim=(0.0, None),
     )
@@ -164,9 +164,9 @@ def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> 
 
 
 def _draw_belief(
-    axes: Any, burn: Burn, believed: Floats, at: tuple[int, int], clockwise: bool, at_s: float
+    axes: Any, burn: Burn, estimated: Floats, at: tuple[int, int], clockwise: bool, at_s: float
 ) -> None:
-    rows, cols = burn.ignition[0] - believed * NORTH, burn.ignition[1] + believed * EAST
+    rows, cols = burn.ignition[0] - estimated * NORTH, burn.ignition[1] + estimated * EAST
     axes.contourf(burn.burned(at_s), levels=(0.5, 1.5), colors=("#fdae6b",))
     axes.plot(np.append(cols, cols[0]), np.append(rows, rows[0]), color="black", linewidth=1.0)
     here = int(np.argmin(np.hypot(rows - at[0], cols - at[1])))
@@ -180,4 +180,4 @@ def _draw_belief(
     axes.plot(at[1], at[0], "o", color=TRACK)
     axes.set_aspect("equal")
     _frame(axes, burn.burned(at_s))
-    axes.set_title("line: believed front; orange: the fire; arrow: flying direction", fontsize=8)
+    axes.set_title("line: estimated front; orange: the fire; arrow: flying direction", fontsize=8)

@@ -1,7 +1,7 @@
 """One vehicle flown ideally over a fire that is already burned: no autopilot, no wind, no MAVLink.
 
 As in Islam & Hu it goes from cell to cell of the true front at a steady speed, whichever way round
-the planner says, turns on the spot, and sees the cells around it.
+the planner decides, turns on the spot, and sees the cells around it.
 """
 
 import math
@@ -94,8 +94,8 @@ def fly(
             if decision.reversed:
                 reversals.append((at_s, row, col))
         if planner.phase == "monitor":
-            believed = planner.shape(row, col)
-            error = np.abs((hull_of(believed) if hull else believed) - truth.at(at_s))
+            estimated = planner.shape(row, col)
+            error = np.abs((hull_of(estimated) if hull else estimated) - truth.at(at_s))
             errors.append((at_s, error.max(), error.mean()))
         walk.onwards(planner.clockwise, at_s)
         new_row, new_col = walk.cell

@@ -13,7 +13,7 @@ WIND_20FT_SHARE = 0.75
 
 
 class MeasuredWind:
-    """A seeded series of measurements; ask for rising times only."""
+    """A seeded series of measurements; times must rise."""
 
     def __init__(self, weather: WeatherStream, seed: int) -> None:
         self._weather = weather

@@ -1,6 +1,6 @@
-"""The predictive planner in the experiments: what it is told, and its flights.
+"""The predictive planner in the experiments: its inputs and its flights.
 
-It is told the landscape, the moistures at the beginning, and a measured wind with errors: of
+Its inputs are the landscape, the moistures at the beginning, and a measured wind with errors: of
 0.8 m/s and 8 degrees, lasting two minutes (``measured_wind``). Neither the fire nor a forecast.
 """
 
@@ -35,6 +35,6 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
 
 
 def fly_predictive(burn: Burn, seed: int = SEED) -> Flight:
-    """Flown with a measured wind; the shape is the one the planner believes in."""
+    """Flown with a measured wind; the shape is the planner's estimate."""
     measured = MeasuredWind(burn.weather, seed)
     return fly(burn, predictive_planner(burn), hull=False, measured=measured)

@@ -34,7 +34,7 @@ def _errors(found: dict[str, Any]) -> str:
     lines = [
         "Distance error in cells over 360 angles, α = 1: mean over time of the maximum (change",
         "against circling); then of the mean. Of the convex hull of what was seen (section VI.E);",
-        "predictive: of the front it believes in",
+        "predictive: of the front it estimates",
         "  fire            scheme    "
         + "".join(f"{planner:>15}" for planner in planners)
         + "   "

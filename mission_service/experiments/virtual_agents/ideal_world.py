@@ -1,6 +1,6 @@
 """An ideal world for a formation: fixed wings by their equations, a radio, no autopilot between.
 
-Everything the agents know comes through their cameras and the radio. What is measured here (the six
+All inputs of the agents come through their cameras and the radio. What is measured here (the six
 metrics of the paper, section 6.2) is of the true fire and the true places.
 """
 
@@ -80,18 +80,18 @@ class Radio:
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
         """A message from UAV ``sender``; ``places_m`` (n, 2) is where all are."""
-        hears = self._everybody != sender
+        receives = self._everybody != sender
         if isinstance(message, State):
             off_m = places_m - places_m[sender]
-            hears &= np.hypot(off_m[:, 0], off_m[:, 1]) <= self._range_m
+            receives &= np.hypot(off_m[:, 0], off_m[:, 1]) <= self._range_m
         loss = self._rules.loss_at(at_s)
         if loss > 0.0:
-            hears &= self._rng.random(len(hears)) >= loss
-        receivers = np.flatnonzero(hears).tolist()
+            receives &= self._rng.random(len(receives)) >= loss
+        receivers = np.flatnonzero(receives).tolist()
         self._under_way.append((at_s + self._rules.delay_s, message, receivers))
 
     def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
-        """Receivers and what they hear now."""
+        """Receivers and the messages that reach them now."""
         while self._under_way and self._under_way[0][0] <= at_s + 1e-9:
             _, message, receivers = self._under_way.popleft()
             for receiver in receivers:
@@ -135,7 +135,7 @@ class FormationWorld:
         """``arrival_s`` (y, x): when each cell burns, at 0 or before for what burns already.
 
         The UAVs are in the air, in queues of eight, flying towards the middle of the map. Cells are
-        the paper's. All know what burns at the beginning: the ground base has told them.
+        the paper's. All maps begin with what burns at 0 s, as if sent by the ground base.
         """
         self.grid = world_grid(arrival_s.shape)
         self.arrival_s = arrival_s
@@ -167,7 +167,7 @@ class FormationWorld:
         self.seen_s = np.full(arrival_s.shape, -np.inf)
 
     def tick(self) -> None:
-        """A quarter of a second: hear, look, decide, speak, fly."""
+        """A quarter of a second: receive, observe, decide, send, fly."""
         self.ticks += 1
         self.at_s = self.ticks * TICK_S
         at_us = round(self.at_s * 1e6)
@@ -262,7 +262,7 @@ class FormationWorld:
         self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
-        """The paper's avoidance, by what the agent has heard of the others."""
+        """The paper's avoidance, from the states received from the others."""
         intention = self.intentions[number]
         heading_rad, _ = clear_heading_rad(
             *self.places_m[number],

@@ -11,7 +11,7 @@ from mission_service.guidance.formation.rvo import meets_after_s
 # The paper's cones have no end; but then vehicles that circle near each other are in conflict at
 # every turn, a hundred times for each collision, where the paper has two.
 CONFLICT_WITHIN_S = 5.0
-ANEW_S = 2.0  # a conflict that has been over for so long begins anew
+ANEW_S = 2.0  # a conflict that has been over for so long begins again
 
 
 @kernel

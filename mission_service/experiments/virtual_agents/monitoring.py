@@ -1,8 +1,8 @@
 """The area to be monitored around the true fire, and how well it is: for evaluation (section 6.2).
 
-No UAV knows it. It is kept as the agents' maps are: counts of the cells of fire within reach, so
-that what begins to burn adds a disc. What has a priority is also kept as a list, because the
-metrics are asked for far more often than the fire grows.
+It is unknown to the UAVs. It is kept as the agents' maps are: counts of the cells of fire within
+reach, so that what begins to burn adds a disc. What has a priority is also kept as a list, because
+the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence

@@ -28,8 +28,9 @@ def unroll(  # type: ignore[no-untyped-def]
 ):
     """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
 
-    ``before`` (2, n) is room for where they were. Every agent hears all others. Returns for how
-    many steps agents, taken together, were where ``danger`` (a map like the others) is set.
+    ``before`` (2, n) is room for where they were. Every agent receives the places of all others.
+    Returns for how many steps agents, taken together, were where ``danger`` (a map like the others)
+    is set.
     """
     n = agents.shape[1]
     touched = 0

@@ -1,6 +1,6 @@
 """The fires of the "Virtual agents" paper, table 2: each grown by its own automaton from one cell.
 
-The paper says nothing of how a fire came to its initial size. Here the same automaton makes it,
+The paper does not describe how a fire came to its initial size. Here the same automaton makes it,
 with the same p_spread, so that the shape goes on as it began. With the printed p_spread = 0.025 a
 fire of 1000 cells grows to 2480 (five seeds), not to about 3050; with 0.033 it does, so that is
 what experiments 3 and 3_1 burn with: their sizes matter more than that number.

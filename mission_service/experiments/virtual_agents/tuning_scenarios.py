@@ -1,6 +1,6 @@
 """Small fires drawn by chance on which virtual agents' constants are tuned (section 5.2.6).
 
-Maps of 50 x 50 and 100 x 100 cells. The paper does not say of what size: cells are 50 m here, so
+Maps of 50 x 50 and 100 x 100 cells. The paper gives no size: cells are 50 m here, so
 that 50 of them (2.5 km) hold a fire, 350 m around it and room to come from, which 50 of 10 m would
 not. Fires have the areas of table 2, stand still, and agents come from one side in a line.
 """
