@@ -7,16 +7,16 @@ import sys
 
 import numpy as np
 
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from mission_service.experiments.beachly.corrections import (
     Floats,
     Method,
     case_of,
     errors_m,
     in_period,
-    marks_of_participant,
+    observations_of_participant,
 )
 from mission_service.experiments.beachly.truth import random_burn
 
@@ -27,18 +27,23 @@ LENGTHS_M = (10.0, 15.0, 20.0, 25.0, 40.0, 60.0, 100.0)
 def main() -> None:
     """A line for each length: mean front error in the paper's period, and what it took away."""
     burns = [random_burn(seed) for seed in SEEDS]
-    cases = [(case_of(burn), marks_of_participant(burn, 0)) for burn in burns]
+    cases = [(case_of(burn), observations_of_participant(burn, 0)) for burn in burns]
 
     def mean_m(method: Method | None) -> float:
-        found = [errors_m(case, marks, method)[in_period(case.at_s)] for case, marks in cases]
+        found = [
+            errors_m(case, observations, method)[in_period(case.at_s)]
+            for case, observations in cases
+        ]
         return float(np.nanmean(found))
 
     uncorrected_m = mean_m(None)
     sys.stdout.write(f"no corrections      {uncorrected_m:6.1f} m\n")
     for length_m in LENGTHS_M:
 
-        def method(fire: Simulation, marks: Floats, length_m: float = length_m) -> Simulation:
-            return PaperCorrected(fire, marks, length_m)
+        def method(
+            fire: Simulation, observations: Floats, length_m: float = length_m
+        ) -> Simulation:
+            return PaperCorrected(fire, observations, length_m)
 
         left_m = mean_m(method)
         share = 1.0 - left_m / uncorrected_m

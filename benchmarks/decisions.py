@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from firemodel.physics.weather import WeatherStream
+from mission_service.experiments.boundary_following import BoundaryFollower
 from mission_service.experiments.fires import CELL_M, HOUR_S, Burn, flat, wind
-from mission_service.experiments.front_walk import FrontWalk
-from mission_service.experiments.ideal_flight import look
-from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.experiments.predictive_flight import predictive_planner
+from mission_service.experiments.islam_hu.ideal_flight import look
+from mission_service.experiments.islam_hu.predictive_flight import predictive_planner
+from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, bent_rule
@@ -73,7 +73,7 @@ def ellipse(front_cells: int) -> Burn:
 
 def measure(burn: Burn, planner: Planner) -> tuple[list[float], float]:
     """Time of each decision in ms, and how many cells of the front it looked at, on average."""
-    walk, at_s = FrontWalk(burn.arrival_s, burn.deploy_s), burn.deploy_s
+    walk, at_s = BoundaryFollower(burn.arrival_s, burn.deploy_s), burn.deploy_s
     taken_ms: list[float] = []
     cells: list[int] = []
     while len(taken_ms) < DECISIONS:

@@ -40,13 +40,13 @@ from benchmarks.shared import data_folder, overlap
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
 from firemodel.landscape.readers.shapes import read_shapes
-from firemodel.landscape.readers.weather import read_weather
+from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.physics.moisture import HOUR_S, TIME_LAGS_H, after_time_lag, equilibrium_moisture_pct
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_perimeter
-from firemodel.spread.local_spread import spread_fields
+from tests.firemodel.spread_fields import spread_fields
 
 CASES = (
     *("3mph0deg7hr", "3mph60deg7hr", "3mph120deg7hr", "3mph180deg7hr"),

@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.spread import devs8, labels
+from firemodel.spread import devs8_kernels, labels
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.guidance.formation.shared_map import SharedMap
 from mission_service.guidance.team.lookahead import Moves
 from mission_service.runtime.track import Track
 
-HEAPS = (devs8.Heap, labels.Heap)
+HEAPS = (devs8_kernels.EventHeap, labels.Heap)
 SIMPLE = (str, bytes, int, float, complex, type(None), type)
 
 

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from mission_service.experiments.formation_fires import DURATION_S, EXPERIMENTS, burned
-from mission_service.experiments.formation_world import FormationWorld, Rules, fly
+from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules, fly
+from mission_service.experiments.virtual_agents.scenarios import DURATION_S, EXPERIMENTS, burned
 from mission_service.guidance.formation.settings import Settings
 
 SEED = 1

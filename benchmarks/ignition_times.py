@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses import ellipse
 from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
-from firemodel.ellipses.marks import BURNING
+from firemodel.ellipses.observations import BURNING
 from firemodel.physics.weather import Weather, WeatherStream
 
 Floats = NDArray[np.float64]
@@ -71,20 +71,22 @@ def one_tile() -> Iterator[None]:
         ellipse.TILE = kept
 
 
-def fitted(fire: EllipseFire, marks: Floats, near: GaussianCorrected | None, cells: Floats) -> None:
-    """A fit with all marks, and the map by it."""
-    GaussianCorrected(fire, marks, near=near).ignition_time_s(cells)
+def fitted(
+    fire: EllipseFire, observations: Floats, near: GaussianCorrected | None, cells: Floats
+) -> None:
+    """A fit with all observations, and the map by it."""
+    GaussianCorrected(fire, observations, near=near).ignition_time_s(cells)
 
 
 def corrected(
     fire: EllipseFire,
-    marks: Floats,
+    observations: Floats,
     length_m: float,
     points: Floats,
     simulated_s: Floats | None = None,
 ) -> Floats:
-    """From the marks to the times, the simulation's own being known or not."""
-    found = PaperCorrected(fire, marks, length_m)
+    """From the observations to the times, the simulation's own being known or not."""
+    found = PaperCorrected(fire, observations, length_m)
     if simulated_s is None:
         return found.ignition_time_s(points)
     return found.corrected_s(points, simulated_s)
@@ -98,11 +100,13 @@ def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
     many = random.uniform(0.0, WIDE_M, (MANY, 2))
     path = np.linspace((200.0, 300.0), (500.0, 420.0), FEW)
     scattered = many[:FEW]
-    marks = np.column_stack(
+    observations = np.column_stack(
         [random.uniform(0.0, WIDE_M, (CORRECTIONS, 2)), np.zeros((CORRECTIONS, 2))]
     )
-    marks[:, 2] = fire.ignition_time_s(marks[:, :2]) + random.normal(0.0, 120.0, CORRECTIONS)
-    marks[:, 3] = BURNING
+    observations[:, 2] = fire.ignition_time_s(observations[:, :2]) + random.normal(
+        0.0, 120.0, CORRECTIONS
+    )
+    observations[:, 3] = BURNING
     rows = []
 
     def add(what: str, took_ms: tuple[float, float], **more: Any) -> None:
@@ -123,23 +127,23 @@ def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
     cells = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     simulated_s = fire.ignition_time_s(cells)
     for length_m in LENGTHS_M:
-        all_ms = least(partial(corrected, fire, marks, length_m, many), 3)
+        all_ms = least(partial(corrected, fire, observations, length_m, many), 3)
         add(
             f"{MANY} points, {CORRECTIONS} corrections of {length_m:g} m",
             all_ms,
             limit_ms=1e3 * LIMIT_S,
         )
-        map_ms = least(partial(corrected, fire, marks, length_m, cells, simulated_s), 10)
+        map_ms = least(partial(corrected, fire, observations, length_m, cells, simulated_s), 10)
         add(
             f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, {length_m:g} m",
             map_ms,
             limit_ms=MAP_LIMIT_MS,
         )
-    before = GaussianCorrected(fire, marks[:-1])
-    one_more = partial(fitted, fire, marks, before, cells)
+    before = GaussianCorrected(fire, observations[:-1])
+    one_more = partial(fitted, fire, observations, before, cells)
     what = f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, Gaussian"
     add(what, least(one_more, 10), limit_ms=MAP_LIMIT_MS)
-    add(f"{what}, from nothing", least(partial(fitted, fire, marks, None, cells), 5))
+    add(f"{what}, from nothing", least(partial(fitted, fire, observations, None, cells), 5))
     return rows
 
 

@@ -119,7 +119,6 @@ def main() -> None:
     share = (arrival_s < now_s).astype(float)
     timed("bands of probability", lambda: probability_geojson(share, land, now_s, now_s))
     timed("overlay", lambda: overlay.arrival_png(arrival_s, land, 0.0, now_s + HOUR_S))
-    timed("fuel", lambda: overlay.fuel_png(land))
     tiles = TerrainTiles(land)
     described = tiles.describe()
     for z in range(described["minzoom"], described["maxzoom"] + 1):

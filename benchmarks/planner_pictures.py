@@ -11,13 +11,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mission_service.experiments.fires import islam_hu_burn
-from mission_service.experiments.ideal_flight import Flight, fly
-from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.experiments.predictive_flight import fly_predictive
-from mission_service.experiments.ring_flight import fly_team
-from mission_service.experiments.ring_history import RingStep, ring_history
-from mission_service.experiments.team_fires import SPEED_M_S, uneven
+from mission_service.experiments.bent.ring_flight import fly_team
+from mission_service.experiments.bent.ring_history import RingStep, ring_history
+from mission_service.experiments.bent.scenarios import SPEED_M_S, uneven
+from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
+from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
+from mission_service.experiments.islam_hu.scenarios import islam_hu_burn, perimeter_planner
 from mission_service.guidance.front.perimeter_planner import Rule
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.baselines import Bumper, Circling

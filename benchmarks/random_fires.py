@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from mission_service.experiments.random_fires import mean_max_errors
+from tests.service.random_fires import mean_max_errors
 
 
 def main() -> None:

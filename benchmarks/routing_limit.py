@@ -16,9 +16,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.experiments.fires import ISLAM_HU, SCHEMES, Scheme, islam_hu_burn
-from mission_service.experiments.ideal_flight import fly
-from mission_service.experiments.islam_hu import perimeter_planner
+from firemodel.spread.schemes import SchemeName
+from mission_service.experiments.islam_hu.ideal_flight import fly
+from mission_service.experiments.islam_hu.scenarios import (
+    COMPARED,
+    ISLAM_HU,
+    islam_hu_burn,
+    perimeter_planner,
+)
 from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.front.front_shape import ring_of_cells
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
@@ -51,7 +56,7 @@ class SweepAndCircle(PerimeterPlanner):
         return Decision(self.clockwise, bool(turn), 0.0, 0.0, int(bearing.size))
 
 
-def mean_max_cells(case: tuple[str, Scheme, int, float]) -> float:
+def mean_max_cells(case: tuple[str, SchemeName, int, float]) -> float:
     """Fly one route."""
     name, scheme, sweeps, reach = case
     burn = islam_hu_burn(name, scheme)
@@ -67,7 +72,7 @@ def main() -> None:
     """Try them all."""
     names = sys.argv[1:] or ["slow-then-fast", "fast"]
     with ProcessPoolExecutor(2) as pool:
-        for name, scheme in product([name for name in ISLAM_HU if name in names], SCHEMES):
+        for name, scheme in product([name for name in ISLAM_HU if name in names], COMPARED):
             routes = [(0, 1.0), *product(SWEEPS, REACHES)]
             errors = list(pool.map(mean_max_cells, [(name, scheme, *route) for route in routes]))
             sys.stdout.write(f"{name} {scheme}: circling {errors[0]:.2f} cells\n")

@@ -12,9 +12,20 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import Any, NamedTuple
 
-from mission_service.experiments.ring_flight import TeamFlight, fly_team
-from mission_service.experiments.ring_history import RingStep, ring_history
-from mission_service.experiments.team_fires import SPEED_M_S, team_fires
+from firemodel.physics.weather import WeatherStream
+from mission_service.experiments.bent.ring_flight import TeamFlight, fly_team
+from mission_service.experiments.bent.ring_history import RingStep, ring_history
+from mission_service.experiments.bent.scenarios import SPEED_M_S, uneven
+from mission_service.experiments.fires import (
+    HOUR_S,
+    SHORT_GRASS,
+    TALL_GRASS,
+    Burn,
+    burn,
+    flat,
+    of_one_fuel,
+    wind,
+)
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent_rules import (
     BENCHMARKS,
@@ -50,6 +61,27 @@ class Flown(NamedTuple):
 
 
 _history: Sequence[RingStep] = ()
+
+
+def even() -> Burn:
+    """Tall grass under a breath of wind; the vehicles come when it is large enough for six."""
+    weather = WeatherStream((wind(0.0, 0.5, 0.0),))
+    land = flat(of_one_fuel(TALL_GRASS))
+    return burn(
+        "even", "anyangle", land, weather, (100, 100), 6.0 * HOUR_S, SPEED_M_S, 2.0 * HOUR_S
+    )
+
+
+def wind_turning() -> Burn:
+    """Short grass, the wind turning from north to south after three hours."""
+    weather = WeatherStream((wind(0.0, 3.0, 0.0), wind(3.0 * HOUR_S, 3.0, 180.0)))
+    land = flat(of_one_fuel(SHORT_GRASS))
+    return burn("wind turning", "anyangle", land, weather, (85, 100), 5.0 * HOUR_S, SPEED_M_S)
+
+
+def team_fires() -> list[Burn]:
+    """All three."""
+    return [uneven(), even(), wind_turning()]
 
 
 def _share(history: Sequence[RingStep]) -> None:
@@ -167,13 +199,13 @@ def main() -> None:
     """Fly everything and print it."""
     wished = [name for name in sys.argv[1:] if not name.startswith("--")]
     found = []
-    for burn in team_fires():
-        if wished and burn.name not in wished:
+    for fire in team_fires():
+        if wished and fire.name not in wished:
             continue
-        history = ring_history(burn)
-        half_s = (burn.deploy_s + burn.end_s) / 2.0
+        history = ring_history(fire)
+        half_s = (fire.deploy_s + fire.end_s) / 2.0
         with ProcessPoolExecutor(2, initializer=_share, initargs=(history,)) as pool:
-            found.append(compare(burn.name, list(pool.map(fly, cases(half_s)))))
+            found.append(compare(fire.name, list(pool.map(fly, cases(half_s)))))
         if "--json" not in sys.argv[1:]:
             sys.stdout.write(in_text(found[-1]) + "\n")
             sys.stdout.flush()

@@ -15,7 +15,7 @@ from benchmarks.shared import overlap
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.local_spread import spread_fields
+from tests.firemodel.spread_fields import spread_fields
 
 CELLS, CELL_M, HEAD_CELLS = 281, 30.0, 120
 COUNTS = (1, 4, 16, 32, 64, 128, 256)

@@ -21,7 +21,7 @@ from benchmarks.shared import DATA, check_folder
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_landscape
 from firemodel.physics.weather import Weather
-from firemodel.spread.local_spread import spread_fields
+from tests.firemodel.spread_fields import spread_fields
 
 LAYERS = {
     "fuel": "LC22_F40_230",

@@ -1,1 +1,88 @@
-"""Fire physics: landscapes, fuels, Rothermel's surface model, spread over cells, fire fronts."""
+"""Wildfire spread over landscapes: Rothermel's surface model, and fire that grows cell by cell.
+
+    from pathlib import Path
+    import firemodel
+
+    fire = firemodel.burn(ignitions=[(36.364, -84.141)], duration_s=3 * 3600)
+    print(fire.burned_ha, fire.arrival_time_s.shape, fire.front(3600.0).wkt)
+    firemodel.write_fronts(Path("fronts.geojson"), fire, [3600.0, 7200.0], "my fire")
+
+Landscapes come from files (``read_landscape``) or are made (``jacksboro``, ``flat_landscape``);
+``SCHEMES`` lists the spread schemes. Modules are imported when a name is first used, so that
+``import firemodel`` takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from firemodel.errors import FireModelError
+    from firemodel.landscape.default import jacksboro
+    from firemodel.landscape.flat import flat_landscape
+    from firemodel.landscape.landscape import Landscape
+    from firemodel.landscape.rasterise import with_barriers
+    from firemodel.landscape.readers.rasters import read_landscape
+    from firemodel.landscape.readers.shapes import read_shapes
+    from firemodel.landscape.readers.weather_files import read_weather
+    from firemodel.physics.fuels import FUEL_MODELS
+    from firemodel.physics.weather import Weather, WeatherStream
+    from firemodel.simulate import burn
+    from firemodel.spread.arrival_map import draw_map
+    from firemodel.spread.behaviour import behaviour_of
+    from firemodel.spread.fire import Fire
+    from firemodel.spread.schemes import SCHEMES
+    from firemodel.spread.writers import write_fronts, write_rasters
+
+_MODULES = {
+    "FUEL_MODELS": "firemodel.physics.fuels",
+    "SCHEMES": "firemodel.spread.schemes",
+    "Fire": "firemodel.spread.fire",
+    "FireModelError": "firemodel.errors",
+    "Landscape": "firemodel.landscape.landscape",
+    "Weather": "firemodel.physics.weather",
+    "WeatherStream": "firemodel.physics.weather",
+    "behaviour_of": "firemodel.spread.behaviour",
+    "burn": "firemodel.simulate",
+    "draw_map": "firemodel.spread.arrival_map",
+    "flat_landscape": "firemodel.landscape.flat",
+    "jacksboro": "firemodel.landscape.default",
+    "read_landscape": "firemodel.landscape.readers.rasters",
+    "read_shapes": "firemodel.landscape.readers.shapes",
+    "read_weather": "firemodel.landscape.readers.weather_files",
+    "with_barriers": "firemodel.landscape.rasterise",
+    "write_fronts": "firemodel.spread.writers",
+    "write_rasters": "firemodel.spread.writers",
+}
+
+__all__ = [
+    "FUEL_MODELS",
+    "SCHEMES",
+    "Fire",
+    "FireModelError",
+    "Landscape",
+    "Weather",
+    "WeatherStream",
+    "behaviour_of",
+    "burn",
+    "draw_map",
+    "flat_landscape",
+    "jacksboro",
+    "read_landscape",
+    "read_shapes",
+    "read_weather",
+    "with_barriers",
+    "write_fronts",
+    "write_rasters",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(_MODULES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,4 +1,4 @@
-"""Marks on a fire by the cellular model: its arrival times set right, and going on from there."""
+"""Arrival times of a cellular fire corrected by observations."""
 
 from collections.abc import Callable
 
@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.marks import BURNING, UNBURNED, Simulation
-from firemodel.ellipses.ways import Ways
+from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
+from firemodel.ellipses.paths import StraightPaths
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.burning import burning_from_arrival
-from firemodel.spread.fire import Burning, check_shape
+from firemodel.spread.fire import check_shape
 from firemodel.spread.front import earliest_neighbour
 
 Floats = NDArray[np.float64]
@@ -18,11 +17,11 @@ Ints = NDArray[np.int64]
 
 
 class ArrivalRaster:
-    """Arrival times (y, x) of a landscape's cells, infinity for never, as a ``ways.Ratable``.
+    """Arrival times (y, x) of a landscape's cells, infinity for never: an ``AdjustableFire``.
 
     Fire comes to a cell from where it was lit, found by going back from each cell to the earliest
-    of its neighbours. Rates are logarithms of a factor on the time along all ways, and on that of
-    ways to the east and to the north.
+    of its neighbours. Rates are logarithms of a factor on the time along all paths, and on that of
+    paths to the east and to the north.
     """
 
     rates_sd = np.array([0.7, 0.4, 0.4])
@@ -36,7 +35,7 @@ class ArrivalRaster:
         self._rates = np.zeros(3)
 
     def rated(self, rates: Floats) -> "ArrivalRaster":
-        """With ways of other times, on top of those it has."""
+        """With paths of other times, on top of those it has."""
         other = ArrivalRaster.__new__(ArrivalRaster)
         other.arrival_s, other.landscape = self.arrival_s, self.landscape
         other._origin, other._rates = self._origin, self._rates + rates
@@ -48,7 +47,7 @@ class ArrivalRaster:
         lit = (self._origin == cells) & np.isfinite(self.arrival_s.ravel())
         return self._centres(cells[lit])
 
-    def ways(self, points_m: Floats) -> Ways:
+    def paths(self, points_m: Floats) -> StraightPaths:
         """From the cell where the fire was lit that comes there first."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         row, col = self.landscape.row_col_of(points[:, 0], points[:, 1])
@@ -63,12 +62,12 @@ class ArrivalRaster:
         unit = towards / np.maximum(length_m, 1e-9)[:, None]
         slower = np.exp(self._rates[0] + unit @ self._rates[1:])
         lit_s = np.where(np.isfinite(time_s), lit_s, 0.0)
-        return Ways(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
+        return StraightPaths(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """When fire comes to each point (n, 2): (n,), infinity for never."""
-        ways = self.ways(points_m)
-        return ways.lit_s + ways.takes_s
+        paths = self.paths(points_m)
+        return paths.lit_s + paths.takes_s
 
     def _centres(self, cells: Ints) -> Floats:
         row, col = np.divmod(cells, self.landscape.shape[1])
@@ -119,51 +118,36 @@ def _origins(arrival_s: Floats) -> Ints:
 def corrected_arrival(
     arrival_s: Floats,
     landscape: Landscape,
-    marks: Floats,
+    observations: Floats,
     method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
 ) -> Floats:
-    """Arrival times (y, x) of a cellular fire, set right by marks (n, 4) x, y, at_s, state.
+    """Arrival times (y, x) of a cellular fire, corrected by observations (n, 4) x, y, at_s, state.
 
-    ``method`` may also be the paper's, with its length: ``lambda fire, marks: PaperCorrected(fire,
-    marks, 30.0)``. Let the fire burn on ahead of what is marked first: what it has not come to is
-    infinite and stays so, but that a cell marked burned or burning burns from the mark's time on.
+    ``method`` may also be the paper's, with its length: ``lambda fire, observations:
+    PaperCorrected(fire, observations, 30.0)``. Let the fire burn on ahead of what is marked first:
+    what it has not come to is infinite and stays so, but that a cell marked burned or burning burns
+    from the observation's time on.
     """
-    marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
+    observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
     come = np.isfinite(arrival_s)  # cells without fire stay so, and are skipped
     centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
     found = np.full(arrival_s.shape, np.inf)
-    found[come] = method(fire, marks).ignition_time_s(centres)
-    for x_m, y_m, at_s, state in marks:
+    found[come] = method(fire, observations).ignition_time_s(centres)
+    for x_m, y_m, at_s, state in observations:
         cell = tuple(int(np.round(at)) for at in landscape.row_col_of(x_m, y_m))
         if state != UNBURNED and landscape.contains(x_m, y_m) and np.isinf(arrival_s[cell]):
             found[cell] = min(found[cell], at_s)
     return found
 
 
-def burning_corrected(
-    arrival_s: Floats,
-    landscape: Landscape,
-    marks: Floats,
-    at_s: float,
-    method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
-) -> Burning:
-    """The fire as it was at a time by the marks, for a new ``Fire`` to go on from.
-
-    Raises FireModelError if nothing had burned by then, or everything.
-    """
-    return burning_from_arrival(
-        corrected_arrival(arrival_s, landscape, marks, method), landscape, at_s
-    )
-
-
 def warm_up() -> None:
     """Compile what the first correction needs, by a small one."""
-    from firemodel.landscape.flat import flat
+    from firemodel.landscape.flat import flat_landscape
 
-    land = flat(8, 8, 30.0, 0.0, 3.0)
+    land = flat_landscape(8, 8, 30.0, 0.0, 3.0)
     row, col = np.indices(land.shape)
     arrival_s = 60.0 * np.hypot(row - 4.0, col - 4.0)
     x_m, y_m = land.xy_of(np.array([5.0, 6.0]), np.array([4.0, 4.0]))
-    marks = np.column_stack([x_m, y_m, [30.0, 150.0], [BURNING, UNBURNED]])
-    corrected_arrival(arrival_s, land, marks)
+    observations = np.column_stack([x_m, y_m, [30.0, 150.0], [BURNING, UNBURNED]])
+    corrected_arrival(arrival_s, land, observations)

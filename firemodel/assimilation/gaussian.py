@@ -1,17 +1,18 @@
-"""A fire simulation set right by marks: Gaussian-process regression along the ways fire took.
+"""A fire simulation corrected by observations: Gaussian-process regression along fire's paths.
 
 An error of the rate of spread grows along the way from the source. So what is regressed is not the
-time but the logarithm w of the slowness: fire that by the simulation needs e seconds along its way
-needs e · mean(exp w) along it, and a mark, whenever it was made, says something of the whole way
-behind it and, through what is alike, of what lies ahead. Fire so corrected never comes before it
-was lit, and always later further along its way.
+time but the logarithm w of the slowness: fire that by the simulation needs e seconds along its path
+needs e · mean(exp w) along it, and an observation at any time constrains the whole path behind it
+and, through what is alike, what lies ahead. Fire so corrected never comes before
+it was lit, and always later further along its path.
 
 What a burn is wrong about has Gaussian priors and is found together (Gauss-Newton, MAP): the
-simulation's rates and wind (``ways.Ratable``), and w as a field over places, for fuel and ground.
-A mark is as wrong as its place times the slowness there; one that burns is held as by Student's t,
-so that a few wrong ones do little, one that is burned or unburned by the probability that it is
-true (Laplace's method). The field's prior sd and length are the most likely of a few (marginal
-likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
+simulation's rates and wind (``paths.AdjustableFire``), and w as a field over places, for fuel and
+ground. An observation is as wrong as its place times the slowness there; one that burns is held as
+by Student's t, so that a few wrong ones do little, one that is burned or unburned by the
+probability that it is true (Laplace's method). The field's prior sd and length are the most likely
+of a few (marginal likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters
+2, 3 and 5.
 """
 
 import math
@@ -26,16 +27,17 @@ from threadpoolctl import ThreadpoolController
 
 from firemodel.ellipses.ellipse import EllipseFire
 from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variances
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
-from firemodel.ellipses.ways import Ratable, RatableEllipses, Ways
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.paths import AdjustableEllipses, AdjustableFire, StraightPaths
 
-PLACE_SD_M = 6.0  # of a mark
+PLACE_SD_M = 6.0  # of an observation
 TIME_SD_S = 15.0
-LEAST_S = 45.0  # along a way; shorter ones say little
-LOG_SD = 0.05  # of ln of the time along a way, of a mark
-UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its way around what is slow
+LEAST_S = 45.0  # along a path; shorter ones say little
+LOG_SD = 0.05  # of ln of the time along a path, of an observation
+UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its path around what is slow
 FIELD_SDS = (0.2, 0.3, 0.4)
-LENGTHS = (1 / 16, 1 / 8, 1 / 4)  # of the field, in parts of the diagonal of marks and sources
+# Of the field, in parts of the diagonal of observations and sources.
+LENGTHS = (1 / 16, 1 / 8, 1 / 4)
 SMALLEST_M = 100.0  # of that diagonal
 NODES = 32  # of the field along its longer side, at most
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
@@ -79,40 +81,40 @@ def _blas() -> ThreadpoolController:
 
 
 class _Look(NamedTuple):
-    """The marks as seen from some rates and field."""
+    """The observations as seen from some rates and field."""
 
-    fire: Ratable
+    fire: AdjustableFire
     field: Field
-    ways: Ways
+    paths: StraightPaths
     expected: Floats  # ln of the time along the way
     observed: Floats
     sd: Floats  # of observed
 
 
 class GaussianCorrected:
-    """A fire with marks (n, 4) x, y, at_s, state; without marks exactly the fire itself.
+    """A fire with observations (n, 4) x, y, at_s, state; with none of them the fire itself.
 
-    Its time grows with n³: some hundred marks. Marks where fire never comes by the simulation are
-    left out: such fire has a source that must be added to it.
+    Its time grows with n³: some hundred observations. Observations where fire never comes by the
+    simulation are left out: such fire has a source that must be added to it.
 
-    ``near`` is the same fire with nearly the same marks: its prior is kept and the fit begins where
-    it ended, which takes a third of the time and comes out nearly as without.
+    ``near`` is the same fire with nearly the same observations: its prior is kept and the fit
+    begins where it ended, which takes a third of the time and comes out nearly as without.
     """
 
     def __init__(
         self,
-        fire: EllipseFire | Ratable,
-        marks: Floats,
+        fire: EllipseFire | AdjustableFire,
+        observations: Floats,
         *,
         place_sd_m: float = PLACE_SD_M,
         near: "GaussianCorrected | None" = None,
     ) -> None:
         self.fire, self.place_sd_m = fire, place_sd_m
-        self.marks = np.asarray(marks, dtype=np.float64).reshape(-1, 4)
-        come = np.isfinite(fire.ignition_time_s(self.marks[:, :2]))
-        self._held = self.marks[come]
+        self.observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
+        come = np.isfinite(fire.ignition_time_s(self.observations[:, :2]))
+        self._held = self.observations[come]
         self._points = np.ascontiguousarray(self._held[:, :2])
-        self._rated = RatableEllipses(fire) if isinstance(fire, EllipseFire) else fire
+        self._rated = AdjustableEllipses(fire) if isinstance(fire, EllipseFire) else fire
         if len(self._rated.places()):
             places = np.concatenate([self._points, self._rated.places()])
             self._field, self._diagonal_m = _empty_field(places)
@@ -129,28 +131,28 @@ class GaussianCorrected:
         if not len(self._held):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        ways = self._rated.ways(points)
+        paths = self._rated.paths(points)
         found = np.empty(len(points))
-        stretch(points, ways.origin, self._field, found)
-        return ways.lit_s + ways.takes_s * found
+        stretch(points, paths.origin, self._field, found)
+        return paths.lit_s + paths.takes_s * found
 
     def sd_s(self, points_m: Floats) -> Floats:
         """Standard deviation of that time (n,), of the fire itself; infinity for never."""
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         if not len(self._rated.places()):
             return np.full(len(points), np.inf)
-        ways = self._rated.ways(points)
-        of_rates = _rates_slopes(self._rated, points, ways)
+        paths = self._rated.paths(points)
+        of_rates = _rates_slopes(self._rated, points, paths)
         slower, variance = np.empty(len(points)), np.empty(len(points))
-        stretch(points, ways.origin, self._field, slower)
-        variances(points, ways.origin, of_rates, self._field, self._covariance, variance)
+        stretch(points, paths.origin, self._field, slower)
+        variances(points, paths.origin, of_rates, self._field, self._covariance, variance)
         sd = np.sqrt(np.maximum(variance, 0.0) + UNEXPLAINED_SD**2)
-        found: Floats = np.where(np.isinf(ways.takes_s), np.inf, ways.takes_s * slower * sd)
+        found: Floats = np.where(np.isinf(paths.takes_s), np.inf, paths.takes_s * slower * sd)
         return found
 
     @cached_property
     def _covariance(self) -> Floats:
-        """Of rates and nodes (parameters, parameters), after the marks."""
+        """Of rates and nodes (parameters, parameters), after the observations."""
         prior, a = self._prior, self._a
         inner = a @ a.T + np.diag(1.0 / self._w)
         half: NDArray[np.floating] = a
@@ -166,7 +168,7 @@ class GaussianCorrected:
         found -= known.T @ known
         return found
 
-    def _fit(self, fire: Ratable, near: "GaussianCorrected | None") -> None:
+    def _fit(self, fire: AdjustableFire, near: "GaussianCorrected | None") -> None:
         field, prior, diagonal_m = self._field, self._prior, self._diagonal_m
         steps = range(STEPS)
         if near is not None and len(near._held) and _same_place(near._field, field):
@@ -175,9 +177,9 @@ class GaussianCorrected:
         else:
             seen, z, score = self._start(fire, field, prior)
         for step in steps:
-            of_rates = _rates_slopes(seen.fire, self._points, seen.ways)
+            of_rates = _rates_slopes(seen.fire, self._points, seen.paths)
             of_place = np.zeros((len(self._points), *field.slower.shape))
-            slopes(self._points, seen.ways.origin, seen.field, of_place)
+            slopes(self._points, seen.paths.origin, seen.field, of_place)
             a = prior.white(of_rates, of_place)
             y = seen.observed - seen.expected + a @ z
             w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
@@ -203,7 +205,9 @@ class GaussianCorrected:
         self.rates = prior.colour(z)[0]
         self._a, self._w = a, w
 
-    def _start(self, fire: Ratable, field: Field, prior: _Prior) -> tuple[_Look, Floats, float]:
+    def _start(
+        self, fire: AdjustableFire, field: Field, prior: _Prior
+    ) -> tuple[_Look, Floats, float]:
         """The best of a few rates."""
         found = []
         for rates in fire.first_rates:
@@ -212,7 +216,7 @@ class GaussianCorrected:
         return min(found, key=lambda one: one[2])
 
     def _try(
-        self, fire: Ratable, field: Field, prior: _Prior, z: Floats
+        self, fire: AdjustableFire, field: Field, prior: _Prior, z: Floats
     ) -> tuple[_Look, Floats, float]:
         rates, w = prior.colour(z)
         seen = self._look(
@@ -221,13 +225,13 @@ class GaussianCorrected:
         miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
         return seen, z, 0.5 * float(z @ z) - miss
 
-    def _look(self, fire: Ratable, field: Field) -> _Look:
+    def _look(self, fire: AdjustableFire, field: Field) -> _Look:
         points, n = self._points, len(self._points)
-        ways = fire.ways(np.concatenate([points, points + EAST, points + NORTH]))
+        paths = fire.paths(np.concatenate([points, points + EAST, points + NORTH]))
         slower = np.empty(n)
-        here = Ways(*(part[:n] for part in ways))
+        here = StraightPaths(*(part[:n] for part in paths))
         stretch(points, here.origin, field, slower)
-        time_s, east_s, north_s = (ways.lit_s + ways.takes_s).reshape(3, n)
+        time_s, east_s, north_s = (paths.lit_s + paths.takes_s).reshape(3, n)
         slowness_s_m = np.hypot(east_s - time_s, north_s - time_s) * slower
         expected_s = np.maximum(here.takes_s * slower, LEAST_S)
         observed_s = np.maximum(self._held[:, 2] - here.lit_s, LEAST_S)
@@ -237,7 +241,7 @@ class GaussianCorrected:
 
     def _choose(
         self,
-        fire: Ratable,
+        fire: AdjustableFire,
         field: Field,
         diagonal_m: float,
         of_rates: Floats,
@@ -246,7 +250,7 @@ class GaussianCorrected:
         b: Floats,
         given: _Prior,
     ) -> _Prior:
-        """The prior under which the marks that burn are the most likely."""
+        """The prior under which the observations that burn are the most likely."""
         burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
         if np.count_nonzero(burning) < 3:
             return given
@@ -271,13 +275,13 @@ def _same_place(one: Field, other: Field) -> bool:
     return one.slower.shape == other.slower.shape and one[:3] == other[:3]
 
 
-def _rates_slopes(fire: Ratable, points: Floats, ways: Ways) -> Floats:
+def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
     """Of ln of the time along the way by further rates (n, k)."""
     found = np.empty((len(points), len(fire.rates_sd)))
-    before_s = np.maximum(ways.takes_s, 1.0)
+    before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
         step = np.where(np.arange(found.shape[1]) == number, SMALL_RATE, 0.0)
-        other_s = fire.rated(step).ignition_time_s(points) - ways.lit_s
+        other_s = fire.rated(step).ignition_time_s(points) - paths.lit_s
         with np.errstate(invalid="ignore"):
             found[:, number] = np.log(np.maximum(other_s, 1.0) / before_s) / SMALL_RATE
     return found
@@ -314,7 +318,7 @@ def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
 
 
 def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Of each mark's log likelihood at f: curvature w, and w f + slope.
+    """Of each observation's log likelihood at f: curvature w, and w f + slope.
 
     Of Student's t the curvature is that of the Gaussian which touches it at f.
     """

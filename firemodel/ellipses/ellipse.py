@@ -1,7 +1,7 @@
 """A fire as ellipses that grow from points, whose time of ignition is known anywhere at once.
 
 Section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and Ignitions"), with its
-eqs. 1 and 2 set right: after a time t the ellipse of a point ignition spans from ``-back t`` to
+eqs. 1 and 2 corrected: after a time t the ellipse of a point ignition spans from ``-back t`` to
 ``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same
 everywhere and the ground is level. Lines are series of points (``line_sources``).
 
@@ -13,14 +13,14 @@ sides are equal: each a closed form, with one maximum over n (``ellipse_kernels.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.kernels import Bounds, changing, steady, to_plane
+from firemodel.ellipses.ellipse_kernels import Bounds, changing, steady, to_plane
 from firemodel.ellipses.tiles import Tiles, check_finite, tiles_of
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import FUEL_MODELS
@@ -48,12 +48,14 @@ class Spread(NamedTuple):
 
 
 def spreads_of(
-    fuel: int, weather: WeatherStream, grid_convergence_deg: float = 0.0
+    fuel: int, weather: WeatherStream, grid_deg: Callable[[float], float] = float
 ) -> tuple[Spread, ...]:
     """Rothermel's rates of one fuel model on level ground, for each change of the weather.
 
     Section IV: back and flank spread as the head does without wind. The wind at 20 ft is brought
-    down to the flames as for fuel not under trees. Raises FireModelError for an unknown fuel.
+    down to the flames as for fuel not under trees. ``grid_deg`` turns a direction from true north
+    to the grid's (``Landscape.grid_deg``); by default the two are the same. Raises FireModelError
+    for an unknown fuel.
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
@@ -67,7 +69,7 @@ def spreads_of(
         still_m_s = bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
         wind_ft_min = entry.wind_speed_m_s * factor * FT_MIN_PER_M_S
         head_m_s = still_m_s * (1.0 + float(wind_factor(bed, wind_ft_min)))
-        toward_deg = 90.0 - (entry.wind_from_deg + 180.0 - grid_convergence_deg)
+        toward_deg = 90.0 - grid_deg(entry.wind_from_deg + 180.0)
         toward_rad = math.radians(toward_deg % 360.0)
         found.append(Spread(entry.at_s, head_m_s, still_m_s, still_m_s, toward_rad))
     return tuple(found)
@@ -77,7 +79,7 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
     """A line (n, 2) x, y as sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
 
     Corners are sources. ``at_s`` is one time, or one for each corner (n,) of a line lit as
-    somebody walks. Midway between two sources the front is behind that of a line by about
+    a person walks. Midway between two sources the front is behind that of a line by about
     s²/(8 r) where it has come r to the sides of each (r is ``flank_m_s`` times the time): 3 % of r
     at r = 2 s; before r = s/2 the two have not met. Raises FireModelError for no points or no
     spacing.
@@ -124,7 +126,7 @@ class EllipseFire:
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
-        """Both: ``ignition_time_s`` and, unless they are not asked for (empty), ``sources_of``."""
+        """Both: ``ignition_time_s`` and, unless not requested (empty), ``sources_of``."""
         points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
         sources = self.sources

@@ -1,1 +1,14 @@
-"""Landscapes: grids of terrain and fuel, and the files they are read from."""
+"""Landscapes: grids of terrain and fuel, and the files they are read from.
+
+``LAYERS`` are the names of the layers in files and scenarios.
+"""
+
+LAYERS = (
+    "fuel",
+    "elevation",
+    "slope",
+    "aspect",
+    "canopy_cover",
+    "canopy_height",
+    "canopy_base",
+)

@@ -24,7 +24,16 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
     towards the south-east, south-west or north-west and between (aspect 135 to 315 degrees, the
     dry side) are brush (FM 5); the other slopes are hardwood litter (FM 9).
 
-    Raises FireModelError for a grid that reaches beyond the terrain.
+    Args:
+        rows: Number of cells from north to south.
+        cols: Number of cells from west to east.
+        cell_size_m: Side of a cell in metres.
+
+    Returns:
+        The landscape, its arrays (rows, cols), in UTM zone 16 north (EPSG:32616).
+
+    Raises:
+        FireModelError: The grid reaches beyond the terrain, 7 km from the middle.
     """
     west_m, north_m = _corner(rows, cols, cell_size_m)
     flat = Landscape(

@@ -7,7 +7,7 @@ from firemodel.landscape.landscape import Landscape, transformers
 UTM_NORTH, UTM_SOUTH = 32600, 32700  # EPSG codes, without the zone
 
 
-def flat(
+def flat_landscape(
     rows: int,
     cols: int,
     cell_size_m: float,
@@ -18,7 +18,20 @@ def flat(
 ) -> Landscape:
     """Level ground of one fuel, its middle at a place, on the grid of the place's UTM zone.
 
-    Raises FireModelError for a fuel that is not known.
+    Args:
+        rows: Number of cells from north to south.
+        cols: Number of cells from west to east.
+        cell_size_m: Side of a cell in metres.
+        lat_deg: Latitude of the middle, WGS84 degrees.
+        lon_deg: Longitude of the middle, WGS84 degrees.
+        elevation_m: Height of the ground above sea level in metres.
+        fuel_model: Fuel code, a key of ``FUEL_MODELS``.
+
+    Returns:
+        The landscape, its arrays (rows, cols).
+
+    Raises:
+        FireModelError: The fuel code is unknown.
     """
     zone = min(int((lon_deg + 180.0) // 6.0), 59) + 1
     crs = f"EPSG:{(UTM_NORTH if lat_deg >= 0.0 else UTM_SOUTH) + zone}"

@@ -12,6 +12,7 @@ from pyproj import Transformer
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
+from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import Landscape, crs_label
 from firemodel.landscape.readers.bands import (
     Band,
@@ -24,7 +25,6 @@ from firemodel.landscape.readers.bands import (
     values_of,
 )
 from firemodel.landscape.readers.layers import (
-    LAYERS,
     layer_of,
     unit_of,
     unit_problems,

@@ -63,7 +63,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
     """Rise per metre towards north and towards east, (2, y, x), from elevation (y, x).
 
     Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); beyond the edge
-    the ground goes on level. Reckoned in float64, some rows at a time to stay small.
+    the ground goes on level. Computed in float64, some rows at a time to stay small.
     """
     rows, cols = elevation_m.shape
     padded = np.pad(elevation_m, 1, mode="edge")
@@ -158,7 +158,7 @@ class Landscape:
 
     @property
     def slope_tan(self) -> Floats:
-        """Slope as rise over run (y, x); worked out anew each time, as ``aspect_deg`` is."""
+        """Slope as rise over run (y, x); computed again each time, as ``aspect_deg`` is."""
         north, east = self.gradient
         slope: Floats = np.hypot(north, east, dtype=np.float64)
         return slope
@@ -178,6 +178,14 @@ class Landscape:
         rows, cols = self.shape
         lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
         return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
+
+    def grid_deg(self, true_deg: float) -> float:
+        """A direction clockwise from true north, clockwise from the grid's north."""
+        return true_deg - self.grid_convergence_deg
+
+    def true_deg(self, grid_deg: Any) -> Any:
+        """Directions clockwise from the grid's north, 0 to 360 clockwise from true north."""
+        return (grid_deg + self.grid_convergence_deg) % 360.0
 
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Projected x, y in metres of grid positions."""
@@ -207,6 +215,16 @@ class Landscape:
         """Projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
         lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
         return np.column_stack(self.xy_of_lat_lon(lat, lon))
+
+    def cell_of_lat_lon(self, lat_deg: float, lon_deg: float) -> tuple[int, int]:
+        """Row and column of the cell at a WGS84 place; FireModelError off the landscape."""
+        x_m, y_m = self.xy_of_lat_lon(lat_deg, lon_deg)
+        if not self.contains(x_m, y_m):
+            raise FireModelError(
+                f"ignition at lat {lat_deg}, lon {lon_deg} lies outside the landscape"
+            )
+        row, col = self.row_col_of(x_m, y_m)
+        return round(float(row)), round(float(col))
 
     def contains(self, x_m: float, y_m: float) -> bool:
         """Whether a point lies on the grid."""

@@ -36,6 +36,15 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
     return np.argwhere(touched).astype(np.int32)
 
 
+def burnable_cells(
+    geometries: Iterable[BaseGeometry], landscape: Landscape
+) -> list[tuple[int, int]]:
+    """Row and column of the cells that geometries touch (``cells_of``) and that can burn."""
+    cells = cells_of(geometries, landscape)
+    burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
+    return [(int(row), int(col)) for row, col in cells[burns]]
+
+
 def with_barriers(
     landscape: Landscape, geometries: Iterable[BaseGeometry], code: int = BARE_GROUND
 ) -> Landscape:
@@ -44,7 +53,16 @@ def with_barriers(
     Lines are closed to spread in any direction, since their cells are joined by sides. Of polygons
     the outline counts as well, so that a river narrower than a cell holds as a line does.
 
-    Raises FireModelError if the code burns.
+    Args:
+        landscape: The landscape; it is not changed.
+        geometries: shapely geometries in the landscape's CRS.
+        code: A fuel code that does not burn (91 to 99).
+
+    Returns:
+        The landscape with barriers.
+
+    Raises:
+        FireModelError: The code burns.
     """
     if code not in NON_BURNABLE:
         known = ", ".join(map(str, NON_BURNABLE))

@@ -265,14 +265,6 @@ def rate_towards(
     return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * np.cos(off_heading_rad))
 
 
-def flanking_rate(
-    largest_rate: float | Floats, length_to_breadth: float | Floats
-) -> float | Floats:
-    """Speed at which the ellipse widens to one side: half its width per time."""
-    backing = rate_towards(largest_rate, eccentricity(length_to_breadth), math.pi)
-    return (largest_rate + backing) / (2.0 * length_to_breadth)
-
-
 def heat_per_area_btu_ft2(bed: FuelBed) -> float:
     """Reaction intensity times residence time 384/σ (Anderson 1969)."""
     return bed.reaction_intensity_btu_ft2_min * 384.0 / bed.sav_1_ft

@@ -31,9 +31,18 @@ class Behaviour(NamedTuple):
 
 
 def behaviour_of(fire: Fire) -> Behaviour:
-    """Rates are those of the front, across it, from the ellipse of the cell and the way fire took.
+    """Fire behaviour as the front came to each cell.
 
-    Where fire was lit, they are those of the head.
+    Rates are those of the front, across it, from the cell's ellipse (Rothermel 1972; Anderson 1983,
+    INT-305) and the direction fire came from; where fire was lit, they are those of the head.
+    Intensity is Byram's, flame length after Byram 1959.
+
+    Args:
+        fire: A fire, as far as it has burned.
+
+    Returns:
+        Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m),
+        each float32 (y, x), NaN where fire has not come.
     """
     land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
@@ -44,9 +53,9 @@ def behaviour_of(fire: Fire) -> Behaviour:
             heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
-    way = fire.ways().reshape(2, -1)
+    way = fire.arrival_vectors().reshape(2, -1)
     rate, toward_deg, intensity = _behaviour(arrival_s, way, began_s, heat, terrain, tables)
-    toward_deg = (toward_deg + land.grid_convergence_deg) % 360.0
+    toward_deg = land.true_deg(toward_deg)
     flame_m = rothermel.flame_length_m(intensity)
     found = (rate, toward_deg, intensity, flame_m)
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))

@@ -46,8 +46,26 @@ class Fire(ABC):
     weather: WeatherStream
     wind_limit: bool
     time_s: float
-    start_area: StartArea | None  # of a fire taken over
+    start_area: StartArea | None  # of a fire taken over; None where the scheme has cells only
     arrival_time_s: Floats
+
+    def __init__(
+        self,
+        landscape: Landscape,
+        weather: WeatherStream,
+        ignitions: Sequence[Ignition],
+        burning: Burning | None,
+        wind_limit: bool = False,
+    ) -> None:
+        """Raises FireModelError where nothing can burn, or for a fire that does not fit."""
+        self.landscape = landscape
+        self.weather = weather
+        self.wind_limit = wind_limit
+        self.time_s = burning.at_s if burning else 0.0
+        self.start_area = None
+        if burning:
+            check_burning(burning, landscape)
+        check_ignitions(landscape, ignitions, self.time_s)
 
     @abstractmethod
     def _burn_until(self, to_time_s: float) -> None: ...
@@ -134,7 +152,7 @@ class Fire(ABC):
         found = front_polygons(self._expected_s(), time_s, self.landscape)
         return with_start(found, self.start_area, time_s)
 
-    def ways(self) -> Floats:
+    def arrival_vectors(self) -> Floats:
         """Metres towards north and east (2, y, x) of the last straight way by which fire came.
 
         Here from the neighbour that burned first; 0 where it was lit.

@@ -51,7 +51,7 @@ class FrontRates:
     ) -> Floats:
         """As ``at``, but under a wind (speed at 20 ft in m/s, degrees it is from)."""
         entry = self._weather.index_at(at_s)
-        toward = np.deg2rad(wind[1] + 180.0 - self._landscape.grid_convergence_deg)
+        toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])
         tables = Tables(self._tables.terms[entry : entry + 1], blowing)
         return self._of(tables, 0, rows, cols, north, east)

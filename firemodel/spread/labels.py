@@ -1,4 +1,4 @@
-"""What the any-angle scheme knows of each cell: when fire comes, and whence."""
+"""Arrival times and sources of cells in the any-angle scheme."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 class Labels(NamedTuple):
-    """What is known of when and whence fire comes; cells in one row (n)."""
+    """When fire comes to each cell, and from which source; cells in one row (n)."""
 
     arrival_s: Floats  # (n) infinity until it burns
     best_s: Floats  # (n) earliest arrival found so far; minus infinity where nothing burns
@@ -26,19 +26,19 @@ class Heap(NamedTuple):
     size: int
 
 
-class Ways(NamedTuple):
+class ActivePaths(NamedTuple):
     """Lines on which fire was under way when the weather last changed."""
 
     target: NDArray[np.int32]  # (k) the cell it leads to
     at: Floats  # (k, 2) where the fire was: row, column
 
-    def first(self, count: int) -> "Ways":
-        return Ways(self.target[:count].copy(), self.at[:count].copy())
+    def first(self, count: int) -> "ActivePaths":
+        return ActivePaths(self.target[:count].copy(), self.at[:count].copy())
 
 
-def empty_ways(room: int) -> Ways:
+def empty_paths(room: int) -> ActivePaths:
     """Room for so many."""
-    return Ways(np.empty(room, dtype=np.int32), np.empty((room, 2)))
+    return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 2)))
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import compiled, kernel
+from firemodel.compiled import kernel
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.physics import rothermel
 from firemodel.physics.fuels import FUEL_MODELS
@@ -84,7 +84,7 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     terms = np.empty((len(entries), len(codes), 6))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
-        toward = math.radians(entry.wind_from_deg + 180.0 - landscape.grid_convergence_deg)
+        toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
         for place, code in enumerate(codes):
             bed = fuel_bed(FUEL_MODELS[code], entry.moisture)
@@ -167,23 +167,3 @@ def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     up = rise_north * to_north + rise_east * to_east
     b = e * a / math.sqrt(1.0 + up * up)
     return a, b * (to_north + up * rise_north), b * (to_east + up * rise_east)
-
-
-@compiled
-def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
-    found = np.zeros((4, terrain.fuel.size))
-    for cell in range(terrain.fuel.size):
-        if terrain.fuel[cell] >= 0:
-            rate, north, east, e = head_of(cell, entry, terrain, tables)
-            found[0, cell], found[1, cell], found[2, cell], found[3, cell] = rate, north, east, e
-    return found
-
-
-def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Floats, Floats]:
-    """Of each cell (y, x): fastest spread (m/s), its direction (rad), eccentricity.
-
-    The direction is clockwise from the grid's north. Cells that do not burn have rate 0.
-    """
-    tables = tables_of(landscape, [weather])
-    rate, north, east, e = _heads(0, terrain_of(landscape), tables).reshape(4, *landscape.shape)
-    return rate, np.arctan2(east, north) % (2.0 * np.pi), e

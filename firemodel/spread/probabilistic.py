@@ -26,7 +26,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -39,14 +38,9 @@ from firemodel.spread.fire import (
     Burning,
     Fire,
     Ignition,
-    check_burning,
-    check_ignitions,
 )
 from firemodel.spread.front import front_polygons
-
-# North, east, south, west as steps of (row, col).
-STEP_ROW = np.array([-1, 0, 1, 0])
-STEP_COL = np.array([0, 1, 0, -1])
+from firemodel.spread.probabilistic_kernels import update
 
 Floats = NDArray[np.float64]
 
@@ -54,9 +48,9 @@ Floats = NDArray[np.float64]
 class ProbabilisticFire(Fire):
     """See the module. ``burned_out_s`` (y, x) is when each cell had burned, infinity until then.
 
-    Updates come every ``step_s`` after the start; a cell lit between two of them, or at the time of
-    one, spreads from the next one on. ``rng`` is drawn from only for what burns, in an order that
-    does not depend on how ``advance`` is cut.
+    Updates come every ``update_s`` after the start; a cell lit between two of them, or at the time
+    of one, spreads from the next one on. ``rng`` is drawn from only for what burns, in an order
+    that does not depend on how ``advance`` is cut.
     """
 
     def __init__(
@@ -67,7 +61,7 @@ class ProbabilisticFire(Fire):
         burning: Burning | None = None,
         *,
         p_spread: float,
-        step_s: float,
+        update_s: float,
         rng: np.random.Generator,
         burning_steps: int | None = None,
     ) -> None:
@@ -76,16 +70,10 @@ class ProbabilisticFire(Fire):
         Of a fire that is already there cells burn on for what is left of that, by their times of
         arrival. Raises FireModelError where nothing can burn, or for a number that cannot be.
         """
-        _check(p_spread, step_s, burning_steps)
-        self.landscape = landscape
-        self.weather = weather
-        self.wind_limit = False
-        self.time_s = self._start_s = burning.at_s if burning else 0.0
-        self.start_area = None  # it has cells only
-        if burning:
-            check_burning(burning, landscape)
-        check_ignitions(landscape, ignitions, self.time_s)
-        self._p_spread, self._step_s, self._rng = p_spread, step_s, rng
+        _check(p_spread, update_s, burning_steps)
+        super().__init__(landscape, weather, ignitions, burning)
+        self._start_s = self.time_s
+        self._p_spread, self._every_s, self._rng = p_spread, update_s, rng
         self._burning_steps = burning_steps or 0
         self._updates = 0
         self._can_burn = ~np.isin(landscape.fuel_model, list(NON_BURNABLE))
@@ -102,7 +90,7 @@ class ProbabilisticFire(Fire):
         burned = np.isfinite(burning.arrival_s)
         self.arrival_time_s[burned] = burning.arrival_s[burned]
         lasted = np.zeros(burned.shape, dtype=np.int64)
-        lasted[burned] = (self.time_s - burning.arrival_s[burned]) // self._step_s
+        lasted[burned] = (self.time_s - burning.arrival_s[burned]) // self._every_s
         fresh = np.pad(self._can_burn & ~burned, 1)
         goes_on = burned & self._can_burn
         if self._burning_steps:
@@ -137,7 +125,7 @@ class ProbabilisticFire(Fire):
 
     def _burn_until(self, to_time_s: float) -> None:
         while True:
-            update_s = self._start_s + (self._updates + 1) * self._step_s
+            update_s = self._start_s + (self._updates + 1) * self._every_s
             ignition_s = self._ignitions[-1][0] if self._ignitions else math.inf
             if min(update_s, ignition_s) > to_time_s:
                 return
@@ -157,7 +145,7 @@ class ProbabilisticFire(Fire):
         count = self._cells.size
         cells, lasted = np.empty((2, 5 * count), dtype=np.int64)
         cells[:count], lasted[:count] = self._cells, self._lasted
-        size = _update(
+        size = update(
             at_s,
             self._rng.random(4 * count) < self._p_spread,
             cells,
@@ -185,50 +173,10 @@ class ProbabilisticFire(Fire):
         return front_polygons(-ago_s, 0.0, self.landscape)
 
 
-def _check(p_spread: float, step_s: float, burning_steps: int | None) -> None:
+def _check(p_spread: float, update_s: float, burning_steps: int | None) -> None:
     if not 0.0 <= p_spread <= 1.0:
         raise FireModelError(f"p_spread = {p_spread} must be from 0 to 1")
-    if not 0.0 < step_s < math.inf:
-        raise FireModelError(f"step_s = {step_s} must be positive")
+    if not 0.0 < update_s < math.inf:
+        raise FireModelError(f"update_s = {update_s} must be positive")
     if burning_steps is not None and burning_steps < 1:
         raise FireModelError(f"burning_steps = {burning_steps} must be 1 or more, or None")
-
-
-@kernel
-def _can_spread(cell, side, arrival_s, can_burn, cols):  # type: ignore[no-untyped-def]
-    """The neighbour on a side if it is left to burn, else -1."""
-    row, col = cell // cols + STEP_ROW[side], cell % cols + STEP_COL[side]
-    if not (0 <= row < arrival_s.size // cols and 0 <= col < cols):
-        return -1
-    target = row * cols + col
-    return target if can_burn[target] and arrival_s[target] == np.inf else -1
-
-
-@kernel
-def _update(  # type: ignore[no-untyped-def]
-    at_s, spreads, cells, lasted, count, arrival_s, burned_out_s, can_burn, cols, burning_steps
-):
-    """Spread from the first ``count`` cells, then drop what has burned; returns how many burn."""
-    size = count
-    for k in range(count):
-        for side in range(4):
-            target = _can_spread(cells[k], side, arrival_s, can_burn, cols)
-            if target >= 0 and spreads[4 * k + side]:
-                arrival_s[target] = at_s
-                cells[size], lasted[size] = target, 0
-                size += 1
-    kept = 0
-    for k in range(size):
-        cell = cells[k]
-        if k < count:
-            lasted[k] += 1
-            goes_on = lasted[k] < burning_steps
-            for side in range(4):
-                if burning_steps == 0 and _can_spread(cell, side, arrival_s, can_burn, cols) >= 0:
-                    goes_on = True
-            if not goes_on:
-                burned_out_s[cell] = at_s
-                continue
-        cells[kept], lasted[kept] = cell, lasted[k]
-        kept += 1
-    return kept

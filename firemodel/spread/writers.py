@@ -72,7 +72,7 @@ def fronts_geojson(
     """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
 
     Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
-    the status says that nobody approved them. ``time_zero`` is 0 s by the calendar, if known.
+    the status says that they are not approved. ``time_zero`` is 0 s by the calendar, if known.
     Raises FireModelError for a time that the fire has not come to.
     """
     features = []
@@ -101,13 +101,37 @@ def write_fronts(
     name: str,
     time_zero: datetime | None = None,
 ) -> None:
-    """Write ``fronts_geojson`` to a file."""
+    """Write burned areas as GeoJSON (RFC 7946; see ``fronts_geojson``).
+
+    Args:
+        path: The file to write.
+        fire: A fire that has burned as far as the last of the times.
+        times_s: When, in seconds, one feature each.
+        name: The incident's name.
+        time_zero: The calendar time of 0 s, if known.
+
+    Raises:
+        FireModelError: The fire has not burned as far as one of the times.
+        OSError: The file cannot be written.
+    """
     found = fronts_geojson(fire, times_s, name, time_zero)
     path.write_text(json.dumps(found) + "\n", encoding="utf-8")
 
 
 def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
-    """Write when and how the fire came to each cell as GeoTIFFs, -1 where it did not."""
+    """Write when and how the fire came to each cell as GeoTIFFs on the landscape's grid.
+
+    Args:
+        folder: An existing folder.
+        fire: A fire, as far as it has burned.
+
+    Returns:
+        The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
+        fireline_intensity_kw_m. Values are float32, -1 where fire has not come.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
     found = behaviour_of(fire)
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
     layers = {

@@ -30,7 +30,8 @@ def experiment() -> None:
 @JSON
 def islam_hu(out: Path | None, as_json: bool) -> None:
     """One vehicle on six fires, section VI of Islam & Hu: reversals over alpha, distance error."""
-    from mission_service.experiments.islam_hu import in_text, run
+    from mission_service.experiments.islam_hu.run import run
+    from mission_service.experiments.islam_hu.tables import in_text
 
     found = run(folder(out) if out else None, progress=_progress)
     click.echo(json.dumps(found) if as_json else in_text(found))
@@ -49,8 +50,8 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
 @JSON
 def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
     """Teams of 2 to 6 on one fire, chapter 5 of Bent's thesis: tables 5.1 to 5.4."""
-    from mission_service.experiments.bent import run
-    from mission_service.experiments.bent_tables import in_text
+    from mission_service.experiments.bent.run import run
+    from mission_service.experiments.bent.tables import in_text
 
     found = run(folder(out) if out else None, speed_m_s, _progress)
     click.echo(json.dumps(found) if as_json else in_text(found))
@@ -61,7 +62,8 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
 @JSON
 def virtual_agents(out: Path | None, as_json: bool) -> None:
     """Four or eight fixed wings over virtual agents, table 2 of that paper: six metrics."""
-    from mission_service.experiments.virtual_agents import in_text, run
+    from mission_service.experiments.virtual_agents.run import run
+    from mission_service.experiments.virtual_agents.tables import in_text
 
     found = run(folder(out) if out else None, progress=_progress)
     click.echo(json.dumps(found) if as_json else in_text(found))
@@ -72,7 +74,8 @@ def virtual_agents(out: Path | None, as_json: bool) -> None:
 @JSON
 def beachly(out: Path | None, as_json: bool) -> None:
     """Ignition lines in four scenarios, and corrections of a fire model: sections VI and VII."""
-    from mission_service.experiments.beachly.ignition_lines import in_text, run
+    from mission_service.experiments.beachly.run import run
+    from mission_service.experiments.beachly.tables import in_text
 
     found = run(folder(out) if out else None, _progress)
     click.echo(json.dumps(found) if as_json else in_text(found))

@@ -7,6 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from firemodel.landscape import LAYERS
+from firemodel.spread.schemes import SchemeName
+
 FORMATION = "formation"  # rule: all vehicles around the fire
 BURN = "burn"  # rule: ignition lines dropped inside a burn unit
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -18,15 +21,6 @@ Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-LAYER_KEYS = (
-    "fuel",
-    "elevation",
-    "slope",
-    "aspect",
-    "canopy_cover",
-    "canopy_height",
-    "canopy_base",
-)
 RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
 # A name that is no name may be the key itself.
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
@@ -72,7 +66,7 @@ class LandscapeSection(Section):
     @property
     def layers(self) -> dict[str, Path]:
         """The file of each layer that has one of its own."""
-        found = {name: getattr(self, name) for name in LAYER_KEYS}
+        found = {name: getattr(self, name) for name in LAYERS}
         return {name: path for name, path in found.items() if path is not None}
 
     @model_validator(mode="after")
@@ -154,7 +148,7 @@ class FireSection(Section):
     begin with a fire of ``initial_cells``, grown from the ignitions by the same rule.
     """
 
-    scheme: Literal["anyangle", "devs8", "probabilistic"] = "anyangle"
+    scheme: SchemeName = "anyangle"
     wind_limit: bool = False
     perimeter: Path | None = None
     arrival: Path | None = None

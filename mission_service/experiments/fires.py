@@ -2,20 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
-from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.devs8 import Devs8Fire
-from mission_service.experiments.front_walk import enclosed_s
+from firemodel.spread.schemes import SchemeName, new_fire
+from mission_service.experiments.boundary_following import enclosed_s
 
 Floats = NDArray[np.float64]
-Scheme = Literal["devs8", "anyangle"]
-SCHEMES: tuple[Scheme, ...] = ("devs8", "anyangle")
 
 CELLS = 200
 CELL_M = 30.0
@@ -28,7 +24,7 @@ class Burn:
     """A fire from beginning to end: ``arrival_s`` (y, x) is when each cell caught fire."""
 
     name: str
-    scheme: Scheme
+    scheme: SchemeName
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]  # row, column
@@ -76,7 +72,7 @@ def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
 
 def burn(
     name: str,
-    scheme: Scheme,
+    scheme: SchemeName,
     landscape: Landscape,
     weather: WeatherStream,
     ignition: tuple[int, int],
@@ -85,56 +81,7 @@ def burn(
     deploy_s: float = HOUR_S,
 ) -> Burn:
     """Let a fire burn to its end."""
-    kind = AnyAngleFire if scheme == "anyangle" else Devs8Fire
-    fire = kind(landscape, weather, [(*ignition, 0.0)])
+    fire = new_fire(scheme, landscape, weather, [(*ignition, 0.0)])
     fire.advance(end_s)
     arrival_s = fire.arrival_time_s.copy()
     return Burn(name, scheme, landscape, weather, ignition, deploy_s, end_s, speed_m_s, arrival_s)
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """One of the fires of Islam & Hu, section VI."""
-
-    fuel: NDArray[np.int16]
-    weather: tuple[Weather, ...]
-    ignition: tuple[int, int]
-    speed_m_s: float  # slow enough for circling to be 7 to 16 cells wrong, as in the paper
-
-
-ISLAM_HU_END_S = 6 * HOUR_S
-# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper does not print its weather: this
-# was tuned until circling's error and the damped rule's behaviour were like the paper's. In "wind
-# turns" the later wind is the stronger one; with equal ones the rule hardly turned in the south.
-# "Slow and even" is tall grass in a breath of wind: without any, fire is so slow that no vehicle
-# could be slow enough.
-ISLAM_HU: dict[str, Scenario] = {
-    "slow-then-fast": Scenario(
-        of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2
-    ),
-    "fast": Scenario(of_one_fuel(BRUSH), (wind(0.0, 8.0, 45.0),), (35, 165), 3.4),
-    "slow-even": Scenario(of_one_fuel(TALL_GRASS), (dry_wind(0.0, 0.9, 45.0),), (90, 110), 2.8),
-    "wind-turns": Scenario(
-        of_one_fuel(BRUSH), (wind(0.0, 6.0, 180.0), wind(3 * HOUR_S, 9.0, 0.0)), (77, 100), 4.5
-    ),
-    "brush-grass": Scenario(
-        of_two_fuels(BRUSH, SHORT_GRASS), (dry_wind(0.0, 3.3, 0.0),), (60, 100), 3.2
-    ),
-    "brush-litter": Scenario(
-        of_two_fuels(BRUSH, TIMBER_LITTER), (wind(0.0, 8.0, 0.0),), (20, 100), 3.5
-    ),
-}
-
-
-def islam_hu_burn(name: str, scheme: Scheme) -> Burn:
-    """One of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
-    scenario = ISLAM_HU[name]
-    return burn(
-        name,
-        scheme,
-        flat(scenario.fuel),
-        WeatherStream(scenario.weather),
-        scenario.ignition,
-        ISLAM_HU_END_S,
-        scenario.speed_m_s,
-    )

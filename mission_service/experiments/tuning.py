@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 
 from mission_service.errors import MissionServiceError
-from mission_service.experiments.formation_scenarios import CELL_M, KINDS, PENALTY, STEP_S, fitness
+from mission_service.experiments.virtual_agents.tuning_scenarios import (
+    CELL_M,
+    KINDS,
+    PENALTY,
+    STEP_S,
+    fitness,
+)
 from mission_service.guidance.formation.virtual_forces_kernels import NAMES
 
 Genes = tuple[float, ...]

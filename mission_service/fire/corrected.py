@@ -1,7 +1,7 @@
-"""A cellular fire that people set right: pens, eraser, undo, and another wind.
+"""A cellular fire that operators correct: pens, eraser, undo, and another wind.
 
-The fire without corrections burns on beside the corrected one, so that an undo brings it back.
-Whatever changes, the corrected fire is begun again at that moment from arrival times set right.
+The fire without corrections burns on in parallel, so that an undo restores it. After each change
+the corrected fire starts again at that moment from corrected arrival times.
 Of more than ``MAX_STEPS`` corrections and erasures the older half is settled: it becomes part of
 the fire without corrections, is no longer listed and can no longer be undone.
 """
@@ -27,21 +27,21 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
-from mission_service.fire.correction_log import CorrectionLog, Held, marks_held, not_erased
+from mission_service.fire.correction_log import CorrectionLog, Held, not_erased, observations_held
 
 Floats = NDArray[np.float64]
 
-AHEAD_S = 3600.0  # what the fire does so far ahead tells how marks there reach back
-MARKS_APART_CELLS = 1.0
-MAX_STEPS = 256  # the time of a correction grows with the marks to fit
+AHEAD_S = 3600.0  # how far the fire burns ahead of the fit, for observations out there
+OBSERVATION_SPACING_CELLS = 1.0
+MAX_STEPS = 256  # the time of a correction grows with the observations to fit
 
-MOST_MARKS = 150  # a fit takes as long as the cube of their number
+MAX_OBSERVATIONS = 150  # a fit takes as long as the cube of their number
 
 Begin = Callable[[Burning, WeatherStream], Fire]
 
 
 class CorrectedFire:
-    """Folds what people say into fires begun again; ``begin`` makes one from what burns."""
+    """Applies operators' reports; ``begin`` starts a fire from what burns at a time."""
 
     def __init__(self, landscape: Landscape, begin: Begin) -> None:
         self.log = CorrectionLog()
@@ -56,7 +56,7 @@ class CorrectedFire:
         self._base.advance(fire.time_s)
         return [fire, self._base]
 
-    def told(self, event: CrewEvent, fire: Fire) -> Fire:
+    def apply_report(self, event: CrewEvent, fire: Fire) -> Fire:
         """The fire from now on; the same object if nothing has changed.
 
         Raises FireModelError for what cannot be; nothing is changed then.
@@ -87,28 +87,31 @@ class CorrectedFire:
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
         """A fire with what holds of corrections; the same object where nothing does."""
-        spacing_m = MARKS_APART_CELLS * self._landscape.cell_size_m
-        marks = few_of(marks_held(held, self._landscape, spacing_m))
-        if not len(marks):
+        spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
+        observations = thinned(observations_held(held, self._landscape, spacing_m))
+        if not len(observations):
             return base
         ahead = copy.deepcopy(base)
         ahead.advance(base.time_s + AHEAD_S)
         from firemodel.assimilation.corrected_cells import corrected_arrival  # SciPy takes a while
 
-        arrival_s = corrected_arrival(ahead.arrival_time_s, self._landscape, marks)
+        arrival_s = corrected_arrival(ahead.arrival_time_s, self._landscape, observations)
         arrival_s = as_drawn(arrival_s, held, self._landscape)
         burning = burning_from_arrival(arrival_s, self._landscape, base.time_s)
         return self._begin(burning, base.weather)
 
 
-def few_of(marks: Floats) -> Floats:
-    """``MOST_MARKS`` of marks (n, 4) at most, evenly: enough to set the fire around them right.
+def thinned(observations: Floats) -> Floats:
+    """At most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
 
-    The cells that were drawn are as they were drawn all the same (``as_drawn``).
+    They are enough to correct the fire around them; the cells drawn keep their state all the same
+    (``as_drawn``).
     """
-    if len(marks) <= MOST_MARKS:
-        return marks
-    return marks[np.round(np.linspace(0, len(marks) - 1, MOST_MARKS)).astype(np.int64)]
+    if len(observations) <= MAX_OBSERVATIONS:
+        return observations
+    return observations[
+        np.round(np.linspace(0, len(observations) - 1, MAX_OBSERVATIONS)).astype(np.int64)
+    ]
 
 
 def burning_now(fire: Fire) -> Burning:
@@ -117,10 +120,10 @@ def burning_now(fire: Fire) -> Burning:
 
 
 def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Arrival times (y, x) with the cells that were drawn as they were drawn, to the letter.
+    """Arrival times (y, x) in which every drawn cell has exactly the state that was drawn.
 
-    A fit weighs marks against each other and the model; who has drawn over a cell means that cell.
-    Later strokes are over earlier ones. Of an area that burns only its edge is meant.
+    A fit weighs observations against each other and the model; a drawn cell is certain. Later
+    strokes override earlier ones. Of an area that burns only the edge counts.
     """
     found = arrival_s.copy()
     for each in held:
@@ -138,14 +141,14 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
     """The cells (n, 2) of a stroke, less those that were erased."""
-    told = held.correction
-    places = landscape.xy_of_places(told.points)
+    correction = held.correction
+    places = landscape.xy_of_places(correction.points)
     shape: BaseGeometry = shapely.Point(places[0])
-    if told.shape == "line":
+    if correction.shape == "line":
         shape = shapely.LineString(places)
-    elif told.shape == "polygon":
+    elif correction.shape == "polygon":
         area = shapely.Polygon(places)
-        shape = area.exterior if told.state == "burning" else area
+        shape = area.exterior if correction.state == "burning" else area
     cells = cells_of([shape], landscape)
     centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
     return cells[not_erased(centres_m, held.erasures, landscape)]

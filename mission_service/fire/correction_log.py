@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.drawn import marks_of
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.assimilation.map_drawing import observations_of
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.landscape.landscape import Landscape
 from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
 from mission_service.ground_distance import distance_m
@@ -25,7 +25,7 @@ class Held(NamedTuple):
 
 
 class CorrectionLog:
-    """Folds events into steps that hold and steps taken back, whoever took them.
+    """Steps that hold and steps taken back, of all operators together.
 
     An erasure takes away only what was drawn before it. Undo takes back the last step, a
     correction or an erasure; a new step ends what can be redone. Undo and redo of nothing do
@@ -71,7 +71,7 @@ class CorrectionLog:
         return found
 
     def status(self) -> list[dict[str, Any]]:
-        """Each correction that holds: what, who, where from, when said, when marked."""
+        """Each correction that holds: state, shape, operator, station, times."""
         return [
             {
                 "state": held.correction.state,
@@ -87,19 +87,21 @@ class CorrectionLog:
         ]
 
 
-def marks_of_correction(told: Corrected, landscape: Landscape, spacing_m: float) -> Floats:
-    """Marks (n, 4) x, y, at_s, state of what was drawn. Raises FireModelError."""
-    places = landscape.xy_of_places(told.points)
-    at_s, state = told.marked_at_us / 1e6, STATES[told.state]
-    return marks_of(told.shape, places, at_s, state, spacing_m)
+def observations_of_correction(
+    correction: Corrected, landscape: Landscape, spacing_m: float
+) -> Floats:
+    """Observations (n, 4) x, y, at_s, state of what was drawn. Raises FireModelError."""
+    places = landscape.xy_of_places(correction.points)
+    at_s, state = correction.marked_at_us / 1e6, STATES[correction.state]
+    return observations_of(correction.shape, places, at_s, state, spacing_m)
 
 
-def marks_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
-    """Marks (n, 4) of all corrections that hold, less what is erased."""
+def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
+    """Observations (n, 4) of all corrections that hold, less what is erased."""
     found = [np.empty((0, 4))]
     for each in held:
-        marks = marks_of_correction(each.correction, landscape, spacing_m)
-        found.append(marks[not_erased(marks[:, :2], each.erasures, landscape)])
+        observations = observations_of_correction(each.correction, landscape, spacing_m)
+        found.append(observations[not_erased(observations[:, :2], each.erasures, landscape)])
     return np.vstack(found)
 
 
@@ -120,7 +122,7 @@ def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
 
 
 def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
-    """Of a line or a polygon the rest may hold: only its marks can tell."""
+    """Whether all of it is erased; of a line or polygon a part may always hold."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points
     )

@@ -16,7 +16,7 @@ MEMBERS = 15
 # Rates grow with the wind to a power of 1.2 to 1.6, so that these two make 0.37 together.
 SPREAD_LOG_SD = 0.25
 WIND_LOG_SD = 0.2  # 1 m/s of 5
-# Our choice, without a source: two of three winds come from within 15 degrees of what is said.
+# Our choice, without a source: two of three winds come from within 15 degrees of what is reported.
 WIND_TURN_SD_DEG = 15.0
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Arrival(NamedTuple):
     """When fire comes where: the past as it was, the future as it is expected."""
 
     at_s: float  # the past ends here
-    until_s: float  # as late as was asked for, or later
+    until_s: float  # as late as requested, or later
     arrival_s: Floats  # (y, x); later than until_s it is known next to the fire only, else infinity
     version: int
     start_area: StartArea | None = None  # of a fire taken over, for fronts
@@ -50,7 +50,7 @@ class Ensemble(NamedTuple):
     version: int
 
 
-class Otherwise(NamedTuple):
+class Perturbation(NamedTuple):
     """What is different in one of them."""
 
     wind_factor: float
@@ -58,16 +58,16 @@ class Otherwise(NamedTuple):
     spread_factor: float
 
 
-def perturbations(seed: int, count: int = MEMBERS) -> list[Otherwise]:
+def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
     """Drawn in equal parts of each distribution (Latin hypercube; McKay et al. 1979).
 
-    The same each time, so that a forecast made anew moves only as the fire does.
+    The same each time, so that a forecast computed again moves only as the fire does.
     """
     rng = np.random.default_rng((seed, count))
     middle = ndtri((np.arange(count) + 0.5) / count)
     wind, turn, spread = (rng.permutation(middle) for _ in range(3))
     return [
-        Otherwise(float(a), float(b), float(c))
+        Perturbation(float(a), float(b), float(c))
         for a, b, c in zip(
             np.exp(WIND_LOG_SD * wind),
             WIND_TURN_SD_DEG * turn,
@@ -80,7 +80,7 @@ def perturbations(seed: int, count: int = MEMBERS) -> list[Otherwise]:
 def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival:
     """When a fire comes where until a time. It is burned up for that: give a copy.
 
-    Chance, where the scheme has any, is drawn anew: the fire's own is not foreseen.
+    Chance, where the scheme has any, is drawn again: the fire's own is not foreseen.
     """
     at_s = fire.time_s
     fire.draw_from(np.random.default_rng((seed, 0)))

@@ -1,4 +1,4 @@
-"""What is believed of the fire in a burn: what was lit, the wind, and what was corrected."""
+"""The estimated fire of a burn: from what was lit, the wind, corrections and cameras."""
 
 import math
 from typing import TYPE_CHECKING
@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.corrections import PaperCorrected
-from firemodel.assimilation.seen import SeenFront
+from firemodel.assimilation.camera_front import CameraFront
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.config.sections import BurnSection
@@ -22,7 +22,11 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
-from mission_service.fire.correction_log import CorrectionLog, marks_held, marks_of_correction
+from mission_service.fire.correction_log import (
+    CorrectionLog,
+    observations_held,
+    observations_of_correction,
+)
 
 if TYPE_CHECKING:
     from firemodel.assimilation.gaussian import GaussianCorrected
@@ -30,17 +34,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 LINE_SPACING_M = 2.0  # of the points that stand for a line
-MARKS_APART_M = 5.0  # of a line or polygon drawn
+OBSERVATION_SPACING_M = 5.0  # of a line or polygon drawn
 PAPER_LENGTH_M = 40.0  # the best of benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
-LOOKED_EVERY_S = (
-    15.0  # what a camera sees is believed so often: a correction costs a tenth of a second
-)
-WHOLE_AFTER = 1.25  # times as many marks as at the last fit from nothing comes another
+CAMERA_EVERY_S = 15.0  # between corrections by cameras; one takes a tenth of a second
+WHOLE_AFTER = 1.25  # times as many observations as at the last fit from nothing comes another
 
 
-class BelievedFire:
-    """Folds what is told and seen into one simulation. ``version`` counts its changes."""
+class EstimatedFire:
+    """One simulation from all reports and observations. ``version`` counts its changes."""
 
     def __init__(self, burn: BurnSection, landscape: Landscape, weather: WeatherStream) -> None:
         self.log = CorrectionLog()
@@ -49,15 +51,16 @@ class BelievedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
-        self.held = np.empty((0, 3))  # spheres of the line under way: its flight minds them itself
-        self._seen = SeenFront(landscape)
+        # Spheres of the line under way; its flight keeps clear of them by itself.
+        self.held = np.empty((0, 3))
+        self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
-        self._marks = np.empty((0, 4))
+        self._observations = np.empty((0, 4))
         self._spreads: tuple[Spread, ...] | None = None
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
         self._fitted: GaussianCorrected | None = None
-        self._whole = 0  # marks at the last fit that began from nothing
+        self._whole = 0  # observations at the last fit that began from nothing
         for line in burn.lit:
             self._sources = np.vstack(
                 [self._sources, _sources(self._landscape.xy_of_places(line.points), line.at_s)]
@@ -65,13 +68,13 @@ class BelievedFire:
 
     @property
     def simulation(self) -> Simulation:
-        """The fire as it is believed now, corrections included; without what is held back."""
+        """The fire as estimated now, corrections included; without the spheres in ``held``."""
         if self._simulation is None:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
     def burns_s(self, x_m: float, y_m: float) -> float:
-        """When fire comes to a place, that of spheres held back too."""
+        """When fire comes to a place (s), from spheres in ``held`` too."""
         place_m = np.array([(x_m, y_m)])
         both = (self.simulation, self.lights(self.held))
         return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
@@ -87,26 +90,26 @@ class BelievedFire:
         """The fire of some sources (n, 3) x, y, at_s alone."""
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
-            convergence_deg = self._landscape.grid_convergence_deg
-            self._spreads = spreads_of(self._burn.fuel_model, stream, convergence_deg)
+            fuel = self._burn.fuel_model
+            self._spreads = spreads_of(fuel, stream, self._landscape.grid_deg)
         return EllipseFire(self._spreads, sources)
 
     def _corrected(self, base: EllipseFire) -> Simulation:
-        if not len(self._marks):
+        if not len(self._observations):
             return base
         if self._burn.corrections == "paper":
-            return PaperCorrected(base, self._marks, PAPER_LENGTH_M)
+            return PaperCorrected(base, self._observations, PAPER_LENGTH_M)
         from firemodel.assimilation.gaussian import GaussianCorrected  # SciPy takes a while
 
-        count = len(self._marks)
+        count = len(self._observations)
         near = self._fitted if self._whole <= count <= WHOLE_AFTER * self._whole else None
         if near is None:
             self._whole = count
-        self._fitted = GaussianCorrected(base, self._marks, near=near)
+        self._fitted = GaussianCorrected(base, self._observations, near=near)
         return self._fitted
 
     def take(self, event: object) -> bool:
-        """Take in an event; whether the fire is believed to be another one now.
+        """Apply an event; whether the estimate changed.
 
         Raises FireModelError for a correction that cannot be drawn; nothing is changed then.
         """
@@ -118,14 +121,14 @@ class BelievedFire:
                 )
             case Corrected() | Erased() | Undone() | Redone():
                 if isinstance(event, Corrected):
-                    # What cannot be drawn is not taken.
-                    marks_of_correction(event, self._landscape, MARKS_APART_M)
+                    # Raises for what cannot be drawn, before anything changes.
+                    observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.take(event)
                 self._mark()
             case Observed() if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
                 self._seen.fold(event.row, event.col, event.cells, at_s, fire)
-                if at_s - self._looked_s >= LOOKED_EVERY_S:
+                if at_s - self._looked_s >= CAMERA_EVERY_S:
                     self._looked_s = at_s
                     self._mark()
             case WindTold():
@@ -139,7 +142,7 @@ class BelievedFire:
         self.held = np.vstack([self.held, source])
 
     def let_go(self) -> None:
-        """The line is over: its spheres are fires like others."""
+        """The line is complete: its spheres count as fires from now on."""
         if len(self.held):
             held, self.held = self.held, np.empty((0, 3))
             self.ignite(held)
@@ -153,7 +156,7 @@ class BelievedFire:
         self._changed()
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """The wind is so from a time on, whatever was forecast for then."""
+        """Wind from a time on (20 ft, degrees it comes from), in place of what was forecast."""
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
@@ -161,24 +164,24 @@ class BelievedFire:
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
-        """The weather that is believed for a time."""
+        """The weather assumed for a time."""
         return WeatherStream(tuple(self._entries)).at(at_s)
 
     def _mark(self) -> None:
-        """Bring the marks in line with all that was drawn and seen."""
-        drawn = marks_held(self.log.held(), self._landscape, MARKS_APART_M)
-        seen = self._seen.marks()
-        if len(self.held):  # a camera cannot tell their fires from others near them
+        """Collect the observations from corrections and cameras."""
+        drawn = observations_held(self.log.held(), self._landscape, OBSERVATION_SPACING_M)
+        seen = self._seen.observations()
+        if len(self.held):  # on camera their fires look like others near them
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
-        marks = np.vstack([drawn, seen])
-        if not np.array_equal(marks, self._marks):
-            self._marks = marks
+        observations = np.vstack([drawn, seen])
+        if not np.array_equal(observations, self._observations):
+            self._observations = observations
             self._changed()
 
     def _changed(self) -> None:
-        """One fit begins where the last one ended: so none may depend on who has asked when."""
-        self._simulation = self._corrected(self.base) if len(self._marks) else None
+        """Fit at once: a fit starts from the last one, so it may not depend on when it is read."""
+        self._simulation = self._corrected(self.base) if len(self._observations) else None
         self.version += 1
 
 
@@ -190,5 +193,5 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
     """A wind from true north as a velocity on the grid: x, y in m/s."""
-    from_rad = math.radians(from_deg - landscape.grid_convergence_deg)
+    from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

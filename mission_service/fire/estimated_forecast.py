@@ -1,4 +1,4 @@
-"""Forecasts of a burn's fire: what its plans are made on, not the simulated truth."""
+"""Forecasts of a burn's estimated fire, on which its plans are based; not the simulated truth."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,28 +7,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.fire.ensemble import Arrival
-from mission_service.fire.estimated import BelievedFire
+from mission_service.fire.estimated import EstimatedFire
 
 Floats = NDArray[np.float64]
 
-# Of the time since it was lit, where no correction has told how far the simulation is off:
+# Of the time since it was lit, where no correction constrains the simulation's error:
 # as much as spread and wind are uncertain together (ensemble.py).
-UNTOLD_SD = 0.37
+UNCORRECTED_SD = 0.37
 
 
-class BelievedForecasts:
-    """As ``Forecasts``; a simulation knows the future as well as the past."""
+class EstimatedForecasts:
+    """As ``Forecasts``; a simulation has the future as well as the past."""
 
     def __init__(
         self,
-        believed_of: Callable[[], BelievedFire],
+        estimate_of: Callable[[], EstimatedFire],
         landscape: Landscape,
         now_s: Callable[[], float],
     ) -> None:
-        self._believed_of = believed_of
+        self._estimate_of = estimate_of
         self._landscape = landscape
         self._now_s = now_s
         row, col = np.indices(landscape.shape)
@@ -38,7 +38,7 @@ class BelievedForecasts:
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
-        """When fire comes where, by the simulation as it is believed now."""
+        """Arrival times by the current estimate."""
         version, _, arrival_s = await self._arrivals()
         return Arrival(self._now_s(), until_s, arrival_s, version)
 
@@ -51,8 +51,8 @@ class BelievedForecasts:
         """Nothing goes on."""
 
     async def _arrivals(self) -> tuple[int, Simulation, Floats]:
-        believed = self._believed_of()
-        version, simulation = believed.version, believed.simulation
+        estimate = self._estimate_of()
+        version, simulation = estimate.version, estimate.simulation
         found = self._arrival_s
         if found[0] != version or found[1] is not simulation:
             times_s = await asyncio.to_thread(simulation.ignition_time_s, self._centres_m)
@@ -63,7 +63,7 @@ class BelievedForecasts:
         sd_of = getattr(simulation, "sd_s", None)  # the paper's correction does not know it
         if sd_of is None:
             first_s = float(arrival_s.min())
-            sd_s = UNTOLD_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
+            sd_s = UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
         else:
             sd_s = sd_of(self._centres_m).reshape(arrival_s.shape)
         with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The newest forecasts of the burning fire, worked out in a thread when somebody asks."""
+"""The newest forecasts of the burning fire, computed in a thread on request."""
 
 import asyncio
 import math
@@ -25,15 +25,15 @@ LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now: the next of these to w
 LONGEST_S = LENGTHS_S[-1]
 # Burned further than that, so that a slider at "now and three hours" finds it made for a while.
 FURTHER_S = 1200.0
-OLD_S = 180.0  # of mission time, when a forecast is made anew
+OLD_S = 180.0  # of mission time, when a forecast is computed again
 REST_S = 10.0  # of real time between two, unless people changed the fire
 
 Floats = NDArray[np.float64]
 Made = TypeVar("Made", Arrival, Ensemble)
 
 
-class _Kept(Generic[Made]):
-    """The newest of one kind, and the work on the next."""
+class _Slot(Generic[Made]):
+    """The newest forecast of one kind, and the task that computes the next."""
 
     def __init__(self, make: Callable[[Fire, float, int], Made]) -> None:
         self.make: Callable[[Fire, float, int], Made] = make
@@ -44,12 +44,11 @@ class _Kept(Generic[Made]):
 
 
 class Forecasts:
-    """Forecasts of ``fire_of()``, which people have changed whenever ``version_of()`` is another.
+    """Forecasts of ``fire_of()``; ``version_of()`` changes with every correction of it.
 
-    Nobody asks, nothing is done. The event loop is held up by a copy of the fire only (3 ms with
-    500 x 500 cells); the rest is in one thread, in which kernels run without the GIL. Any number
-    may ask at once: they wait for one and the same work, and there is never more than one of each
-    kind under way. For use in one event loop.
+    Computed on request only. The event loop waits for a copy of the fire (3 ms with 500 x 500
+    cells); the rest runs in one thread, in which kernels release the GIL. Concurrent requests share
+    one computation, and at most one of each kind is under way. For use in one event loop.
     """
 
     def __init__(
@@ -59,10 +58,10 @@ class Forecasts:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
         self._open = True
         self.took_s = 0.0  # the last one
-        self._arrivals: _Kept[Arrival] = _Kept(
+        self._arrivals: _Slot[Arrival] = _Slot(
             lambda fire, until_s, version: burned_ahead(fire, until_s, version, seed)
         )
-        self._ensembles: _Kept[Ensemble] = _Kept(
+        self._ensembles: _Slot[Ensemble] = _Slot(
             lambda fire, until_s, version: ensemble_of(
                 fire, until_s, version, seed, lambda: self._open
             )
@@ -92,21 +91,21 @@ class Forecasts:
         return probability_at(await self._fresh(self._ensembles, at_s), at_s)
 
     def close(self) -> None:
-        """Give up what is being worked out."""
+        """Cancel what is being computed."""
         self._open = False
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    async def _fresh(self, kept: _Kept[Made], until_s: float) -> Made:
+    async def _fresh(self, kept: _Slot[Made], until_s: float) -> Made:
         asked_s = asyncio.get_running_loop().time()
         while not self._serves(kept, until_s, asked_s):
             if kept.work is None or kept.work.done():
                 kept.work = asyncio.create_task(self._work(kept, until_s))
-            # Whoever asks may leave: the work is for others too.
+            # A cancelled request does not cancel the computation: others may wait for it.
             await asyncio.shield(kept.work)
         assert kept.newest is not None
         return kept.newest
 
-    def _serves(self, kept: _Kept[Made], until_s: float, asked_s: float) -> bool:
+    def _serves(self, kept: _Slot[Made], until_s: float, asked_s: float) -> bool:
         made = kept.newest
         if made is None or made.until_s < until_s:
             return False
@@ -117,7 +116,7 @@ class Forecasts:
         old = self._fire_of().time_s - made.at_s > OLD_S
         return not old or asyncio.get_running_loop().time() - kept.begun_s < REST_S
 
-    async def _work(self, kept: _Kept[Made], until_s: float) -> None:
+    async def _work(self, kept: _Slot[Made], until_s: float) -> None:
         loop = asyncio.get_running_loop()
         begun_s, version, fire = loop.time(), self._version_of(), self._fire_of().copy()
         kept.length_s = max(kept.length_s, _length_s(until_s - fire.time_s))

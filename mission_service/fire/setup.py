@@ -8,13 +8,15 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.landscape.default import jacksboro
-from firemodel.landscape.flat import flat
+from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
-from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.simulate import cells_of_file
 from firemodel.spread.fire import BURNING, Burning, Fire
 from firemodel.spread.fire import Ignition as CellIgnition
+from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import (
     BURN,
@@ -39,11 +41,10 @@ def landscape_of(scenario: Scenario) -> Landscape:
         assert section.lon_deg is not None
         grid = (section.rows, section.cols, section.cell_size_m)
         place = (section.lat_deg, section.lon_deg)
-        found = flat(*grid, *place, section.elevation_m, section.fuel_model)
+        found = flat_landscape(*grid, *place, section.elevation_m, section.fuel_model)
     else:
         found = _from_rasters(section)
     if section.barriers:
-        from firemodel.landscape.rasterise import with_barriers
         from firemodel.landscape.readers.shapes import read_shapes
 
         shapes = [shape for path in section.barriers for shape in read_shapes(path, found)]
@@ -82,7 +83,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 def _from_file(section: WeatherFile) -> WeatherStream:
-    from firemodel.landscape.readers.weather import read_weather
+    from firemodel.landscape.readers.weather_files import read_weather
 
     moisture = Moisture(
         section.dead_1h_pct / 100.0,
@@ -99,32 +100,17 @@ def _from_file(section: WeatherFile) -> WeatherStream:
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
     """The cells (row, column) that a scenario's ignition lights."""
     if ignition.file is not None:
-        from firemodel.landscape.rasterise import cells_of
-        from firemodel.landscape.readers.shapes import read_shapes
-
-        cells = cells_of(read_shapes(ignition.file, landscape), landscape)
-        burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
-        if not burns.any():
-            raise ScenarioError(f"{ignition.file}: lies wholly on fuel that does not burn")
-        return [(int(row), int(col)) for row, col in cells[burns]]
-    x_m, y_m = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
-    if not landscape.contains(x_m, y_m):
-        raise ScenarioError(
-            f"ignition at lat {ignition.lat_deg}, lon {ignition.lon_deg} lies outside the landscape"
-        )
-    row, col = landscape.row_col_of(x_m, y_m)
-    return [(round(float(row)), round(float(col)))]
+        return cells_of_file(ignition.file, landscape)
+    assert ignition.lat_deg is not None
+    assert ignition.lon_deg is not None
+    return [landscape.cell_of_lat_lon(ignition.lat_deg, ignition.lon_deg)]
 
 
 def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
     """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
-    from firemodel.landscape.rasterise import cells_of
-
     places = landscape.xy_of_places(points)
     shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
-    found = cells_of([shape], landscape)
-    burns = ~np.isin(landscape.fuel_model[tuple(found.T)], list(NON_BURNABLE))
-    return [(int(row), int(col)) for row, col in found[burns]]
+    return burnable_cells([shape], landscape)
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
@@ -153,10 +139,9 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
     """A fire of at least so many cells, which the automaton has grown by the scenario's seed."""
     from firemodel.spread.burning import burning_from_arrival
-    from firemodel.spread.probabilistic import ProbabilisticFire
 
-    section = scenario.fire
-    fire = ProbabilisticFire(
+    fire = new_fire(
+        "probabilistic",
         landscape,
         weather_of(scenario),
         [
@@ -164,9 +149,9 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
             for each in scenario.ignition
             for row, col in cells_of_ignition(each, landscape)
         ],
-        p_spread=section.p_spread,
-        step_s=1.0,
-        rng=np.random.default_rng((scenario.seed, 1)),
+        p_spread=scenario.fire.p_spread,
+        update_s=1.0,
+        seed=(scenario.seed, 1),
     )
     before = stalled = 0
     while (burned := int(np.count_nonzero(fire.burned()))) < cells:
@@ -178,8 +163,8 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
             )
         before = burned
         fire.advance(fire.time_s + 1.0)  # an update
-    arrival_s = np.where(fire.burned(), section.burning_at_s, np.inf)
-    return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
+    at_s = scenario.fire.burning_at_s
+    return burning_from_arrival(np.where(fire.burned(), at_s, np.inf), landscape, at_s)
 
 
 def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
@@ -246,27 +231,13 @@ def _fire(
     ignitions: list[CellIgnition],
     burning: Burning | None,
 ) -> Fire:
-    from firemodel.spread.anyangle import AnyAngleFire
-    from firemodel.spread.devs8 import Devs8Fire
-    from firemodel.spread.probabilistic import ProbabilisticFire
-
-    section = scenario.fire
-    if section.scheme == "probabilistic":
-        return ProbabilisticFire(
-            landscape,
-            weather,
-            ignitions,
-            burning,
-            p_spread=section.p_spread,
-            step_s=section.update_s,
-            rng=np.random.default_rng(scenario.seed),
-        )
-    scheme = AnyAngleFire if section.scheme == "anyangle" else Devs8Fire
-    return scheme(landscape, weather, ignitions, burning, wind_limit=section.wind_limit)
+    name = scenario.fire.scheme
+    settings = {each: getattr(scenario.fire, each) for each in SCHEMES[name].settings}
+    return new_fire(name, landscape, weather, ignitions, burning, seed=scenario.seed, **settings)
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Where the crew says the fire is (x, y): the ignition, or a point reported inside the fire.
+    """Where the crew reports the fire (x, y): the ignition, or a point reported inside the fire.
 
     Of a burn it is where its firing boss stands.
     """

@@ -1,11 +1,10 @@
-"""The simulated truth: the landscape, the fire that burns on it, and a camera that looks at it.
+"""The simulated truth: the landscape, the fire that burns on it, and cameras that observe it.
 
 Nothing but observations leaves this module towards the planners.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,44 +15,14 @@ from autopilot_bridge.links.signing import read_key
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire import Fire
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
 from mission_service.events import CrewEvent, Observed, Telemetry
+from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, fire_of, landscape_of
 
-AROUND_CELLS = 3  # of a change that people are told of, so that its edge is seen
-
-Marks = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """A camera looking straight down: its footprint on the ground is a disc.
-
-    With ``along_deg``, the angle along the track, it is a rectangle that turns with the vehicle.
-    """
-
-    fov_deg: float
-    along_deg: float | None = None
-
-    def radius_m(self, height_m: float) -> float:
-        """Radius of the footprint from ``height_m`` above ground, half the width of a rectangle."""
-        return max(height_m, 0.0) * math.tan(math.radians(self.fov_deg) / 2.0)
-
-    def half_length_m(self, height_m: float) -> float:
-        """Half the length of a rectangle along the track; 0 for a disc."""
-        return max(height_m, 0.0) * math.tan(math.radians(self.along_deg or 0.0) / 2.0)
-
-
-def beyond_rectangle(
-    south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
-) -> Marks:
-    """Which places (arrays) are outside a rectangle around 0, 0, its length along a heading."""
-    cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
-    ahead, right = east * sin - south * cos, east * cos + south * sin
-    return np.asarray((np.abs(ahead) > half_length) | (np.abs(right) > half_width))
+AROUND_CELLS = 3  # around a change in the window that is reported, so that its edge is in it
 
 
 class Window(NamedTuple):
@@ -84,12 +53,12 @@ def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
 
 
 class FireWorld:
-    """The burning truth and what cameras see of it."""
+    """The burning truth, and what cameras observe of it."""
 
     def __init__(
         self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
     ) -> None:
-        """``corrected`` takes what people say of the fire, where that changes what burns."""
+        """``corrected`` applies operators' reports, where these change what burns."""
         self.fire = fire
         self.landscape = landscape
         self._corrected = corrected
@@ -107,19 +76,19 @@ class FireWorld:
             for fire in fires:
                 fire.light(row, col, max(at_s, fire.time_s))
 
-    def told(self, event: CrewEvent) -> Window | None:
-        """Take in what a person says of the fire and the wind; the window that burns otherwise.
+    def apply_report(self, event: CrewEvent) -> Window | None:
+        """Apply a report of fire or wind; returns the window of cells that burn otherwise.
 
         Raises FireModelError for what cannot be; nothing is changed then.
         """
         if self._corrected is None:
             return None
         before = self.fire
-        self.fire = self._corrected.told(event, before)
+        self.fire = self._corrected.apply_report(event, before)
         return None if self.fire is before else window_of_change(before, self.fire)
 
     def corrections(self) -> list[dict[str, Any]]:
-        """What people have drawn and holds."""
+        """Corrections that hold."""
         return [] if self._corrected is None else self._corrected.log.status()
 
     def observe(
@@ -135,10 +104,10 @@ class FireWorld:
         if not math.isfinite(x_m + y_m):  # too far away for the landscape's projection
             return None
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
-        half_width = camera.radius_m(height_m) / land.cell_size_m
+        half_width = camera.half_width_m(height_m) / land.cell_size_m
         half_length = camera.half_length_m(height_m) / land.cell_size_m
         half_width += wider_cells
-        half_length += wider_cells if camera.along_deg is not None else 0.0
+        half_length += wider_cells if camera.along_rad is not None else 0.0
         radius = math.hypot(half_width, half_length)
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
         top, bottom = (
@@ -155,29 +124,24 @@ class FireWorld:
         codes = np.where(arrived <= telemetry.at_us / 1e6, ord("b"), ord("u")).astype(np.uint8)
         rows = np.arange(top, bottom + 1)[:, None] - row
         cols = np.arange(left, right + 1)[None, :] - col
-        if camera.along_deg is None:
+        if camera.along_rad is None:
             beyond = rows * rows + cols * cols > radius * radius
         else:
-            heading_deg = telemetry.heading_deg - land.grid_convergence_deg
+            heading_deg = land.grid_deg(telemetry.heading_deg)
             beyond = beyond_rectangle(rows, cols, heading_deg, half_width, half_length)
         codes[beyond] = ord(".")
         return Observed(telemetry.at_us, telemetry.vehicle, top, left, in_letters(codes))
 
 
 def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
-    """The fire of a scenario, to be set right by people.
+    """The fire of a scenario, corrected by operators.
 
-    In a burn it is the simulated truth: what people say changes what is believed, not what burns.
+    In a burn it is the simulated truth: reports change the estimate, not what burns.
     """
     corrected = None
     if scenario.planner.rule != "burn":
         corrected = CorrectedFire(landscape, partial(begun_again, scenario, landscape))
     return FireWorld(fire_of(scenario, landscape), landscape, corrected)
-
-
-def camera_of(vehicle: VehicleSection) -> Camera:
-    """The camera a vehicle carries."""
-    return Camera(vehicle.camera_fov_deg, vehicle.camera_along_deg)
 
 
 def check(scenario: Scenario) -> dict[str, object]:

@@ -1,6 +1,6 @@
-"""The fire of a run: it follows what people say and light and what falls, and cameras look at it.
+"""The fire of a run, driven by operators' reports, ignitions and drops, and observed by cameras.
 
-The service lets it burn along; a replay burns it again from a journal.
+The service burns it in step with the clock; a replay burns it again from a journal.
 """
 
 import contextlib
@@ -25,13 +25,14 @@ from mission_service.events import (
     VehicleRebooted,
     WindTold,
 )
-from mission_service.fire.simulated import FireWorld, Window, camera_of
+from mission_service.fire.camera import camera_of
+from mission_service.fire.simulated import FireWorld, Window
 
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindTold)
 
 
 class WatchedFire:
-    """Tells a ``FireWorld`` what happens to it, and takes the pictures of the vehicles' cameras."""
+    """Applies events to a ``FireWorld`` and takes the images of the vehicles' cameras."""
 
     def __init__(self, scenario: Scenario, world: FireWorld) -> None:
         self.world = world
@@ -62,17 +63,17 @@ class WatchedFire:
         """What a vehicle's camera would see from here, its footprint so much wider."""
         return self.world.observe(here, self._cameras[here.vehicle], wider_cells)
 
-    def told(self, event: CrewEvent) -> Window | None:
-        """Take in what a person says; the window that burns otherwise.
+    def apply_report(self, event: CrewEvent) -> Window | None:
+        """Apply an operator's report; returns the window of cells that burn otherwise.
 
         Raises FireModelError for what cannot be; nothing is changed then.
         """
         if isinstance(event, OF_FIRE):
             self.world.advance(event.at_us)
-        return self.world.told(event)
+        return self.world.apply_report(event)
 
     def happened(self, event: AnyEvent) -> None:
-        """Follow an event: ground that is lit, spheres that fell, positions no longer measured."""
+        """Apply an event: ignitions, completed drops, positions no longer measured."""
         if isinstance(event, FixTold):
             self._note(event.vehicle, "fix", event.good)
         elif isinstance(event, EstimatorStatusChanged):
@@ -80,7 +81,7 @@ class WatchedFire:
         elif isinstance(event, VehicleRebooted):
             self._lacking[event.vehicle].clear()
         elif isinstance(event, Lit):
-            self.world.advance(event.at_us)  # else it would burn from when somebody last looked
+            self.world.advance(event.at_us)  # else it would burn from the last observation on
             self.world.light(event.points, event.lit_at_us / 1e6)
         elif isinstance(event, DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
@@ -95,11 +96,11 @@ class WatchedFire:
             lacking.add(what)
 
     def past(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
-        """What a journal tells of before; the window that burns otherwise."""
+        """Apply an event of a journal; returns the window of cells that burn otherwise."""
         found = None
         if isinstance(event, OF_FIRE):
             with contextlib.suppress(FireModelError):  # killed before it was taken back
-                found = self.told(event)
+                found = self.apply_report(event)
         elif isinstance(event, Telemetry):
             self._is_due(event)
         self.happened(event)
@@ -108,7 +109,7 @@ class WatchedFire:
         return found
 
     def ordered(self, command: AnyCommand) -> None:
-        """Where a sphere falls, for when it is known that it did."""
+        """Note where a sphere falls, until the drop is confirmed."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)
             self._falling[command.plan_hash, command.number] = place

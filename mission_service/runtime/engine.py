@@ -249,7 +249,7 @@ class Service:
 
     def _told_of_fire(self, event: CrewEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible ones."""
-        found = self.fire.told(event)
+        found = self.fire.apply_report(event)
         if self.picture is not None and isinstance(event, OF_FIRE):
             self.picture.fire_changed()
         return found

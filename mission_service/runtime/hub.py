@@ -23,7 +23,7 @@ from mission_service.runtime.record import Record
 from mission_service.runtime.request_handler import Desk
 
 if TYPE_CHECKING:
-    from mission_service.fire.estimated import BelievedFire
+    from mission_service.fire.estimated import EstimatedFire
 
 
 class Hub:
@@ -99,7 +99,7 @@ class Hub:
         return self.picture.fire(self.world.fire.burned_ha, self.world.corrections())
 
     @property
-    def believed(self) -> "BelievedFire | None":
+    def believed(self) -> "EstimatedFire | None":
         """The estimated fire that a burn's plans use; None without a burn."""
         if self.scenario.burn_flown is None:
             return None

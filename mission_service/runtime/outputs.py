@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.spread.arrival_map import frame_around, start_map
 from firemodel.spread.fire import Fire
-from firemodel.spread.map import frame_around, start_map
 from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
 from mission_service.runtime.record import Record, VehicleRecord

@@ -59,7 +59,7 @@ from mission_service.events import (
     WindMeasured,
     WindTold,
 )
-from mission_service.fire.simulated import camera_of
+from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
 
@@ -272,7 +272,7 @@ class Picture:
         self.alarm_counts: Counter[str] = Counter()  # raised, by kind
         self._landscape = landscape
         self._view_width_m = {
-            section.name: round(2.0 * camera_of(section).radius_m(section.altitude_agl_m), 1)
+            section.name: round(2.0 * camera_of(section).half_width_m(section.altitude_agl_m), 1)
             for section in scenario.flown
         }
         self._fire_told_us = at_us

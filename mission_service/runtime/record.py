@@ -24,7 +24,7 @@ from mission_service.events import (
     UploadFinished,
     VehicleEvent,
 )
-from mission_service.ground_distance import M_PER_DEG
+from mission_service.ground_distance import offset_m
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
@@ -175,7 +175,8 @@ class Record:
 
 def _distance_m(here: Telemetry, other: Telemetry, later_s: float) -> float:
     """Between two vehicles near each other, the second moved on by so many seconds."""
-    north_m = M_PER_DEG * (other.lat_deg - here.lat_deg) + later_s * other.velocity_north_m_s
-    east_m = M_PER_DEG * (other.lon_deg - here.lon_deg) * math.cos(math.radians(here.lat_deg))
+    places = (here.lat_deg, here.lon_deg), (other.lat_deg, other.lon_deg)
+    north_m, east_m = offset_m(*places)
+    north_m += later_s * other.velocity_north_m_s
     east_m += later_s * other.velocity_east_m_s
     return math.hypot(north_m, east_m, other.altitude_amsl_m - here.altitude_amsl_m)

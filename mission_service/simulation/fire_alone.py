@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.spread.arrival_map import draw_map
 from firemodel.spread.fire import Fire
-from firemodel.spread.map import draw_map
 from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError

@@ -13,8 +13,8 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
-from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, landscape, steady, weather
+from tests.firemodel.spread_fields import spread_fields
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import landscape, steady, weather
+from tests.firemodel.spread_fields import spread_fields
 
 
 @pytest.mark.parametrize("scheme", [AnyAngleFire, Devs8Fire])

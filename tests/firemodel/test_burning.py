@@ -12,8 +12,8 @@ from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 from firemodel.spread.devs8 import Devs8Fire
 from firemodel.spread.fire import check_burning
-from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, steady, weather
+from tests.firemodel.spread_fields import spread_fields
 
 LAND = landscape(shape=(81, 81))
 MIDDLE = Point(WEST_M + 40.5 * CELL_M, NORTH_M - 40.5 * CELL_M)

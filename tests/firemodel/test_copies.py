@@ -32,7 +32,7 @@ CHANGING = WeatherStream(
 
 def chance(stream: WeatherStream, burning: Burning | None) -> Fire:
     rng = np.random.default_rng(5)
-    return ProbabilisticFire(LAND, stream, LIT, burning, p_spread=0.05, step_s=60.0, rng=rng)
+    return ProbabilisticFire(LAND, stream, LIT, burning, p_spread=0.05, update_s=60.0, rng=rng)
 
 
 SCHEMES: dict[str, Make] = {

@@ -1,4 +1,4 @@
-"""Marks correct a fire of cells, which goes on from what it was corrected to."""
+"""Observations correct a fire of cells, which goes on from what it was corrected to."""
 
 import numpy as np
 import pytest
@@ -6,15 +6,15 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.corrected_cells import (
     ArrivalRaster,
-    burning_corrected,
     corrected_arrival,
     warm_up,
 )
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival
 from tests.firemodel.grids import CELL_M, landscape, steady
 
 Floats = NDArray[np.float64]
@@ -52,13 +52,14 @@ def off(found: AnyAngleFire, at_s: float) -> float:
 
 @pytest.mark.parametrize("method", ["gaussian", "paper"])
 def test_a_fire_in_the_wrong_wind_is_nearer_to_the_truth_now_and_later(method: str) -> None:
-    marks = marks_on(TRUTH, MARKED_S)
+    observations = marks_on(TRUTH, MARKED_S)
     if method == "gaussian":
-        burning = burning_corrected(MODEL.arrival_time_s, LAND, marks, MARKED_S)
+        arrival_s = corrected_arrival(MODEL.arrival_time_s, LAND, observations)
     else:
-        burning = burning_corrected(
-            MODEL.arrival_time_s, LAND, marks, MARKED_S, lambda f, m: PaperCorrected(f, m, 60.0)
+        arrival_s = corrected_arrival(
+            MODEL.arrival_time_s, LAND, observations, lambda f, m: PaperCorrected(f, m, 60.0)
         )
+    burning = burning_from_arrival(arrival_s, LAND, MARKED_S)
     going_on = AnyAngleFire(LAND, MODEL.weather, [], burning)
     assert off(going_on, MARKED_S) < (0.25 if method == "gaussian" else 0.5) * off(MODEL, MARKED_S)
     going_on.advance(LATER_S)
@@ -89,8 +90,8 @@ def test_without_marks_nothing_changes_and_what_cannot_burn_never_does() -> None
 def test_a_spot_where_fire_never_comes_burns_if_it_is_marked_so() -> None:
     arrival_s = np.where(MODEL.arrival_time_s < 1800.0, MODEL.arrival_time_s, np.inf)
     for state, burns in ((BURNED, True), (BURNING, True), (UNBURNED, False)):
-        marks = np.array([[*LAND.xy_of(75.0, 5.0), 1700.0, state]])
-        found = corrected_arrival(arrival_s, LAND, marks)
+        observations = np.array([[*LAND.xy_of(75.0, 5.0), 1700.0, state]])
+        found = corrected_arrival(arrival_s, LAND, observations)
         assert (found[75, 5] == 1700.0) == burns
 
 
@@ -110,13 +111,13 @@ def test_a_correction_costs_what_burns_and_not_what_is_mapped() -> None:
             asked.append(len(points_m))
             return super().ignition_time_s(points_m)
 
-    marks = marks_on(TRUTH, MARKED_S, 12)
-    found = corrected_arrival(early, LAND, marks, Counted)
+    observations = marks_on(TRUTH, MARKED_S, 12)
+    found = corrected_arrival(early, LAND, observations, Counted)
     assert asked == [come.sum()]
     # Bit for bit what asking of all cells gives.
     row, col = np.indices(early.shape)
     centres = np.column_stack([axis.ravel() for axis in LAND.xy_of(row, col)])
-    every = GaussianCorrected(ArrivalRaster(early, LAND), marks).ignition_time_s(centres)
+    every = GaussianCorrected(ArrivalRaster(early, LAND), observations).ignition_time_s(centres)
     assert np.array_equal(found[come], every.reshape(early.shape)[come])
     assert np.isinf(every.reshape(early.shape)[~come]).all()
 

@@ -14,8 +14,8 @@ from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 from firemodel.spread.devs8 import Devs8Fire
 from firemodel.spread.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning
 from firemodel.spread.front import neighbours_of
-from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, landscape, steady, weather
+from tests.firemodel.spread_fields import spread_fields
 
 MIDDLE = (20, 20, 0.0)
 

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.ellipses.kernels import reach
+from firemodel.ellipses.ellipse_kernels import reach
 from firemodel.errors import FireModelError
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.local_spread import spread_fields
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, weather
+from tests.firemodel.spread_fields import spread_fields
 
 Floats = NDArray[np.float64]
 HEAD, BACK, FLANK, TOWARD = 0.3, 0.02, 0.03, 0.5
@@ -103,7 +103,9 @@ def test_without_wind_it_is_a_circle() -> None:
 def test_rates_are_rothermels_and_back_and_flank_those_without_wind() -> None:
     convergence_deg = 3.0
     entries = [weather(4.0, 250.0), weather(0.0, 0.0, 600.0)]
-    windy, still = spreads_of(2, WeatherStream(entries), convergence_deg)
+    windy, still = spreads_of(
+        2, WeatherStream(entries), lambda true_deg: true_deg - convergence_deg
+    )
     for spread, entry in zip((windy, still), entries, strict=True):
         rate, heading, _ = (float(f[0, 0]) for f in spread_fields(landscape(2), entry))
         assert spread.from_s == entry.at_s

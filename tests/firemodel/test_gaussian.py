@@ -1,4 +1,4 @@
-"""Marks set a mis-set fire right, everywhere and ahead of time, and say how surely."""
+"""Observations set a mis-set fire right, everywhere and ahead of time, and say how surely."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.gaussian import GaussianCorrected, _curvature, _log_likelihood
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ GRID = PLACES.reshape(-1, 2)
 
 
 def along_front(fire: EllipseFire, at_s: float, count: int, seed: int, sd_m: float = 4.0) -> Floats:
-    """Marks that it burns at places where fire comes within a quarter of a minute."""
+    """Observations that it burns at places where fire comes within a quarter of a minute."""
     rng = np.random.default_rng(seed)
     places = rng.uniform(0.0, 400.0, (40_000, 2))
     near = places[np.abs(fire.ignition_time_s(places) - at_s) < 15.0][:count]
@@ -41,8 +41,8 @@ def test_without_marks_it_is_the_fire_itself() -> None:
 
 
 def test_wrong_rates_and_wind_are_found_and_hold_for_later() -> None:
-    marks = np.concatenate([along_front(TRUTH, at_s, 25, 1) for at_s in (600.0, 780.0)])
-    found = GaussianCorrected(MODEL, marks)
+    observations = np.concatenate([along_front(TRUTH, at_s, 25, 1) for at_s in (600.0, 780.0)])
+    found = GaussianCorrected(MODEL, observations)
     true_s = TRUTH.ignition_time_s(GRID)
     ahead = (true_s > 900.0) & (true_s < 1800.0)
     wrong_s = np.abs(MODEL.ignition_time_s(GRID) - true_s)[ahead].mean()
@@ -59,8 +59,8 @@ def test_fuel_that_burns_faster_in_one_place_is_corrected_there_only() -> None:
 
     rng = np.random.default_rng(2)
     places = rng.uniform(60.0, 300.0, (60, 2))
-    marks = np.column_stack([places, true_s(places), np.full(60, BURNING)])
-    found = GaussianCorrected(MODEL, marks, place_sd_m=1.0)
+    observations = np.column_stack([places, true_s(places), np.full(60, BURNING)])
+    found = GaussianCorrected(MODEL, observations, place_sd_m=1.0)
     patch, apart = np.array([[150.0, 85.0]]), np.array([[230.0, 110.0]])
     for place, off in ((patch, 0.2), (apart, 0.15)):
         assert found.ignition_time_s(place) == pytest.approx(true_s(place), rel=off)
@@ -72,8 +72,8 @@ def test_burned_and_unburned_marks_hold_one_side_only() -> None:
     simulated_s = MODEL.ignition_time_s(places)
 
     def at(part: float, state: int) -> Floats:
-        marks = np.column_stack([places, part * simulated_s, np.full(3, state)])
-        return GaussianCorrected(MODEL, marks).ignition_time_s(places) / simulated_s
+        observations = np.column_stack([places, part * simulated_s, np.full(3, state)])
+        return GaussianCorrected(MODEL, observations).ignition_time_s(places) / simulated_s
 
     assert at(5.0, BURNED) == pytest.approx(1.0, abs=0.1)
     assert at(0.1, UNBURNED) == pytest.approx(1.0, abs=0.1)
@@ -82,10 +82,12 @@ def test_burned_and_unburned_marks_hold_one_side_only() -> None:
 
 
 def test_one_mark_among_many_that_is_far_off_does_little() -> None:
-    marks = np.concatenate([along_front(TRUTH, at_s, 25, 3) for at_s in (600.0, 780.0)])
-    wrong = np.array([[marks[10, 0] + 1.0, marks[10, 1], 6000.0, BURNING]])
-    good = GaussianCorrected(MODEL, marks).ignition_time_s(marks[:, :2])
-    also = GaussianCorrected(MODEL, np.concatenate([marks, wrong])).ignition_time_s(marks[:, :2])
+    observations = np.concatenate([along_front(TRUTH, at_s, 25, 3) for at_s in (600.0, 780.0)])
+    wrong = np.array([[observations[10, 0] + 1.0, observations[10, 1], 6000.0, BURNING]])
+    good = GaussianCorrected(MODEL, observations).ignition_time_s(observations[:, :2])
+    also = GaussianCorrected(MODEL, np.concatenate([observations, wrong])).ignition_time_s(
+        observations[:, :2]
+    )
     assert np.median(np.abs(also - good)) < 60.0
     assert np.abs(also - good)[10] < 400.0  # of five thousand
 
@@ -93,19 +95,19 @@ def test_one_mark_among_many_that_is_far_off_does_little() -> None:
 def test_a_front_stays_sensible_whatever_is_marked() -> None:
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        marks = np.column_stack(
+        observations = np.column_stack(
             [
                 rng.uniform(50.0, 350.0, (40, 2)),
                 rng.uniform(-300.0, 6000.0, 40),
                 rng.choice([BURNED, BURNING, UNBURNED], 40),
             ]
         )
-        found = GaussianCorrected(MODEL, marks)
+        found = GaussianCorrected(MODEL, observations)
         time_s = found.ignition_time_s(GRID)
         assert np.isfinite(time_s).all()
         assert (time_s >= 0.0).all()  # not before the first is lit
-        # Along a way from a source it is later and later; no islands.
-        one = GaussianCorrected(EllipseFire(MODEL.spreads, LIT[:1]), marks)
+        # Along a path from a source it is later and later; no islands.
+        one = GaussianCorrected(EllipseFire(MODEL.spreads, LIT[:1]), observations)
         steps = np.linspace(0.0, 1.0, 60)[:, None]
         for goal in rng.uniform(0.0, 400.0, (10, 2)):
             along_s = one.ignition_time_s(LIT[0, :2] + steps * (goal - LIT[0, :2]))
@@ -113,16 +115,18 @@ def test_a_front_stays_sensible_whatever_is_marked() -> None:
 
 
 def test_what_is_stated_of_its_certainty_is_about_true() -> None:
-    marks = np.concatenate([along_front(TRUTH, at_s, 15, 5) for at_s in (600.0, 780.0)])
-    found = GaussianCorrected(MODEL, marks)
+    observations = np.concatenate([along_front(TRUTH, at_s, 15, 5) for at_s in (600.0, 780.0)])
+    found = GaussianCorrected(MODEL, observations)
     true_s = TRUTH.ignition_time_s(GRID)
     asked = (true_s > 60.0) & (true_s < 2000.0)
     off = np.abs(found.ignition_time_s(GRID) - true_s)[asked] / found.sd_s(GRID)[asked]
     assert (off < 2.0).mean() > 0.85
-    few = GaussianCorrected(MODEL, marks[:3]).sd_s(GRID)
-    assert np.median(found.sd_s(GRID)[asked] / few[asked]) < 0.6  # marks make surer
-    near = GaussianCorrected(TRUTH, marks)
-    assert np.median(near.sd_s(marks[:, :2]) / near.ignition_time_s(marks[:, :2])) < 0.25
+    few = GaussianCorrected(MODEL, observations[:3]).sd_s(GRID)
+    assert np.median(found.sd_s(GRID)[asked] / few[asked]) < 0.6  # observations make surer
+    near = GaussianCorrected(TRUTH, observations)
+    assert (
+        np.median(near.sd_s(observations[:, :2]) / near.ignition_time_s(observations[:, :2])) < 0.25
+    )
 
 
 def test_the_slope_of_a_marks_likelihood_is_that_of_its_likelihood() -> None:
@@ -138,11 +142,13 @@ def test_the_slope_of_a_marks_likelihood_is_that_of_its_likelihood() -> None:
 
 
 def test_a_fit_that_begins_near_comes_out_nearly_as_one_from_nothing() -> None:
-    marks = np.concatenate([along_front(TRUTH, at_s, 25, 2) for at_s in (600.0, 780.0, 900.0)])
-    found = GaussianCorrected(MODEL, marks[:60])
+    observations = np.concatenate(
+        [along_front(TRUTH, at_s, 25, 2) for at_s in (600.0, 780.0, 900.0)]
+    )
+    found = GaussianCorrected(MODEL, observations[:60])
     for count in range(61, 76):
-        found = GaussianCorrected(MODEL, marks[:count], near=found)
-    whole = GaussianCorrected(MODEL, marks)
+        found = GaussianCorrected(MODEL, observations[:count], near=found)
+    whole = GaussianCorrected(MODEL, observations)
     true_s = TRUTH.ignition_time_s(GRID)
     soon = true_s < 1500.0
     left_s, whole_s, wrong_s = (
@@ -152,9 +158,9 @@ def test_a_fit_that_begins_near_comes_out_nearly_as_one_from_nothing() -> None:
 
 
 def test_it_is_always_the_same() -> None:
-    marks = np.concatenate([along_front(TRUTH, at_s, 50, 6) for at_s in (600.0, 900.0)])
-    first = GaussianCorrected(MODEL, marks).ignition_time_s(GRID)
-    again = GaussianCorrected(MODEL, marks).ignition_time_s(GRID)
+    observations = np.concatenate([along_front(TRUTH, at_s, 50, 6) for at_s in (600.0, 900.0)])
+    first = GaussianCorrected(MODEL, observations).ignition_time_s(GRID)
+    again = GaussianCorrected(MODEL, observations).ignition_time_s(GRID)
     assert np.array_equal(first, again)
-    some = GaussianCorrected(MODEL, marks).ignition_time_s(GRID[7:9])
+    some = GaussianCorrected(MODEL, observations).ignition_time_s(GRID[7:9])
     assert some == pytest.approx(first[7:9], abs=1e-6)

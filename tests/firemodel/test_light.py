@@ -24,7 +24,7 @@ END_S = 1900.0
 def by_chance(ignitions: Sequence[Ignition]) -> Fire:
     rng = np.random.default_rng(3)
     return ProbabilisticFire(
-        landscape(FUEL), WEATHER, ignitions, p_spread=0.2, step_s=100.0, rng=rng
+        landscape(FUEL), WEATHER, ignitions, p_spread=0.2, update_s=100.0, rng=rng
     )
 
 

@@ -27,7 +27,7 @@ def fire_of(
         ignitions,
         options.pop("burning", None),
         p_spread=p_spread,
-        step_s=options.pop("step_s", 10.0),
+        update_s=options.pop("update_s", 10.0),
         rng=np.random.default_rng(seed),
         **options,
     )
@@ -70,7 +70,7 @@ def grown(first: int, p_spread: float, seed: int) -> int:
     land = landscape(shape=(150, 150))
     rng = np.random.default_rng(seed)
     fire = ProbabilisticFire(
-        land, steady(), [(75, 75, 0.0)], p_spread=p_spread, step_s=STEP_S, rng=rng
+        land, steady(), [(75, 75, 0.0)], p_spread=p_spread, update_s=STEP_S, rng=rng
     )
     updates = 0
     while size(fire) < first:
@@ -134,7 +134,7 @@ def test_what_cannot_burn_holds_the_fire() -> None:
 def test_one_advance_and_many_give_the_same_bits(burning_steps: int | None) -> None:
     ignitions = ((20, 20, 0.0), (3, 3, 70.0), (38, 3, 75.5), (38, 38, 300.0))
     whole, cut, other = (
-        fire_of(0.3, seed, ignitions, burning_steps=burning_steps, step_s=STEP_S)
+        fire_of(0.3, seed, ignitions, burning_steps=burning_steps, update_s=STEP_S)
         for seed in (5, 5, 6)
     )
     whole.advance(400.0)
@@ -199,7 +199,7 @@ def test_a_fire_already_there_goes_on(burning_steps: int | None, burn: set[str])
     [
         ({"p_spread": -0.1}, r"p_spread = -0.1 must be from 0 to 1"),
         ({"p_spread": float("nan")}, r"p_spread = nan must be"),
-        ({"p_spread": 0.1, "step_s": 0.0}, r"step_s = 0.0 must be positive"),
+        ({"p_spread": 0.1, "update_s": 0.0}, r"update_s = 0.0 must be positive"),
         ({"p_spread": 0.1, "burning_steps": 0}, r"burning_steps = 0 must be 1 or more, or None"),
         ({"p_spread": 0.1, "ignitions": ((0, 41, 0.0),)}, r"row 0, column 41: outside"),
         ({"p_spread": 0.1, "ignitions": ((0, 0, -1.0),)}, r"time -1.0 s must be 0 or later"),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.weather import read_weather
+from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.physics.moisture import equilibrium_moisture_pct
 from firemodel.physics.rothermel import Moisture
 from tests.firemodel.shared import shared_file

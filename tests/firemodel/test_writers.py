@@ -11,7 +11,7 @@ import rasterio
 from shapely.geometry import shape
 
 from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.map import draw_map, frame_around, start_map
+from firemodel.spread.arrival_map import draw_map, frame_around, start_map
 from firemodel.spread.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
 from tests.firemodel.grids import CRS, landscape, steady
 

@@ -79,7 +79,7 @@ def test_chance_is_not_foreseen() -> None:
     def made() -> ProbabilisticFire:
         rng = np.random.default_rng(2)
         found = ProbabilisticFire(
-            land(), WEATHER, [(50, 40, 0.0)], p_spread=0.05, step_s=60.0, rng=rng
+            land(), WEATHER, [(50, 40, 0.0)], p_spread=0.05, update_s=60.0, rng=rng
         )
         found.advance(NOW_S)
         return found

@@ -9,8 +9,6 @@ from mission_service.interfaces.maps.overlay import (
     OPAQUE,
     arrival_png,
     arrival_scale,
-    fuel_legend,
-    fuel_png,
     overlay_frame,
 )
 from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M
@@ -79,17 +77,3 @@ def test_colours_are_those_of_the_legend_and_what_is_later_is_clear() -> None:
 def test_all_at_one_time_has_a_colour_too() -> None:
     pixels = pixels_of(arrival_png(np.full(land().shape, 7.0), land(), 7.0, 7.0))
     assert pixels[50, 50].tolist() == [30, 12, 69, OPAQUE]
-
-
-def test_fuel_has_the_colours_of_its_legend() -> None:
-    legend = fuel_legend(land())
-    assert {entry["code"] for entry in legend} == {2, 5, 9}
-    assert sum(entry["share"] for entry in legend) == pytest.approx(1.0, abs=1e-3)
-    assert legend[0]["share"] >= legend[-1]["share"]
-    pixels = pixels_of(fuel_png(land()))
-    colours = {entry["code"]: list(bytes.fromhex(entry["colour"][1:])) for entry in legend}
-    assert len({tuple(colour) for colour in colours.values()}) == 3
-    for row, col in ((3, 4), (50, 40), (97, 88), (20, 70)):
-        down, across = pixel_of(land(), row, col)
-        code = int(land().fuel_model[row, col])
-        assert pixels[round(down), round(across), :3].tolist() == colours[code]

@@ -18,8 +18,9 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.readers.rasters import read_landscape
 from mission_service.interfaces.maps import uploads
 from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES, Perimeter, read_perimeter
-from mission_service.interfaces.maps.perimeters_out import perimeter_geojson, perimeter_kml
+from mission_service.interfaces.maps.perimeters_out import perimeter_geojson
 from tests.maps.fires import NOW_S, fire, land
+from tests.maps.kml import perimeter_kml
 
 MARIA = Path("/work/shared/data/maria_2019")
 LON, LAT = -84.16, 36.35

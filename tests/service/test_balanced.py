@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from firemodel.physics.weather import WeatherStream
+from mission_service.experiments.bent.ring_flight import TeamFlight, fly_team
+from mission_service.experiments.bent.ring_history import RingStep, ring_history
 from mission_service.experiments.fires import SHORT_GRASS, burn, flat, of_one_fuel, wind
-from mission_service.experiments.ring_flight import TeamFlight, fly_team
-from mission_service.experiments.ring_history import RingStep, ring_history
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent_rules import NEGOTIATIONS, PLANNERS, bent_rule
 from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_reckoned_fleet

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mission_service.experiments.ring_flight import SEPARATION_M, fly_team
-from mission_service.experiments.ring_history import RingStep
+from mission_service.experiments.bent.ring_flight import SEPARATION_M, fly_team
+from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.guidance.team.bent_region import Course, Region, course_back, lifted
 from mission_service.guidance.team.bent_rules import (
     LATER_NEGOTIATIONS,

@@ -10,21 +10,21 @@ import pytest
 from click.testing import CliRunner
 
 from mission_service.cli.main import main
-from mission_service.experiments import bent
-from mission_service.experiments.bent_tables import THESIS_BEST, averages, best, name_of
-from mission_service.experiments.team_fires import uneven
+from mission_service.experiments.bent import run as bent
+from mission_service.experiments.bent.scenarios import Case, later_cases, thesis_cases, uneven
+from mission_service.experiments.bent.tables import THESIS_BEST, averages, best, name_of
 from mission_service.guidance.team.bent_rules import BENCHMARKS
 from tests.service.test_ring_flight import still
 
 
 def test_the_cases_are_those_of_the_thesis() -> None:
-    cases = bent.thesis_cases()
+    cases = thesis_cases()
     assert len(cases) == len(set(cases)) == 100
     benchmarks = [case for case in cases if case.planner in BENCHMARKS]
     assert len(benchmarks) == 20
     assert {case.negotiation for case in benchmarks} == {None}
     assert {case.uavs for case in cases} == {2, 3, 4, 5, 6}
-    later = bent.later_cases()
+    later = later_cases()
     assert not set(later) & set(cases)
     # The one kept path with each of three negotiations, the other four planners with the new one.
     assert len(later) == len(set(later)) == (3 + 4) * 2 * 5
@@ -51,7 +51,7 @@ def test_averages_are_over_numbers_of_vehicles() -> None:
 
 
 def test_every_name_of_the_thesis_is_one_of_ours() -> None:
-    ours = {name_of(case.planner, case.negotiation) for case in bent.thesis_cases()}
+    ours = {name_of(case.planner, case.negotiation) for case in thesis_cases()}
     assert {name for table in THESIS_BEST.values() for row in table for name in row} <= ours
     assert len(ours) == 10
 
@@ -92,7 +92,7 @@ def test_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool)
 
 
 def test_processes_fly_what_this_one_flies() -> None:
-    cases = [bent.Case("predictive", "centre", "linear", 3), bent.Case("bumper", None, "linear", 2)]
+    cases = [Case("predictive", "centre", "linear", 3), Case("bumper", None, "linear", 2)]
     history = still(80, 20, rate=0.1)
     apart = bent.fly_cases(cases, history, 10.0)
     here = [bent.fly_case(case, history, 10.0) for case in cases]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mission_service.experiments.ring_flight import fly_team
-from mission_service.experiments.ring_history import RingStep
+from mission_service.experiments.bent.ring_flight import fly_team
+from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.guidance.team.baselines import Bumper
 
 LENGTH_M, RADIUS_CELLS, SPEED_M_S = 3600.0, 1000.0, 15.0

@@ -5,20 +5,20 @@ import numpy as np
 from benchmarks.burn_frames import SIDE_M, place
 from firemodel.landscape.default import jacksboro
 from mission_service.events import Corrected, Erased, Lit, Place, Undone, WindTold
-from mission_service.fire.estimated import BelievedFire
+from mission_service.fire.estimated import EstimatedFire
 from mission_service.fire.setup import weather_of
 from tests.service.test_burn_flight import scenario
 
 WHO = ("ada", "boss")
 
 
-def believed() -> BelievedFire:
+def believed() -> EstimatedFire:
     loaded = scenario()
     assert loaded.burn is not None
-    return BelievedFire(loaded.burn, jacksboro(100, 100, 5.0), weather_of(loaded))
+    return EstimatedFire(loaded.burn, jacksboro(100, 100, 5.0), weather_of(loaded))
 
 
-def times_s(fire: BelievedFire, *places: Place) -> list[float]:
+def times_s(fire: EstimatedFire, *places: Place) -> list[float]:
     places_m = fire._landscape.xy_of_places(places)
     found: list[float] = fire.simulation.ignition_time_s(places_m).tolist()
     return found
@@ -44,9 +44,9 @@ def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
     fire = believed()
     line = (place(10.0, 30.0), place(110.0, 30.0))
     fire.take(Corrected(300_000_000, *WHO, "burning", "line", line, 300_000_000))
-    marks = len(fire._marks)
+    observations = len(fire._observations)
     fire.take(Erased(310_000_000, *WHO, *place(20.0, 30.0), 25.0))
-    assert 0 < len(fire._marks) < marks
+    assert 0 < len(fire._observations) < observations
 
 
 def test_it_does_not_depend_on_who_asks_in_between() -> None:

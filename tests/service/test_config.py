@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from firemodel.errors import FireModelError
 from mission_service.config.scenario import SHIPPED, load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.simulated import check
@@ -14,7 +15,7 @@ DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
 def refusal(tmp_path: Path, text: str) -> str:
     path = tmp_path / "scenario.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises((ScenarioError, FireModelError)) as caught:
         check(load_scenario(str(path)))
     message = str(caught.value)
     assert "\n" not in message

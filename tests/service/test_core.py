@@ -31,8 +31,9 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
+from mission_service.fire.camera import camera_of
 from mission_service.fire.setup import fire_of, landscape_of
-from mission_service.fire.simulated import FireWorld, camera_of
+from mission_service.fire.simulated import FireWorld
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 

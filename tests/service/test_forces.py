@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.rollout_kernels import unroll
+from mission_service.experiments.virtual_agents.rollout_kernels import unroll
 from mission_service.guidance.formation.settings import Constants, Settings
 from mission_service.guidance.formation.virtual_forces_kernels import (
     NAMES,
@@ -44,7 +44,7 @@ def velocity(
     return float(found[0]), float(found[1])
 
 
-def test_constants_go_to_an_array() -> None:
+def test_constants_go_to_an_array_in_their_order() -> None:
     constants = Constants(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
     assert [getattr(constants, name) for name in NAMES] == constants_array(constants).tolist()
 

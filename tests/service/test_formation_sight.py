@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission_service.guidance.formation.camera_footprint import (
+from mission_service.experiments.virtual_agents.camera_footprint import (
     cells_in_view,
     changed_cells,
     mark_seen,
@@ -92,7 +92,6 @@ def test_a_view_beyond_the_map_sees_nothing() -> None:
 def test_the_papers_camera_sees_about_800_cells_of_10_m() -> None:
     camera = Settings().camera
     wide = MapGrid(200, 200, 10.0, 0.0, 2000.0)
-    cells = cells_in_view(
-        wide, (1000.0, 1000.0, 0.4, camera.width_m(300.0) / 2, camera.length_m(300.0) / 2)
-    )
-    assert abs(len(cells) - camera.width_m(300.0) * camera.length_m(300.0) / 100) < 30
+    width_m, length_m = 2.0 * camera.half_width_m(300.0), 2.0 * camera.half_length_m(300.0)
+    cells = cells_in_view(wide, (1000.0, 1000.0, 0.4, width_m / 2.0, length_m / 2.0))
+    assert abs(len(cells) - width_m * length_m / 100) < 30

@@ -7,18 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from firemodel.spread.schemes import SchemeName
 from mission_service.cli.main import main
-from mission_service.experiments import fires, islam_hu
-from mission_service.experiments.fires import (
-    CELLS,
-    ISLAM_HU,
-    SCHEMES,
-    Burn,
-    Scheme,
-    islam_hu_burn,
-)
-from mission_service.experiments.front_walk import AROUND, FrontWalk, enclosed_s
-from mission_service.experiments.ideal_flight import Flight, fly, look
+from mission_service.experiments.boundary_following import AROUND, BoundaryFollower, enclosed_s
+from mission_service.experiments.fires import CELLS, Burn
+from mission_service.experiments.islam_hu import run as islam_hu
+from mission_service.experiments.islam_hu import scenarios
+from mission_service.experiments.islam_hu.ideal_flight import Flight, fly, look
+from mission_service.experiments.islam_hu.scenarios import COMPARED, ISLAM_HU, islam_hu_burn
 from mission_service.guidance.fire_map import EAST, NORTH
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.front.perimeter_planner import Rule
@@ -29,9 +25,9 @@ ROWS, COLS = np.indices((61, 61)).astype(float)
 DISC_S = np.hypot(ROWS - CENTRE[0], COLS - CENTRE[1]) * 100.0  # a cell every 100 s
 
 
-def flown(name: str, scheme: Scheme, rule: Rule, alpha: float = 1.0) -> Flight:
+def flown(name: str, scheme: SchemeName, rule: Rule, alpha: float = 1.0) -> Flight:
     burn = islam_hu_burn(name, scheme)
-    return fly(burn, islam_hu.perimeter_planner(burn, rule, alpha))
+    return fly(burn, scenarios.perimeter_planner(burn, rule, alpha))
 
 
 # The walk
@@ -41,7 +37,7 @@ def flown(name: str, scheme: Scheme, rule: Rule, alpha: float = 1.0) -> Flight:
 def test_the_walk_goes_round_a_fire_that_stands_still_and_leaves_out_no_cell(
     clockwise: bool,
 ) -> None:
-    walk = FrontWalk(DISC_S, 1000.0)
+    walk = BoundaryFollower(DISC_S, 1000.0)
     visited = [walk.cell]
     while len(visited) == 1 or walk.cell != visited[0]:
         walk.onwards(clockwise, 1000.0)
@@ -55,7 +51,7 @@ def test_the_walk_goes_round_a_fire_that_stands_still_and_leaves_out_no_cell(
 
 
 def test_the_walk_stays_on_a_front_that_grows() -> None:
-    walk = FrontWalk(DISC_S, 500.0)
+    walk = BoundaryFollower(DISC_S, 500.0)
     for at_s in np.arange(500.0, 2500.0, 20.0):
         walk.onwards(True, at_s)
         radius = np.hypot(walk.cell[0] - CENTRE[0], walk.cell[1] - CENTRE[1])
@@ -101,7 +97,7 @@ def test_the_error_is_what_a_part_of_the_front_has_grown_since_it_was_seen() -> 
     disc = Burn(
         "disc", "anyangle", burn.landscape, burn.weather, CENTRE, 1500.0, 2700.0, 15.0, DISC_S
     )
-    flight = fly(disc, islam_hu.perimeter_planner(disc, "circling"))
+    flight = fly(disc, scenarios.perimeter_planner(disc, "circling"))
     assert flight.max_error[-200:].mean() == pytest.approx(3.0, abs=1.2)
     assert (flight.mean_error < flight.max_error).all()
 
@@ -116,9 +112,9 @@ def test_the_camera_sees_a_disc_of_cells_and_stops_at_the_edge() -> None:
 # The fires and what is flown over them
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", COMPARED)
 @pytest.mark.parametrize("name", list(ISLAM_HU))
-def test_the_fires_are_large_and_reach_no_edge(name: str, scheme: Scheme) -> None:
+def test_the_fires_are_large_and_reach_no_edge(name: str, scheme: SchemeName) -> None:
     burned = islam_hu_burn(name, scheme).burned(6 * 3600.0)
     assert burned[1:-1, 1:-1].sum() == burned.sum()
     rows, cols = np.nonzero(burned)
@@ -143,11 +139,11 @@ def test_a_slow_even_fire_is_circled() -> None:
 
 def test_attention_goes_south_with_the_wind() -> None:
     burn = islam_hu_burn("wind-turns", "devs8")
-    flight = fly(burn, islam_hu.perimeter_planner(burn, "damped"))
+    flight = fly(burn, scenarios.perimeter_planner(burn, "damped"))
     found = islam_hu.attention(burn, flight)
     assert found["time_north_before"] > 0.8
     assert found["time_north_after"] < 0.45
-    circled = islam_hu.attention(burn, fly(burn, islam_hu.perimeter_planner(burn, "circling")))
+    circled = islam_hu.attention(burn, fly(burn, scenarios.perimeter_planner(burn, "circling")))
     assert found["time_north_after"] < circled["time_north_after"]
 
 
@@ -157,7 +153,7 @@ def test_attention_goes_south_with_the_wind() -> None:
 )
 def test_it_goes_back_and_forth_in_the_fast_fuel_only(name: str, turns_when: str) -> None:
     burn = islam_hu_burn(name, "anyangle")
-    found = islam_hu.attention(burn, fly(burn, islam_hu.perimeter_planner(burn, "damped")))
+    found = islam_hu.attention(burn, fly(burn, scenarios.perimeter_planner(burn, "damped")))
     turns = {key: found[key] for key in ("reversals_before", "reversals_after")}
     assert turns.pop(turns_when) > 0
     assert list(turns.values()) == [0]
@@ -177,7 +173,7 @@ def test_the_command_tells_it_as_json_with_figures_and_the_same_each_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(islam_hu, "ALPHAS", (0.0, 1.0))
-    monkeypatch.setattr(fires, "ISLAM_HU_END_S", 2.5 * 3600.0)
+    monkeypatch.setattr(scenarios, "ISLAM_HU_END_S", 2.5 * 3600.0)
     found = islam_hu.on_one_fire("fast", "devs8", tmp_path)
     assert {path.name.split("-")[0] for path in tmp_path.glob("*-fast-devs8.png")} == {
         "trajectory",
@@ -196,7 +192,7 @@ def test_the_command_tells_it_as_json_with_figures_and_the_same_each_time(
 def test_the_command_prints_tables_or_json(as_json: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     row = {"scenario": "fast", "scheme": "anyangle"}
     found = {
-        "alpha_sweep": [{**row, "alpha": alpha, "reversals": 7} for alpha in islam_hu.ALPHAS],
+        "alpha_sweep": [{**row, "alpha": alpha, "reversals": 7} for alpha in scenarios.ALPHAS],
         "distance_error": [
             {**row, "planner": planner, "mean_max_cells": cells, "mean_mean_cells": 1.0}
             for planner, cells in (("circling", 10.0), ("damped", 8.5))

@@ -36,7 +36,7 @@ from mission_service.events import (
     Undone,
     WindTold,
 )
-from mission_service.fire.corrected import MOST_MARKS, few_of
+from mission_service.fire.corrected import MAX_OBSERVATIONS, thinned
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
@@ -221,12 +221,12 @@ def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) ->
 
 def test_a_stroke_costs_the_same_however_many_places_it_has() -> None:
     marks = np.column_stack([np.arange(45_000.0)] * 4)
-    few = few_of(marks)
-    assert len(few) == MOST_MARKS
+    few = thinned(marks)
+    assert len(few) == MAX_OBSERVATIONS
     assert (few[0] == marks[0]).all()
     assert (few[-1] == marks[-1]).all()
     assert (np.diff(few[:, 0]) > 0.0).all()
-    assert len(few_of(marks[:7])) == 7
+    assert len(thinned(marks[:7])) == 7
 
 
 def test_a_drawn_area_is_as_drawn_though_few_of_its_marks_are_fitted(
@@ -253,8 +253,8 @@ def test_a_drawn_area_is_as_drawn_though_few_of_its_marks_are_fitted(
         for lat, lon in (landscape.lat_lon_of(*landscape.xy_of(*each)) for each in corners)
     )
     at_us = round(scenario.start_s * 1e6)
-    world.told(Corrected(at_us, "ann", "", "burned", "polygon", points, at_us))
-    assert fitted == [MOST_MARKS]
+    world.apply_report(Corrected(at_us, "ann", "", "burned", "polygon", points, at_us))
+    assert fitted == [MAX_OBSERVATIONS]
     burned = np.isfinite(world.fire.arrival_time_s)
     inside = cells_of([shapely.Polygon(landscape.xy_of_places(points))], landscape)
     assert len(inside) > 500

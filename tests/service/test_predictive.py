@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
-from mission_service.experiments.ideal_flight import fly
-from mission_service.experiments.islam_hu import perimeter_planner
-from mission_service.experiments.measured_wind import MeasuredWind
-from mission_service.experiments.predictive_flight import fly_predictive, predictive_planner
-from mission_service.experiments.random_fires import mean_max_errors
+from mission_service.experiments.islam_hu.ideal_flight import fly
+from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
+from mission_service.experiments.islam_hu.predictive_flight import (
+    fly_predictive,
+    predictive_planner,
+)
+from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
 from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.front.front_shape import hull_of
@@ -21,6 +23,7 @@ from mission_service.guidance.front.predictive_planner import PredictivePlanner,
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
 from mission_service.replay.distance_error import TrueShape
+from tests.service.random_fires import mean_max_errors
 
 Floats = NDArray[np.float64]
 SHAPE = (200, 200)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from mission_service.experiments.ring_flight import (
+from mission_service.experiments.bent.ring_flight import (
     LAYER_M,
     SEPARATION_M,
     equidistant,
     fly_team,
     min_separation_m,
 )
-from mission_service.experiments.ring_history import RingStep
+from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 

@@ -42,12 +42,12 @@ class Drawn:
         return bool(self.world.fire.burned()[row, col])
 
     def spot(self, place: tuple[float, float], state: str = "burned") -> None:
-        """Somebody marks a cell."""
+        """A correction of one cell."""
         self.tell(Corrected(AT_US, *ANN, state, "point", (place,), AT_US))  # type: ignore[arg-type]
 
     def tell(self, event: CrewEvent) -> None:
         """Somebody does something."""
-        self.world.told(event)
+        self.world.apply_report(event)
 
 
 @pytest.fixture
@@ -99,14 +99,14 @@ def test_what_was_erased_later_is_not_settled(drawn: Drawn) -> None:
 
 def test_a_log_settles_its_first_steps() -> None:
     log = CorrectionLog()
-    marks = [
+    observations = [
         Corrected(number, *ANN, "burned", "point", ((36.0 + number, -84.0),), number)
         for number in range(3)
     ]
-    for mark in marks:
-        log.take(mark)
-    assert [held.correction for held in log.settle(2)] == marks[:2]
-    assert log.steps == marks[2:]
+    for observation in observations:
+        log.take(observation)
+    assert [held.correction for held in log.settle(2)] == observations[:2]
+    assert log.steps == observations[2:]
     assert log.take(Undone(9, *ANN))
     assert not log.take(Undone(9, *ANN))
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
-from mission_service.experiments.static_placement import (
+from mission_service.experiments.virtual_agents.static_placement import (
     best_around,
     best_placement,
     coverage,

@@ -16,8 +16,13 @@ from click.testing import CliRunner
 from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
 from mission_service.experiments import tuning
-from mission_service.experiments.formation_scenarios import KINDS, fitness, flown, scenarios
 from mission_service.experiments.tuning import Genes, on_cores, tune
+from mission_service.experiments.virtual_agents.tuning_scenarios import (
+    KINDS,
+    fitness,
+    flown,
+    scenarios,
+)
 from mission_service.guidance import formation
 from mission_service.guidance.formation.settings import Constants
 from mission_service.guidance.formation.virtual_forces_kernels import NAMES, constants_array

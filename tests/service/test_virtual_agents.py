@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mission_service.experiments.formation_fires import EXPERIMENTS, burned
-from mission_service.experiments.formation_world import Flight, FormationWorld, Rules, fly
+from mission_service.experiments.virtual_agents.ideal_world import (
+    Flight,
+    FormationWorld,
+    Rules,
+    fly,
+)
+from mission_service.experiments.virtual_agents.scenarios import EXPERIMENTS, burned
 from mission_service.guidance.formation.settings import Settings
 
 SETTINGS = Settings()

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from mission_service.experiments.formation_world import FormationWorld, Rules
+from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 
@@ -19,7 +19,6 @@ def compiled():
         module
         for name, module in list(sys.modules.items())
         if name.startswith("mission_service.guidance.formation.")
-        and not name.endswith((".monitoring_metrics", ".camera_footprint"))
     ]
     return {
         f"{module.__name__}.{name}": len(value.signatures)

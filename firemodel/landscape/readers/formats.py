@@ -81,7 +81,7 @@ def _check_geojson(path: Path) -> None:
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it anew") from None
+        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it again") from None
     if content.get("type") not in GEOJSON:
         kind = str(content.get("type"))[:40]
         raise FireModelError(f"{path}: is JSON but no GeoJSON (type {kind}); export it as GeoJSON")

@@ -9,19 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
+from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import LARGEST_M, STEEPEST, TALLEST_TREE_M
 from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
 from firemodel.physics.fuels import check_codes
 
-LAYERS = (
-    "fuel",
-    "elevation",
-    "slope",
-    "aspect",
-    "canopy_cover",
-    "canopy_height",
-    "canopy_base",
-)
 # How much of a metre, or of one, is in a unit.
 FACTORS = {
     "m": 1.0,
@@ -41,7 +33,7 @@ UNITS = {
     "canopy_height": _HEIGHTS,
     "canopy_base": _HEIGHTS,
 }
-# What all programs write; everything else has to be said.
+# What all programs write; everything else must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
 # Share of the sky in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
 COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
+from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.bands import (
     Band,
@@ -22,7 +23,6 @@ from firemodel.landscape.readers.bands import (
     values_of,
 )
 from firemodel.landscape.readers.layers import (
-    LAYERS,
     layers_of,
     to_gradient,
     to_layer,
@@ -48,18 +48,26 @@ def read_landscape(
 ) -> Landscape:
     """Read a landscape from rasters that lie on one north-up grid of square cells in metres.
 
-    ``files`` is one file whose bands say which layers they are (an .lcp, or a GeoTIFF with band
-    descriptions), or a file, or (file, band from 1), for each of ``layers.LAYERS``: fuel is
-    needed, and elevation or slope with aspect or all three; the canopy is not. Where slope and
-    aspect are given they make the gradient, not the elevation.
+    Fuel is needed, and elevation, or slope with aspect, or all three; the canopy is optional. Slope
+    and aspect, where given, make the gradient instead of the elevation.
 
-    Elevation is in metres and aspect in degrees clockwise from north unless the file says
-    otherwise; the ``units`` of slope and canopy (``layers.UNITS``) come from the file or must be
-    given, and what is given wins. ``crs`` is that of files which have none; ``nodata`` stands for
-    no data besides what the files declare. Cells without a value in any layer are refused, or made
-    bare ground (99), level or of the nearest elevation, without trees.
+    Args:
+        files: One file whose bands name their layers (an .lcp, or a GeoTIFF with band
+            descriptions), or a file or (file, band from 1) for each layer: fuel, elevation, slope,
+            aspect, canopy_cover, canopy_height, canopy_base.
+        units: The unit of a layer (``layers.UNITS``), instead of the one in the file. Without
+            either, elevation is in metres, aspect in degrees clockwise from north, and slope and
+            canopy are refused.
+        missing: Cells without a value in a layer are refused, or become bare ground (99), level or
+            of the nearest elevation, without trees.
+        crs: The CRS of files that have none.
+        nodata: A value that stands for no data, besides those that the files declare.
 
-    Raises FireModelError naming file, band, cell and value, and what to do.
+    Returns:
+        The landscape, its arrays (rows, columns).
+
+    Raises:
+        FireModelError: A file cannot be used; the message names file, band, cell and value.
     """
     if missing not in ("refuse", "unburnable"):
         raise FireModelError(f'missing = {missing!r} must be "refuse" or "unburnable"')

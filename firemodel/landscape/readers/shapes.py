@@ -27,11 +27,19 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
     """The geometries of a file's features, in its order, in the landscape's CRS and without z.
 
     GeoJSON, KML, KMZ, Shapefile (zipped or not) and what else GDAL reads. GeoJSON is longitude and
-    latitude (RFC 7946) unless it has a ``crs`` member, as older files do. ``crs`` is that of files
-    which have none.
+    latitude (RFC 7946) unless it has a ``crs`` member, as older files do.
 
-    Raises FireModelError naming file and feature (from 1): no CRS or one not known, no features,
-    or one that is empty, not valid, or nowhere on the landscape.
+    Args:
+        path: The file.
+        landscape: Its CRS is that of the result, and each feature must touch its grid.
+        crs: The CRS of files that have none.
+
+    Returns:
+        A shapely geometry for each feature.
+
+    Raises:
+        FireModelError: No CRS or an unknown one, no features, or a feature that is empty, invalid
+            or off the landscape; the message names file and feature (from 1).
     """
     shapes, found = features_of(path)
     refuse(crs_problems(path, found, crs))
@@ -121,7 +129,7 @@ def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
         return shapely.Point() if wkb is None else shapely.from_wkb(wkb)
     except shapely.errors.ShapelyError as error:
         raise FireModelError(
-            f"{path}: feature {number} is not a geometry ({error}); draw it anew"
+            f"{path}: feature {number} is not a geometry ({error}); draw it again"
         ) from None
 
 
@@ -139,7 +147,7 @@ def _check_crs_member(path: Path) -> None:
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except ValueError as error:
-        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it anew") from None
+        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it again") from None
     if "crs" not in content:
         return
     member = content["crs"]
@@ -178,7 +186,7 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
         yield f"{where} is empty; delete or draw it"
         return
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        yield f"{where} has a coordinate that is not a number; draw it anew"
+        yield f"{where} has a coordinate that is not a number; draw it again"
         return
     if not shape.is_valid:
         reason = shapely.is_valid_reason(shape)

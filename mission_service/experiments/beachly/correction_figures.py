@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from mission_service.experiments.beachly.corrections import (
     METHODS,
     WATCHING,
@@ -86,7 +86,7 @@ def draw_fronts(path: Path, one: Study) -> None:
     FigureCanvasAgg(figure)
     at_s = SHOWN_MIN * MINUTE_S
     number = int(np.argmin(np.abs(one.case.at_s - at_s)))
-    marks = one.marks[one.marks[:, 2] <= at_s]
+    observations = one.observations[one.observations[:, 2] <= at_s]
     west, south, east, north = unit_box()
     panels = figure.subplots(1, 3)
     shown: list[tuple[str, Any, float]] = [
@@ -94,7 +94,7 @@ def draw_fronts(path: Path, one: Study) -> None:
     ]
     shown += [(LABELS[name], METHODS[name], float(one.errors_m[name][number])) for name in METHODS]
     for axes, (title, method, error_m) in zip(panels, shown, strict=True):
-        front = front_points(arrival_s(one.case, marks, method), at_s, one.case.grid)
+        front = front_points(arrival_s(one.case, observations, method), at_s, one.case.grid)
         true = one.case.fronts[number]
         axes.plot(*(true - (west, south)).T, ".", color="#0b3c8c", markersize=3, label="true front")
         axes.plot(*(front - (west, south)).T, ".", color="#c62828", markersize=2, label="simulated")
@@ -103,7 +103,7 @@ def draw_fronts(path: Path, one: Study) -> None:
         axes.plot(*(lit[:, :2] - (west, south)).T, "x", color="#888888", markersize=3, label="lit")
         if method:
             for state, (pen, name) in PENS.items():
-                these = marks[marks[:, 3] == state, :2] - (west, south)
+                these = observations[observations[:, 3] == state, :2] - (west, south)
                 axes.plot(*these.T, "o", color=pen, markersize=3.5, label=f"marked {name}")
         axes.add_patch(_unit(east - west, north - south))
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")

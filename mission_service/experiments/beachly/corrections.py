@@ -12,15 +12,14 @@ paper's 24.8 m. Fires 100 to 119 were not looked at before.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.experiments.beachly.participants import (
     APART_M,
@@ -29,14 +28,13 @@ from mission_service.experiments.beachly.participants import (
     front_error_m,
     front_points,
     inside,
-    random_marks,
+    random_observations,
 )
 from mission_service.experiments.beachly.truth import (
     CELL_M,
     END_S,
     MINUTE_S,
     Burn,
-    random_burn,
     unit_box,
 )
 
@@ -50,7 +48,7 @@ WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)),
 PAPER_LENGTH_M = 20.0  # chosen before, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # around the unit, where simulated fronts still count
 METHODS: dict[str, Method] = {
-    "paper": lambda fire, marks: PaperCorrected(fire, marks, PAPER_LENGTH_M),
+    "paper": lambda fire, observations: PaperCorrected(fire, observations, PAPER_LENGTH_M),
     "gaussian": GaussianCorrected,
 }
 
@@ -62,7 +60,7 @@ class Case(NamedTuple):
     at_s: Floats  # when errors are measured
     fronts: list[Floats]  # true ones then, (n, 2) each
     model: Simulation
-    grid: Landscape  # where the model is asked
+    grid: Landscape  # where the model is evaluated
     points: Floats  # (rows * cols, 2) its cells
     before_s: Floats  # (rows, cols) burned at the beginning: a time; else infinite
     apart_m: float = APART_M  # of points on fronts
@@ -70,35 +68,13 @@ class Case(NamedTuple):
 
 
 class Study(NamedTuple):
-    """What one participant's marks did."""
+    """What one participant's observations did."""
 
     case: Case
     participant: int
-    marks: Floats
+    observations: Floats
     uncorrected_m: Floats
     errors_m: dict[str, Floats]  # by method, at each time
-
-
-def run(
-    out: Path | None,
-    progress: Callable[[str], None] = lambda text: None,
-    fires: tuple[int, ...] = FIRES,
-    participants: int = PARTICIPANTS,
-) -> list[dict[str, Any]]:
-    """All fires and, where its data is, Maria; with ``out`` the figures are drawn there."""
-    from mission_service.experiments.beachly.maria import maria_rows
-
-    studies: list[Study] = []
-    for number, seed in enumerate(fires, 1):
-        studies += study(random_burn(seed), participants)
-        progress(f"corrections of fire {number} of {len(fires)}")
-    rows = [row for one in studies for row in _rows(one)]
-    rows += maria_rows(progress)
-    if out:
-        from mission_service.experiments.beachly.correction_figures import draw
-
-        draw(out, studies)
-    return rows
 
 
 def study(burn: Burn, participants: int) -> list[Study]:
@@ -107,9 +83,9 @@ def study(burn: Burn, participants: int) -> list[Study]:
     uncorrected_m = errors_m(case, np.empty((0, 4)), None)
     found = []
     for participant in range(participants):
-        marks = marks_of_participant(burn, participant)
-        errors = {name: errors_m(case, marks, method) for name, method in METHODS.items()}
-        found.append(Study(case, participant, marks, uncorrected_m, errors))
+        observations = observations_of_participant(burn, participant)
+        errors = {name: errors_m(case, observations, method) for name, method in METHODS.items()}
+        found.append(Study(case, participant, observations, uncorrected_m, errors))
     return found
 
 
@@ -123,11 +99,11 @@ def case_of(burn: Burn) -> Case:
     return Case(f"random {burn.seed}", at_s, fronts, burn.model, grid, cells_of(grid), never)
 
 
-def marks_of_participant(burn: Burn, participant: int) -> Floats:
-    """The marks (n, 4) of one of them; always the same."""
+def observations_of_participant(burn: Burn, participant: int) -> Floats:
+    """The observations (n, 4) of one of them; always the same."""
     rng = np.random.default_rng((burn.seed, participant))
     count = int(rng.integers(FEWEST, MOST + 1))
-    return random_marks(
+    return random_observations(
         rng, count, WATCHING, burn.arrival_s, burn.model, burn.landscape, unit_box()
     )
 
@@ -135,7 +111,7 @@ def marks_of_participant(burn: Burn, participant: int) -> Floats:
 def grid_around(
     box: tuple[float, float, float, float], beyond_m: float, cell_m: float, crs: str
 ) -> Landscape:
-    """A level grid around a box, to ask a simulation on."""
+    """A level grid around a box, to evaluate a simulation on."""
     west, south, east, north = box
     cols, rows = (
         int(np.ceil((size + 2.0 * beyond_m) / cell_m)) for size in (east - west, north - south)
@@ -149,21 +125,21 @@ def cells_of(grid: Landscape) -> Floats:
     return np.column_stack([axis.ravel() for axis in grid.xy_of(*np.indices(grid.shape))])
 
 
-def arrival_s(case: Case, marks: Floats, method: Method | None) -> Floats:
+def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats:
     """(rows, cols) by the model, corrected or not."""
-    fire = method(case.model, marks) if method else case.model
+    fire = method(case.model, observations) if method else case.model
     found = fire.ignition_time_s(case.points).reshape(case.grid.shape)
     return np.minimum(found, case.before_s)
 
 
-def errors_m(case: Case, marks: Floats, method: Method | None) -> Floats:
+def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
     """Front error at each time, by what was marked until then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
-        known = int(np.count_nonzero(marks[:, 2] <= at_s))
+        known = int(np.count_nonzero(observations[:, 2] <= at_s))
         if known != used:
-            used, expected_s = known, arrival_s(case, marks[:known], method)
+            used, expected_s = known, arrival_s(case, observations[:known], method)
         front = front_points(expected_s, float(at_s), case.grid, case.apart_m)
         found[number] = front_error_m(case.fronts[number], front, case.most_m)
     return found
@@ -174,13 +150,14 @@ def in_period(at_s: Floats) -> NDArray[np.bool_]:
     return np.asarray(at_s <= WATCHING.begins_s[1] + WATCHING.segment_s)
 
 
-def _rows(one: Study) -> list[dict[str, Any]]:
+def rows_of(one: Study) -> list[dict[str, Any]]:
+    """A row for each method."""
     period = in_period(one.case.at_s)
     return [
         {
             "truth": one.case.name,
             "method": method,
-            "corrections": len(one.marks),
+            "corrections": len(one.observations),
             "mean_error_uncorrected_m": float(np.nanmean(one.uncorrected_m[period])),
             "mean_error_m": float(np.nanmean(errors[period])),
             "mean_error_uncorrected_all_minutes_m": float(np.nanmean(one.uncorrected_m)),
@@ -188,15 +165,3 @@ def _rows(one: Study) -> list[dict[str, Any]]:
         }
         for method, errors in one.errors_m.items()
     ]
-
-
-def improvements(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """By method, the share of the mean error that its corrections took away on random fires."""
-    found = {}
-    for method in METHODS:
-        of_it = [
-            row for row in rows if row["method"] == method and row["truth"].startswith("random")
-        ]
-        left = sum(row["mean_error_m"] for row in of_it)
-        found[method] = 1.0 - left / sum(row["mean_error_uncorrected_m"] for row in of_it)
-    return found

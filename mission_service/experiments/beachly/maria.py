@@ -2,8 +2,8 @@
 
 The model is an ellipse from everywhere along the first perimeter that was flown, one fuel and the
 wind noted on that perimeter for all time; a later perimeter can only be approached by corrections,
-since the ground is steep and the fuel is not one. Participants mark points of each next perimeter,
-noisily; the error is that at the perimeter after it, which is not marked yet.
+since the ground is steep and the fuel is not one. Participants mark points of each next
+perimeter, noisily; the error is that at the perimeter after it, which is not marked yet.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.assimilation.corrections import PaperCorrected
+from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, spreads_of
-from firemodel.ellipses.marks import BURNING
+from firemodel.ellipses.observations import BURNING
 from firemodel.landscape.readers.shapes import into_crs
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import Weather, WeatherStream
@@ -45,8 +45,10 @@ PAPER_LENGTH_M = 500.0
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
 LIVE = ("herb", "woody")
 METHODS: dict[str, Method] = {
-    "paper": lambda fire, marks: PaperCorrected(fire, marks, PAPER_LENGTH_M),
-    "gaussian": lambda fire, marks: GaussianCorrected(fire, marks, place_sd_m=PLACE_SD_M),
+    "paper": lambda fire, observations: PaperCorrected(fire, observations, PAPER_LENGTH_M),
+    "gaussian": lambda fire, observations: GaussianCorrected(
+        fire, observations, place_sd_m=PLACE_SD_M
+    ),
 }
 
 
@@ -95,7 +97,7 @@ def case_of(perimeters: list[Perimeter]) -> Case:
     points = cells_of(grid)
     first = perimeters[0]
     outline = shapely.get_coordinates(shapely.segmentize(first.area.boundary, SOURCE_M))
-    spreads = spreads_of(FUEL, WeatherStream([first.weather]), grid.grid_convergence_deg)
+    spreads = spreads_of(FUEL, WeatherStream([first.weather]), grid.grid_deg)
     model = EllipseFire(spreads, np.column_stack([outline, np.zeros(len(outline))]))
     inside = shapely.contains_xy(first.area, points[:, 0], points[:, 1]).reshape(grid.shape)
     return Case(
@@ -111,8 +113,8 @@ def case_of(perimeters: list[Perimeter]) -> Case:
     )
 
 
-def random_marks(rng: np.random.Generator, count: int, case: Case) -> Floats:
-    """Marks (n, 4) along the perimeters in order of time, all but the last; noisy.
+def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
+    """Observations (n, 4) along the perimeters in order of time, all but the last; noisy.
 
     They are known just after the perimeter they were made on, so never at their own.
     """
@@ -142,14 +144,14 @@ def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> lis
     rows = []
     for participant in range(PARTICIPANTS):
         rng = np.random.default_rng((2019, participant))
-        marks = random_marks(rng, int(rng.integers(FEWEST, MOST + 1)), case)
+        observations = random_observations(rng, int(rng.integers(FEWEST, MOST + 1)), case)
         rows += [
             {
                 "truth": case.name,
                 "method": name,
-                "corrections": len(marks),
+                "corrections": len(observations),
                 "mean_error_uncorrected_m": uncorrected,
-                "mean_error_m": float(errors_m(case, marks, method)[1:].mean()),
+                "mean_error_m": float(errors_m(case, observations, method)[1:].mean()),
             }
             for name, method in METHODS.items()
         ]

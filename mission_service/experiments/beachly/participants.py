@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from firemodel.ellipses.marks import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, Simulation
 from firemodel.landscape.landscape import Landscape
 
 Floats = NDArray[np.float64]
@@ -24,13 +24,13 @@ class Watching(NamedTuple):
 
     begins_s: tuple[float, ...]
     segment_s: float
-    step_s: float = 20.0  # marks are made at these times
+    step_s: float = 20.0  # observations are made at these times
     look_s: float = 60.0  # the camera looks somewhere else after
     view_m: float = 120.0  # around the place on the front that it looks at
-    wrong_m: float = 40.0  # off the front at most, of marks burned and unburned
+    wrong_m: float = 40.0  # off the front at most, of observations burned and unburned
     burning_share: float = 0.7  # of the pens; the rest burned and unburned
-    place_sd_m: float = 5.0  # of each mark
-    offset_sd_m: float = 3.0  # of all marks of a participant, as by a fish-eye lens
+    place_sd_m: float = 5.0  # of each observation
+    offset_sd_m: float = 3.0  # of all observations of a participant, as by a fish-eye lens
 
 
 def front_points(
@@ -68,7 +68,7 @@ def front_error_m(true_front: Floats, found_front: Floats, most_m: float = FARTH
     return float(np.minimum(distance_m, most_m).mean())
 
 
-def random_marks(
+def random_observations(
     rng: np.random.Generator,
     count: int,
     watching: Watching,
@@ -77,12 +77,12 @@ def random_marks(
     landscape: Landscape,
     box: Box,
 ) -> Floats:
-    """Marks (n, 4) of one participant in order of time, about ``count`` of them.
+    """Observations (n, 4) of one participant in order of time, about ``count`` of them.
 
-    In each segment they follow a camera that shows a part of the front. Most marks are ``burning``
-    on the true front; the others, ``burned`` behind it and ``unburned`` ahead of it, are made where
-    the uncorrected simulation is wrong, so that they are the same for every method. All places are
-    off by a participant's own offset and by chance.
+    In each segment they follow a camera that shows a part of the front. Most observations are
+    ``burning`` on the true front; the others, ``burned`` behind it and ``unburned`` ahead of it,
+    are made where the uncorrected simulation is wrong, so that they are the same for every method.
+    All places are off by a participant's own offset and by chance.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)
@@ -95,7 +95,7 @@ def random_marks(
         count, np.full(len(watching.begins_s) * steps, 1.0) / (len(watching.begins_s) * steps)
     )
     found: list[tuple[float, float, float, int]] = []
-    for number, marks in enumerate(share):
+    for number, observations in enumerate(share):
         segment, step = divmod(number, steps)
         at_s = watching.begins_s[segment] + (step + 1) * watching.step_s
         front = front_points(arrival_s, at_s, landscape)
@@ -118,7 +118,7 @@ def random_marks(
             & (distance_transform_edt(~burned) * landscape.cell_size_m <= watching.wrong_m)
             & (model_s <= at_s),
         }
-        for _ in range(marks):
+        for _ in range(observations):
             state = BURNING
             if rng.random() >= watching.burning_share:
                 state = BURNED if rng.random() < 0.5 else UNBURNED

@@ -2,12 +2,11 @@
 
 A burn unit of 20 acres, wind of 2 m/s towards the south, a backing fire along the southern edge.
 1: nothing else. 2: the centre has burned farther. 3: a second front at 45 degrees from the southern
-edge. 4: as 3, but the planner hears of the second front in mid-flight.
+edge. 4: as 3, but the second front is reported to the planner in mid-flight.
 """
 
 import math
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.marks import Simulation
+from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
@@ -43,7 +42,7 @@ BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), 
 
 @dataclass
 class Sample:
-    """Once a second: where the vehicle was, and what it believed of the fire."""
+    """Once a second: where the vehicle was, and what it estimated of the fire."""
 
     at_s: float
     x_m: float
@@ -110,8 +109,8 @@ def scenario_of(number: int) -> Scenario:
     return base.model_copy(update={"name": f"beachly-{number}", "burn": burn})
 
 
-class Onlooker:
-    """A simulated crew that notes what is flown; in scenario 4 it tells of the second front."""
+class RecordingCrew:
+    """A simulated crew that records what is flown; in scenario 4 it reports the second front."""
 
     def __init__(self, flown: Flown, scenario: Scenario) -> None:
         assert scenario.burn is not None
@@ -161,14 +160,14 @@ def fly(number: int, out: Path | None = None) -> Flown:
     flown = Flown(number, landscape, area)
     with tempfile.TemporaryDirectory() as folder:
         journal = (out or Path(folder)) / f"scenario-{number}.jsonl"
-        simulate(scenario, journal, "", crew=Onlooker(flown, scenario).due)
+        simulate(scenario, journal, "", crew=RecordingCrew(flown, scenario).due)
     return flown
 
 
 def least_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """The least time, over all moments at low height and all drops, until fire came there.
 
-    By what was believed at that moment. Negative where it burned already.
+    By what was estimated at that moment. Negative where it burned already.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
@@ -192,17 +191,3 @@ def row_of(flown: Flown) -> dict[str, Any]:
         "lines": len(lines),
         "farthest_off_its_place_m": round(max((s.miss_m for s in flown.spheres), default=0.0), 2),
     }
-
-
-def run(out: Path | None, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """All four; with ``out`` the pictures of figs. 6 and 7 are drawn there."""
-    rows = []
-    for number in (1, 2, 3, 4):
-        flown = fly(number, out)
-        progress(f"scenario {number}: {len(flown.spheres)} drops")
-        rows.append(row_of(flown))
-        if out is not None:
-            from mission_service.experiments.beachly.figures import draw_trajectory
-
-            draw_trajectory(out / f"scenario-{number}.png", flown)
-    return rows

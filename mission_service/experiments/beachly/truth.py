@@ -1,9 +1,9 @@
 """Fires, mis-set models and participants drawn by chance, for the study of Beachly's section VII.
 
 The truth is a fire by the cellular model: fuels in patches, a moisture of its own, wind that
-wanders. The model that is to be corrected knows where and when the crew lit it and nothing else:
-one fuel everywhere, a wind and a moisture as somebody set them before the burn. Metres are those
-of the landscape; the unit is a square, and fire burns beyond it, where nobody looks.
+wanders. The model that is to be corrected has where and when the crew lit it and nothing else:
+one fuel everywhere, a wind and a moisture as they were set before the burn. Metres are those
+of the landscape; the unit is a square, and fire burns beyond it, which is not evaluated.
 """
 
 import math
@@ -156,17 +156,17 @@ def _misset(
 
     By sd the direction is wrong by 30 degrees, the wind's speed and the rates by a third.
     """
-    told = weather.entries[0]
+    given = weather.entries[0]
     wrong = _entry(
         0.0,
-        told.wind_speed_m_s * math.exp(WRONG_SPEED * rng.standard_normal()),
-        told.wind_from_deg + WRONG_DEG * rng.standard_normal(),
-        told.dead_1h_pct,
-        told.live_herb_pct,
+        given.wind_speed_m_s * math.exp(WRONG_SPEED * rng.standard_normal()),
+        given.wind_from_deg + WRONG_DEG * rng.standard_normal(),
+        given.dead_1h_pct,
+        given.live_herb_pct,
     )
-    stream, turn_deg = WeatherStream([wrong]), landscape.grid_convergence_deg
+    stream = WeatherStream([wrong])
     choice = sorted(
-        (spreads_of(int(code), stream, turn_deg)[0] for code in fuels),
+        (spreads_of(int(code), stream, landscape.grid_deg)[0] for code in fuels),
         key=lambda spread: spread.head_m_s,
     )
     found = choice[len(choice) // 2]

@@ -12,7 +12,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import PersonTold, PlanWanted, UnitTold
-from mission_service.fire.estimated import BelievedFire, toward
+from mission_service.fire.estimated import EstimatedFire, toward
 from mission_service.guidance.burn.hazard import hazard_of
 from mission_service.guidance.burn.line_flight import FlightConstraints
 from mission_service.guidance.burn.line_planner import (
@@ -50,7 +50,7 @@ class BurnState:
         """Raises MissionServiceError for a unit, or a home, that cannot be."""
         self.burn, self.landscape = burn, landscape
         self.unit = burn_unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
-        self.fire = BelievedFire(burn, landscape, weather)
+        self.fire = EstimatedFire(burn, landscape, weather)
         self.account = SphereAccount(burn.spheres)
         self.area_left: Any = self.unit.area
         self.line = 1

@@ -6,6 +6,7 @@ the scenario.
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from mission_service.commands import Say
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
+from mission_service.fire.camera import camera_of
 from mission_service.fire.setup import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, OwnState
 from mission_service.guidance.formation.manual_control import (
@@ -23,7 +25,7 @@ from mission_service.guidance.formation.manual_control import (
     expected_orbit,
 )
 from mission_service.guidance.formation.map_grid import map_grid_of
-from mission_service.guidance.formation.settings import NEVER_M, Airframe, Camera, Settings
+from mission_service.guidance.formation.settings import NEVER_M, Airframe, Settings
 from mission_service.guidance.protocol import Decision
 from mission_service.peer_messages import AnyMessage, Leaving, State
 from mission_service.position_fix import Here
@@ -37,10 +39,10 @@ HOT_FOR_S = 1.5  # after the last look at fire straight below
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
     """Table 1 with the scenario's settings of the formation and of this vehicle."""
     shared = scenario.formation
-    across_rad = math.radians(section.camera_fov_deg)
-    along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(across_rad / 2.0))
-    if section.camera_along_deg is not None:
-        along_rad = math.radians(section.camera_along_deg)
+    camera = camera_of(section)
+    if camera.along_rad is None:
+        along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(camera.across_rad / 2.0))
+        camera = replace(camera, along_rad=along_rad)
     airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
     height_m = shared.apart_by_height_m
     return Settings(
@@ -52,7 +54,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
         safety_radius_m=shared.safety_radius_m,
         neighbourhood_m=shared.neighbourhood_m,
         range_m=shared.range_m,
-        camera=Camera(across_rad, along_rad),
+        camera=camera,
         airframe=airframe,
     )
 

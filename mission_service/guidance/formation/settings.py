@@ -4,27 +4,14 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from mission_service.fire.camera import Camera
+
 NEVER_M = 1e9  # as good as infinite, for kernels
 PAPER_CELL_M = 10.0  # forces count distances in the paper's cells, whatever the map's are
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """A camera on a gimbal that looks straight down; its footprint turns with the vehicle.
-
-    The paper's example has 1.047 rad across (eq. 3); along the track a 4:3 sensor is taken.
-    """
-
-    across_rad: float = 1.047
-    along_rad: float = 0.817
-
-    def width_m(self, height_m: float) -> float:
-        """Width of the footprint across the track from ``height_m`` above ground (eq. 3)."""
-        return 2.0 * max(height_m, 0.0) * math.tan(self.across_rad / 2.0)
-
-    def length_m(self, height_m: float) -> float:
-        """Length of the footprint along the track."""
-        return 2.0 * max(height_m, 0.0) * math.tan(self.along_rad / 2.0)
+# Its example (eq. 3); along the track a 4:3 sensor is taken.
+PAPER_CAMERA = Camera(across_rad=1.047, along_rad=0.817)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +68,14 @@ class Settings:
     restart_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
     apart_by_height_m: float = NEVER_M  # altitudes that differ so much need no avoidance
     placement: Literal["coverage", "forces"] = "coverage"  # ``coverage.py``; the paper's forces
-    camera: Camera = Camera()
+    camera: Camera = PAPER_CAMERA
     airframe: Airframe = Airframe()
     constants: Constants = Constants()
 
     @property
     def coverage_radius_m(self) -> float:
         """What a UAV sees on a full circle (eq. 2)."""
-        return self.loiter_radius_m + self.camera.width_m(self.altitude_agl_m) / 2.0
+        return self.loiter_radius_m + self.camera.half_width_m(self.altitude_agl_m)
 
     @property
     def spacing_m(self) -> float:

@@ -22,7 +22,6 @@ class Split(NamedTuple):
 
     lapping: int
     sweeping: int
-    arc_from_m: float
     arc_m: float
     worst_advance_m: float  # that the front makes unseen anywhere
 
@@ -50,9 +49,8 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
     sweeping.
     """
     length_m = float(step_m.sum())
-    best = Split(
-        vehicles, 0, 0.0, 0.0, float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
-    )
+    lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
+    best = Split(vehicles, 0, 0.0, lapping_m)
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
     parts = min(PARTS, step_m.size)
     edges = np.arange(parts + 1) * step_m.size // parts
@@ -72,7 +70,6 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
                 best = Split(
                     vehicles - sweeping,
                     sweeping,
-                    float(along_m[edges[first]]),
                     float(arc_m[at]),
                     float(worst[at]),
                 )

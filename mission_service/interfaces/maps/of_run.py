@@ -8,27 +8,27 @@ from mission_service.fire.forecast import Forecasts
 from mission_service.interfaces.maps.fronts import front_geojson
 
 if TYPE_CHECKING:
-    from mission_service.fire.estimated import BelievedFire
-    from mission_service.fire.estimated_forecast import BelievedForecasts
+    from mission_service.fire.estimated import EstimatedFire
+    from mission_service.fire.estimated_forecast import EstimatedForecasts
     from mission_service.runtime.hub import Hub
 
 
-def forecasts_of(hub: "Hub") -> "Forecasts | BelievedForecasts":
+def forecasts_of(hub: "Hub") -> "Forecasts | EstimatedForecasts":
     """Of the fire that burns; in a burn of the one that its plans are made on."""
     if hub.believed is not None:
         from mission_service.fire.estimated_forecast import (
-            BelievedForecasts,  # not for all who start
+            EstimatedForecasts,  # not for all who start
         )
 
-        def believed() -> "BelievedFire":
+        def believed() -> "EstimatedFire":
             assert hub.believed is not None
             return hub.believed
 
-        return BelievedForecasts(believed, hub.landscape, lambda: hub.clock.now_us / 1e6)
+        return EstimatedForecasts(believed, hub.landscape, lambda: hub.clock.now_us / 1e6)
     return Forecasts(lambda: hub.world.fire, lambda: hub.picture.fire_version, hub.scenario.seed)
 
 
-async def front_now(hub: "Hub", forecasts: "Forecasts | BelievedForecasts") -> dict[str, Any]:
+async def front_now(hub: "Hub", forecasts: "Forecasts | EstimatedForecasts") -> dict[str, Any]:
     """The area burned now, a GeoJSON Feature with ``at_us``; drawn in a thread."""
     # What burns may be a moment behind the clock.
     at_us = min(hub.clock.now_us, round(hub.world.fire.time_s * 1e6))

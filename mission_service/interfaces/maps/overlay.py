@@ -1,4 +1,4 @@
-"""Transparent pictures of the fire and of the fuel to lay over a map in Web Mercator."""
+"""Transparent pictures of the fire to lay over a map in Web Mercator."""
 
 import io
 import math
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 from mission_service.interfaces.maps.mercator import (
     Box,
     bounds_deg,
@@ -33,20 +32,6 @@ INFERNO = (
     (249, 139, 11),
     (251, 188, 33),
     (241, 239, 117),
-)
-# By what carries the fire: first code, last code, first and last colour.
-FUEL_COLOURS = (
-    (1, 3, (255, 243, 176), (222, 196, 96)),  # grass (Anderson)
-    (4, 7, (222, 170, 120), (150, 95, 50)),  # chaparral, brush
-    (8, 10, (178, 216, 160), (60, 120, 60)),  # timber litter
-    (11, 13, (206, 170, 206), (120, 70, 130)),  # slash
-    (91, 99, (200, 208, 216), (130, 150, 175)),  # does not burn
-    (101, 109, (255, 243, 176), (214, 180, 70)),  # GR
-    (121, 124, (228, 224, 140), (176, 168, 70)),  # GS
-    (141, 149, (222, 170, 120), (130, 78, 40)),  # SH
-    (161, 165, (150, 200, 150), (50, 120, 90)),  # TU
-    (181, 189, (178, 216, 160), (40, 100, 50)),  # TL
-    (201, 204, (206, 170, 206), (110, 60, 125)),  # SB
 )
 
 Colour = tuple[int, int, int]
@@ -96,27 +81,6 @@ def overlay_frame(landscape: Landscape) -> dict[str, Any]:
     }
 
 
-def fuel_png(landscape: Landscape) -> bytes:
-    """Fuel models as a PNG in ``overlay_frame``; ``fuel_legend`` is its legend."""
-    codes = np.unique(landscape.fuel_model)
-    levels = (np.searchsorted(codes, landscape.fuel_model) + 1).astype(np.uint8)
-    return _png(levels, [_fuel_colour(int(code)) for code in codes], landscape)
-
-
-def fuel_legend(landscape: Landscape) -> list[dict[str, Any]]:
-    """Code, name, colour and share of the landscape of each fuel there is, the most first."""
-    codes, counts = np.unique(landscape.fuel_model, return_counts=True)
-    return [
-        {
-            "code": int(codes[place]),
-            "name": _fuel_name(int(codes[place])),
-            "colour": _hex(_fuel_colour(int(codes[place]))),
-            "share": round(float(counts[place] / landscape.fuel_model.size), 4),
-        }
-        for place in np.argsort(-counts, kind="stable")
-    ]
-
-
 @lru_cache(maxsize=2)
 def _frame(landscape: Landscape) -> _Frame:
     west, south, east, north = mercator_box(landscape)
@@ -160,14 +124,3 @@ def _mixed(one: Colour, other: Colour, share: float) -> Colour:
 
 def _hex(colour: Colour) -> str:
     return "#" + bytes(colour).hex()
-
-
-def _fuel_colour(code: int) -> Colour:
-    for first, last, light, dark in FUEL_COLOURS:
-        if first <= code <= last:
-            return _mixed(light, dark, (code - first) / (last - first))
-    return 128, 128, 128
-
-
-def _fuel_name(code: int) -> str:
-    return FUEL_MODELS[code].name if code in FUEL_MODELS else NON_BURNABLE[code]

@@ -1,0 +1,65 @@
+"""Observations from what cameras and sensors see, with no person in between."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, PointObservation, Simulation
+from firemodel.landscape.landscape import Landscape
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class CameraFront:
+    """Windows of a camera folded into few observations.
+
+    Between a cell seen burned and one beside it seen unburned there is the front: burning, at that
+    time. Besides, what the simulation has otherwise is marked burned or unburned. Of each state at
+    most one observation is kept for each square of ``apart_m`` and each ``every_s``, the newest,
+    and of all the newest ``most``.
+    """
+
+    def __init__(
+        self, landscape: Landscape, apart_m: float = 15.0, every_s: float = 120.0, most: int = 300
+    ) -> None:
+        self.landscape, self.most = landscape, most
+        self._apart_m, self._every_s = apart_m, every_s
+        self._observations: dict[tuple[int, int, int, int], PointObservation] = {}
+
+    def fold(self, row: int, col: int, cells: Sequence[str], at_s: float, fire: Simulation) -> None:
+        """A window (``events.Observed``) with its north-west cell at (row, col).
+
+        Rows run from north to south, with ``b`` burning or burned, ``u`` unburned, anything else
+        not seen. ``fire`` is the simulation as it is without these observations.
+        """
+        window = np.array([list(line) for line in cells])
+        if window.size == 0:
+            return
+        burned, unburned = window == "b", window == "u"
+        rows, cols = np.indices(window.shape)
+        x_m, y_m = self.landscape.xy_of(row + rows, col + cols)
+        for edge in (np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1]):
+            one, other = edge
+            front = (burned[one] & unburned[other]) | (unburned[one] & burned[other])
+            middle = [0.5 * (axis[one] + axis[other])[front] for axis in (x_m, y_m)]
+            self._keep(np.column_stack(middle), at_s, BURNING)
+        known = burned | unburned
+        places = np.column_stack([x_m[known], y_m[known]])
+        simulated = fire.ignition_time_s(places) <= at_s
+        self._keep(places[burned[known] & ~simulated], at_s, BURNED)
+        self._keep(places[unburned[known] & simulated], at_s, UNBURNED)
+
+    def observations(self) -> Floats:
+        """(n, 4) x, y, at_s, state in order of time."""
+        newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
+            -self.most :
+        ]
+        return np.array(newest, dtype=np.float64).reshape(-1, 4)
+
+    def _keep(self, places: Floats, at_s: float, state: int) -> None:
+        for x_m, y_m in places:
+            square = int(x_m // self._apart_m), int(y_m // self._apart_m)
+            key = (state, *square, int(at_s // self._every_s))
+            self._observations[key] = PointObservation(float(x_m), float(y_m), at_s, state)

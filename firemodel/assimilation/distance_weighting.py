@@ -1,0 +1,184 @@
+"""A fire simulation corrected by observations, as Beachly et al. do it (section IV).
+
+Each observation gives an error: how much later than simulated fire came there
+(``observations.errors_s``). It is carried to other places by a squared exponential k of the
+distance. Where observations are many their errors are averaged, and far from all of them nothing is
+corrected: Σ k e / max(1, Σ k). All observations count alike, whenever they were made: of two at one
+place the mean holds.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation, errors_s
+from firemodel.ellipses.tiles import first_of, tiles_of
+from firemodel.errors import FireModelError
+
+POINTS_A_TILE = 512
+LEAST = 1e-9  # a squared exponential that is less is none
+LARGEST = -math.log(LEAST)
+# exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of what y / 64 can be.
+PARTS, MIDDLE = 64.0, LARGEST / 128.0
+# Where many points are in a square of ``SMOOTH`` lengths, what is computed in NODES x NODES places
+# of it (Chebyshev's) gives a polynomial that is off by less than LEAST of an observation's error.
+NODES, SMOOTH = 10, 1.0
+PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
+TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
+SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in range(9))
+
+Floats = NDArray[np.float64]
+
+
+class PaperCorrected:
+    """A fire with observations (n, 4) x, y, at_s, state that reach about ``length_m`` around them.
+
+    A burned or unburned observation that the fire agrees with corrects nothing and does not count.
+    Where fire never comes by the simulation a shift of time cannot help: there a place burns from
+    the earliest time at which an observation within ``length_m`` says so.
+    """
+
+    def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
+        """Raises FireModelError for observations of another shape or no length."""
+        self.fire, self.length_m = fire, length_m
+        self.observations = np.asarray(observations, dtype=np.float64)
+        if self.observations.ndim != 2 or self.observations.shape[1] != 4:
+            raise FireModelError(
+                f"corrections: observations are {self.observations.shape}; they must be "
+                "(count, 4): x, y, at_s, state"
+            )
+        if not 0.0 < length_m < np.inf:
+            raise FireModelError(f"corrections: length_m = {length_m} must be more than 0 m")
+        error_s = errors_s(fire, self.observations)
+        never = ~np.isfinite(error_s)
+        counts = ~never & ((error_s != 0.0) | (self.observations[:, 3] == BURNING))
+        self._places, self._error_s = self.observations[counts, :2], error_s[counts]
+        self._anyway = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
+
+    def ignition_time_s(self, points_m: Floats) -> Floats:
+        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+        return self.corrected_s(points, self.fire.ignition_time_s(points))
+
+    def corrected_s(self, points_m: Floats, simulated_s: Floats) -> Floats:
+        """As ``ignition_time_s``, where the simulation's own times of these points are known."""
+        found = simulated_s + self.shift_s(points_m)
+        never = np.flatnonzero(np.isinf(simulated_s))
+        for x, y, at_s in self._anyway:
+            near = np.hypot(*(points_m[never] - (x, y)).T) <= self.length_m
+            found[never[near]] = np.minimum(found[never[near]], at_s)
+        return found
+
+    def shift_s(self, points_m: Floats) -> Floats:
+        """How much later than simulated fire is expected at each point (n, 2): (n,)."""
+        tiles = tiles_of(points_m, POINTS_A_TILE, SMOOTH * self.length_m)
+        total, weight = np.zeros((2, len(tiles.x)))
+        room = np.empty((5, NODES * NODES))
+        _shifts(self._places, self._error_s, self.length_m, tiles, room, total, weight)
+        found = np.empty(len(total))
+        found[tiles.order] = total / np.maximum(weight, 1.0)
+        return found
+
+
+@kernel
+def _squared_exponential(y):  # type: ignore[no-untyped-def]
+    """exp(-y) to 1e-10 of it, 0 where it is less than ``LEAST``; without a branch or a call.
+
+    So that several places are computed at once, which exp is not.
+    """
+    z = min(y, LARGEST) / PARTS - MIDDLE
+    found = SERIES[8]
+    found = found * z + SERIES[7]
+    found = found * z + SERIES[6]
+    found = found * z + SERIES[5]
+    found = found * z + SERIES[4]
+    found = found * z + SERIES[3]
+    found = found * z + SERIES[2]
+    found = found * z + SERIES[1]
+    found = found * z + SERIES[0]
+    found *= found
+    found *= found
+    found *= found
+    found *= found
+    found *= found
+    found *= found
+    return found if y < LARGEST else 0.0
+
+
+@kernel
+def _add_up(box, places, error_s, part, xs, ys, total, weight):  # type: ignore[no-untyped-def]
+    """Σ k e and Σ k at each x, y in a box, of the observations whose k is not 0 all over it."""
+    for observation in range(places.shape[0]):
+        x, y, error = places[observation, 0], places[observation, 1], error_s[observation]
+        off_x, off_y = max(box[0] - x, x - box[1], 0.0), max(box[2] - y, y - box[3], 0.0)
+        if part * (off_x * off_x + off_y * off_y) >= LARGEST:
+            continue
+        for k in range(xs.size):
+            dx, dy = xs[k] - x, ys[k] - y
+            near = _squared_exponential(part * (dx * dx + dy * dy))
+            total[k] += near * error
+            weight[k] += near
+
+
+@kernel
+def _powers(values, between):  # type: ignore[no-untyped-def]
+    """From values at the nodes to the coefficients of powers, in both directions; in place."""
+    for _ in range(2):
+        for i in range(NODES):
+            for j in range(NODES):
+                found = 0.0
+                for k in range(NODES):
+                    found += TO_POWERS[j, k] * values[i * NODES + k]
+                between[j * NODES + i] = found  # turned over, so that the other axis comes next
+        for k in range(values.size):
+            values[k] = between[k]
+
+
+@kernel
+def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ignore[no-untyped-def]
+    """Σ c[i, j] y^i x^j at each place, x and y being -1 to 1 in the box; the powers written out."""
+    for i in range(NODES - 1, -1, -1):
+        row = c[i * NODES : (i + 1) * NODES]
+        c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
+        c4, c5, c6, c7, c8, c9 = row[4], row[5], row[6], row[7], row[8], row[9]
+        for k in range(xs.size):
+            x, y = (xs[k] - middle_x) * per_x, (ys[k] - middle_y) * per_y
+            along = c5 + x * (c6 + x * (c7 + x * (c8 + x * c9)))
+            along = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * along))))
+            found[k] = found[k] * y + along
+
+
+@kernel
+def _shifts(places, error_s, length_m, tiles, room, total, weight):  # type: ignore[no-untyped-def]
+    """Σ k e and Σ k of each point (sorted); they are 0 before."""
+    part = 0.5 / (length_m * length_m)
+    tile_boxes = tiles.boxes[first_of(tiles.levels) :]
+    node_x, node_y, node_total, node_weight, between = room[0], room[1], room[2], room[3], room[4]
+    for tile in range(tile_boxes.shape[0]):
+        begin, end = tiles.begin[tile], tiles.begin[tile + 1]
+        if begin == end:
+            continue
+        box = tile_boxes[tile]
+        # Of their own, so that places count from 0 and several can be computed at once.
+        xs, ys = tiles.x[begin:end], tiles.y[begin:end]
+        totals, weights = total[begin:end], weight[begin:end]
+        half_x, half_y = 0.5 * (box[1] - box[0]), 0.5 * (box[3] - box[2])
+        if 2.0 * max(half_x, half_y) > SMOOTH * length_m or end - begin < 2 * NODES * NODES:
+            _add_up(box, places, error_s, part, xs, ys, totals, weights)
+            continue
+        middle_x, middle_y = 0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])
+        for i in range(NODES):
+            for j in range(NODES):
+                node_x[i * NODES + j] = middle_x + half_x * PLACES[j]
+                node_y[i * NODES + j] = middle_y + half_y * PLACES[i]
+        node_total[:] = 0.0
+        node_weight[:] = 0.0
+        _add_up(box, places, error_s, part, node_x, node_y, node_total, node_weight)
+        per_x = 1.0 / half_x if half_x > 0.0 else 0.0
+        per_y = 1.0 / half_y if half_y > 0.0 else 0.0
+        _powers(node_total, between)
+        _powers(node_weight, between)
+        _polynomial(node_total, xs, ys, middle_x, middle_y, per_x, per_y, totals)
+        _polynomial(node_weight, xs, ys, middle_x, middle_y, per_x, per_y, weights)

@@ -1,0 +1,68 @@
+"""Observations from what people draw on a map: a point, a line, a polygon."""
+
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.errors import FireModelError
+
+Floats = NDArray[np.float64]
+Shape = Literal["point", "line", "polygon"]
+LEAST_POINTS = {"point": 1, "line": 2, "polygon": 3}
+
+
+def observations_of(
+    shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
+) -> Floats:
+    """Observations (n, 4) x, y, at_s, state of a shape with these corners (k, 2) x, y in metres.
+
+    Of a line, and of a polygon's outline, corners and points between them at most ``spacing_m``
+    apart. A polygon that burns has its front there and is not marked inside; one that is burned or
+    unburned is so all over: the outline, and inside a grid of points ``spacing_m`` apart.
+
+    Raises FireModelError for too few points, a state or spacing that cannot be, or a polygon whose
+    outline crosses itself.
+    """
+    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+    if shape not in LEAST_POINTS or len(points) < LEAST_POINTS[shape]:
+        raise FireModelError(
+            f"{shape} of {len(points)} points: draw a point, a line of 2 or a polygon of 3 at least"
+        )
+    if not np.isfinite(points).all() or not np.isfinite(at_s):
+        raise FireModelError(f"{shape} at {at_s} s: places and time must be finite numbers")
+    if state not in (BURNED, BURNING, UNBURNED):
+        raise FireModelError(f"{shape}: state {state} is none of -1 burned, 0 burning, 1 unburned")
+    if not 0.0 < spacing_m < np.inf:
+        raise FireModelError(f"{shape}: spacing_m = {spacing_m} must be more than 0")
+    if shape == "line":
+        points = _along(shapely.LineString(points), spacing_m)
+    elif shape == "polygon":
+        polygon = shapely.Polygon(points)
+        if not polygon.is_valid:
+            raise FireModelError("polygon: its outline crosses itself; draw it again, or as a line")
+        points = _along(polygon.exterior, spacing_m)[:-1]
+        if state != BURNING:
+            points = np.concatenate([points, _inside(polygon, spacing_m)])
+    return np.column_stack([points, np.full(len(points), at_s), np.full(len(points), state)])
+
+
+def _along(line: shapely.LineString, spacing_m: float) -> Floats:
+    if line.length == 0.0:  # all of it is one place
+        return shapely.get_coordinates(line)[:1]
+    found: Floats = shapely.get_coordinates(shapely.segmentize(line, spacing_m))
+    return found
+
+
+def _inside(polygon: shapely.Polygon, spacing_m: float) -> Floats:
+    """A grid, not nearer to the outline than half its spacing."""
+    west, south, east, north = polygon.bounds
+    x_m, y_m = np.meshgrid(
+        np.arange(west + 0.5 * spacing_m, east, spacing_m),
+        np.arange(south + 0.5 * spacing_m, north, spacing_m),
+    )
+    inner = polygon.buffer(-0.5 * spacing_m)
+    within = shapely.contains_xy(inner, x_m, y_m)
+    return np.column_stack([x_m[within], y_m[within]])

@@ -1,0 +1,347 @@
+"""The inner loops of ``ellipse``: the time from one source, and the least over all of them.
+
+Of all sources only those are tried on a point that may be first somewhere in its tile: down the
+quadtree of ``tiles`` a square keeps of its parent's sources those whose earliest time anywhere in
+it is not after the latest time of another there.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from firemodel.ellipses.tiles import first_of
+
+MOST_STEPS = 100
+WARM_STEPS = 5  # from where the last point was, before the safe way
+CLOSE = 1e-11  # part of the time by which an estimate may still be off
+SLACK = 1e-9  # part of the times by which a source may be behind another and is kept
+
+Floats = NDArray[np.float64]
+
+
+class Bounds(NamedTuple):
+    """How far fire goes in each of some directions: bounds that are quick to reckon.
+
+    Fire that is lit at no time at all has gone ``begins_m`` (periods, k) when a period begins; that
+    of a source is behind it by ``lit_m`` (sources, k), for all time.
+    """
+
+    normals: Floats  # (k, 2)
+    speeds: Floats  # (periods, k) m/s
+    begins_m: Floats
+    lit_m: Floats
+    limit_m: Floats  # (k) room for how far by a limit
+    last: NDArray[np.int64]  # (sources) room for the direction that decided last
+
+
+@kernel
+def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
+    """Middle x, y and half of the size."""
+    box = tiles.boxes[first_of(level) + square]
+    return (
+        0.5 * (box[0] + box[1]),
+        0.5 * (box[2] + box[3]),
+        0.5 * (box[1] - box[0]),
+        0.5 * (box[3] - box[2]),
+    )
+
+
+# With one wind for all time, on a plane stretched so that the time from a source at d is
+# |d| - e d_x: the sources are the sites of an additively weighted Voronoi diagram.
+
+
+@kernel
+def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
+    """(p - origin) times the matrix; returns the place of the first p that is not finite."""
+    for k in range(points.shape[0]):
+        x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
+        if not abs(x) + abs(y) < math.inf:
+            return k
+        found[k, 0] = x * matrix[0, 0] + y * matrix[1, 0]
+        found[k, 1] = x * matrix[0, 1] + y * matrix[1, 1]
+    return points.shape[0]
+
+
+@kernel
+def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # type: ignore[no-untyped-def]
+    """Of the sources kept by the parent (level - 1), those that may be first in a square."""
+    x, y, half_x, half_y = _box_of(level, square, tiles)
+    latest = np.inf
+    parent = max(level - 1, 0)
+    for k in range(counts[parent]):
+        number = kept[parent, k]
+        dx, dy = abs(x - sources[number, 0]), abs(y - sources[number, 1])
+        # The part of the time that a place adds, - e x, is the same for all.
+        since = sources[number, 2] + e * sources[number, 0]
+        near_x, near_y = max(dx - half_x, 0.0), max(dy - half_y, 0.0)
+        far_x, far_y = dx + half_x, dy + half_y
+        earliest[k] = since + math.sqrt(near_x * near_x + near_y * near_y)
+        latest = min(latest, since + math.sqrt(far_x * far_x + far_y * far_y))
+    latest += SLACK * (1.0 + abs(latest))
+    count = 0
+    for k in range(counts[parent]):
+        if earliest[k] <= latest:
+            kept[level, count] = kept[parent, k]
+            count += 1
+    counts[level] = count
+
+
+@kernel
+def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type: ignore[no-untyped-def]
+    """The least time of each point (sorted), and its source if ``first`` has room for it.
+
+    ``kept`` (levels + 1, sources) holds all sources on level 0, ``at`` (levels + 1) is -1.
+    """
+    for tile in range(tiles.begin.size - 2):
+        begin, end = tiles.begin[tile], tiles.begin[tile + 1]
+        if begin == end:
+            continue
+        for level in range(tiles.levels + 1):
+            square = tile >> (2 * (tiles.levels - level))
+            if at[level] != square:
+                at[level] = square
+                _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
+        # Of their own, so that places count from 0 and several can be computed at once.
+        xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
+        for k in range(counts[tiles.levels]):
+            number = kept[tiles.levels, k]
+            x, y, at_s = sources[number, 0], sources[number, 1], sources[number, 2]
+            if first.size:
+                for place in range(xs.size):
+                    dx, dy = xs[place] - x, ys[place] - y
+                    time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
+                    if time < here[place]:
+                        here[place], first[begin + place] = time, number
+            else:
+                for place in range(xs.size):
+                    dx, dy = xs[place] - x, ys[place] - y
+                    time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
+                    here[place] = time if time < here[place] else here[place]
+
+
+# With wind that changes. A direction n is d + u m, m being d turned left, so that d·n = d·d.
+
+
+@kernel
+def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
+    """The u at which one period's h(n) is least."""
+    cx, cy = table[period, 1], table[period, 2]
+    xx, xy, yy = table[period, 3], table[period, 4], table[period, 5]
+    c = cy * dx - cx * dy
+    beta = (xy * dx + yy * dy) * dx - (xx * dx + xy * dy) * dy
+    gamma = xx * dy * dy - 2.0 * xy * dx * dy + yy * dx * dx
+    length2 = dx * dx + dy * dy
+    det = (xx * yy - xy * xy) * length2 * length2
+    return (-c * math.sqrt(det / (gamma - c * c)) - beta) / gamma
+
+
+@kernel
+def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
+    """Σ τ h is least between the u at which the single periods' h are."""
+    low, high = math.inf, -math.inf
+    for number in range(period, table.shape[0]):
+        if table[number, 3] + table[number, 5] > 0.0:
+            u = _steepest(dx, dy, number, table)
+            low, high = min(low, u), max(high, u)
+    return low, high
+
+
+@kernel
+def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
+    """When Σ τ h(n) comes to d·n: (time, h then, Σ τ h', Σ τ h''), by u.
+
+    Or any time from the limit on.
+    """
+    nx, ny = dx - u * dy, dy + u * dx
+    way = dx * dx + dy * dy
+    total, slope, curve, now = 0.0, 0.0, 0.0, at_s
+    for number in range(period, table.shape[0]):
+        if now >= limit_s:
+            break
+        xx, xy, yy = table[number, 3], table[number, 4], table[number, 5]
+        until = table[number + 1, 0] if number + 1 < table.shape[0] else math.inf
+        if xx + yy > 0.0:
+            cx, cy = table[number, 1], table[number, 2]
+            qx, qy = xx * nx + xy * ny, xy * nx + yy * ny
+            root = math.sqrt(qx * nx + qy * ny)
+            h = cx * nx + cy * ny + root
+            here = total + h * (until - now) >= way
+            tau = (way - total) / h if here else until - now
+            total += tau * h
+            per = 1.0 / root
+            slope += tau * (cy * dx - cx * dy + (qy * dx - qx * dy) * per)
+            curve += tau * (xx * yy - xy * xy) * (per * per * per)
+            if here:
+                return now + tau, h, slope, curve * way * way
+        now = until
+    return now, 1.0, 0.0, 1.0
+
+
+@kernel
+def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
+    """When fire lit at a time comes to d from its source, and the deciding n: (time, nx, ny).
+
+    Or any time from the limit on: each u gives a bound from below. ``n`` is a first guess; 0, 0
+    for none.
+    """
+    if dx == 0.0 and dy == 0.0:
+        return at_s, nx, ny
+    low, high, u = -math.inf, math.inf, 0.0
+    forward = nx * dx + ny * dy
+    warm = forward > 0.1 * (abs(nx) + abs(ny)) * (abs(dx) + abs(dy))
+    if warm:
+        u = (ny * dx - nx * dy) / forward
+    time = at_s
+    for step in range(MOST_STEPS):
+        if step == (WARM_STEPS if warm else 0):
+            low, high = _bracket(dx, dy, period, table)
+            if low > high:
+                return math.inf, 0.0, 0.0
+            u = 0.5 * (low + high)
+        time, h, slope, curve = _walk(u, dx, dy, at_s, period, limit_s, table)
+        if time >= limit_s:
+            break
+        rest = 0.5 * slope * slope / (curve * h)
+        if rest <= CLOSE * (time - at_s):
+            time += rest
+            break
+        if slope > 0.0:
+            high = u
+        else:
+            low = u
+        u -= slope / curve
+        if not low < u < high:
+            u = 0.5 * (low + high)
+    return time, dx - u * dy, dy + u * dx
+
+
+@kernel
+def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
+    """``reach`` from a source, beginning with the n of the last time, which it updates."""
+    time, nx, ny = reach(
+        x - source[0],
+        y - source[1],
+        source[2],
+        period,
+        limit_s,
+        normals[number, 0],
+        normals[number, 1],
+        table,
+    )
+    normals[number, 0], normals[number, 1] = nx, ny
+    return time
+
+
+@kernel
+def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
+    """Set how far fire lit at no time at all goes by a limit, in each of the directions."""
+    period = table.shape[0] - 1
+    while period > 0 and table[period, 0] > limit_s:
+        period -= 1
+    since_s = limit_s - table[period, 0]
+    for k in range(bounds.limit_m.size):
+        speed = bounds.speeds[period, k]
+        bounds.limit_m[k] = bounds.begins_m[period, k] + (speed * since_s if speed > 0.0 else 0.0)
+
+
+@kernel
+def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
+    """Whether a source surely comes to all of a box after the limit set.
+
+    It does if in any one direction fire does not go so far in that time.
+    """
+    if sources[number, 2] > limit_s:
+        return True
+    dx, dy = x - sources[number, 0], y - sources[number, 1]
+    count = bounds.limit_m.size
+    for turn in range(count):
+        k = bounds.last[number] + turn
+        k = k - count if k >= count else k
+        nx, ny = bounds.normals[k, 0], bounds.normals[k, 1]
+        way = dx * nx + dy * ny - (half_x * abs(nx) + half_y * abs(ny))
+        if way > bounds.limit_m[k] - bounds.lit_m[number, k]:
+            bounds.last[number] = k
+            return True
+    return False
+
+
+@kernel
+def _keep_changing(  # type: ignore[no-untyped-def]
+    level, square, sources, periods, table, bounds, tiles, kept, counts, normals
+):
+    """As ``_keep_steady``; the one that is first in the middle comes first.
+
+    What has burned from one source is convex: it has a square once it has its corners.
+    """
+    x, y, half_x, half_y = _box_of(level, square, tiles)
+    parent = max(level - 1, 0)
+    middle_s, winner = math.inf, 0
+    for k in range(counts[parent]):
+        number = kept[parent, k]
+        if middle_s < math.inf and _too_late(x, y, 0.0, 0.0, sources, number, middle_s, bounds):
+            continue
+        source, period = sources[number], periods[number]
+        time = _reach_from(x, y, source, period, middle_s, normals, number, table)
+        if time < middle_s:
+            middle_s, winner = time, k
+            _limit(middle_s, table, bounds)
+    number = kept[parent, winner]
+    latest = -math.inf
+    for corner in range(4):
+        at_x = x + (half_x if corner & 1 else -half_x)
+        at_y = y + (half_y if corner & 2 else -half_y)
+        dx, dy = at_x - sources[number, 0], at_y - sources[number, 1]
+        nx, ny = normals[number, 0], normals[number, 1]
+        at_s, period = sources[number, 2], periods[number]
+        time, nx, ny = reach(dx, dy, at_s, period, math.inf, nx, ny, table)
+        latest = max(latest, time)
+    latest += SLACK * (1.0 + abs(latest))
+    if latest < math.inf:
+        _limit(latest, table, bounds)
+    count = 0
+    for place in range(counts[parent]):
+        k = winner if place == 0 else (0 if place == winner else place)
+        number = kept[parent, k]
+        if latest == math.inf or not _too_late(
+            x, y, half_x, half_y, sources, number, latest, bounds
+        ):
+            kept[level, count] = number
+            count += 1
+    counts[level] = count
+
+
+@kernel
+def changing(  # type: ignore[no-untyped-def]
+    sources, periods, table, bounds, tiles, kept, counts, at, normals, best, first
+):
+    """As ``steady``; ``periods`` are those in which the sources are lit, ``normals`` all 0."""
+    for tile in range(tiles.begin.size - 2):
+        begin, end = tiles.begin[tile], tiles.begin[tile + 1]
+        if begin == end:
+            continue
+        for level in range(1, tiles.levels + 1):
+            square = tile >> (2 * (tiles.levels - level))
+            if at[level] != square:
+                at[level] = square
+                _keep_changing(
+                    level, square, sources, periods, table, bounds, tiles, kept, counts, normals
+                )
+        candidates = kept[tiles.levels]
+        for place in range(begin, end):
+            x, y = tiles.x[place], tiles.y[place]
+            for k in range(counts[tiles.levels]):
+                number, limit_s = candidates[k], best[place]
+                if limit_s < math.inf and _too_late(
+                    x, y, 0.0, 0.0, sources, number, limit_s, bounds
+                ):
+                    continue
+                source, period = sources[number], periods[number]
+                time = _reach_from(x, y, source, period, limit_s, normals, number, table)
+                if time < limit_s:
+                    best[place] = time
+                    _limit(time, table, bounds)
+                    if first.size:
+                        first[place] = number

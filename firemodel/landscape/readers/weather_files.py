@@ -1,0 +1,311 @@
+"""Weather streams from files: FARSITE's .raws and .wxs, and CSV with named columns."""
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.physics.moisture import dead_moistures_pct
+from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
+from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
+
+Floats = NDArray[np.float64]
+Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column gives ``value * scale + offset``; the value in the file is from low to high."""
+
+    gives: str
+    low: float
+    high: float
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
+MOISTURES = (*DEAD, "live_herb_pct", "live_woody_pct")
+SPEEDS_M_S = {"m_s": 1.0, "mph": M_S_PER_MPH, "kmh": 1.0 / 3.6}
+TIMES = ("at_s", "time")
+COLUMNS = (
+    {
+        f"wind_speed_{unit}": Column("wind_speed_m_s", 0.0, 100.0 / m_s, m_s)
+        for unit, m_s in SPEEDS_M_S.items()
+    }
+    | {
+        f"wind_10m_{unit}": Column(
+            "wind_speed_m_s", 0.0, 100.0 / m_s, float(wind_20ft_from_10m(m_s))
+        )
+        for unit, m_s in SPEEDS_M_S.items()
+    }
+    | {
+        "wind_from_deg": Column("wind_from_deg", 0.0, 360.0),
+        "wind_toward_deg": Column("wind_from_deg", 0.0, 360.0, offset=180.0),
+        "temperature_c": Column("temperature_c", -60.0, 70.0),
+        "temperature_f": Column("temperature_c", -76.0, 158.0, 5.0 / 9.0, -160.0 / 9.0),
+        "humidity_pct": Column("humidity_pct", 0.0, 100.0),
+        "rain_mm": Column("rain_mm", 0.0, 500.0),
+        "rain_in": Column("rain_mm", 0.0, 20.0, 25.4),
+    }
+    | {name: Column(name, 0.0, 500.0) for name in MOISTURES}
+)
+# After year, month, day and time; the last one is cloud cover, which nothing here needs. Metric
+# winds are at 10 m and in km/h: so does FARSITE read them.
+RAWS_COLUMNS = {
+    "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
+    "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
+}
+
+
+def read_weather(
+    path: Path,
+    *,
+    start: datetime | None = None,
+    moisture: Moisture | None = None,
+    conditioned: bool = False,
+) -> WeatherStream:
+    """Read a .raws, .wxs or .csv file; each record holds from its time until the next.
+
+    .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH (°F, inches,
+    wind 20 ft above the vegetation in mph) or METRIC (°C, mm, wind at 10 m in km/h).
+
+    CSV has one header line that names the columns, in any order: ``time`` (ISO 8601) or ``at_s``
+    (then without ``start``); a wind speed, ``wind_speed_`` (20 ft) or ``wind_10m_`` with ``m_s``,
+    ``mph`` or ``kmh``; ``wind_from_deg`` or ``wind_toward_deg``, clockwise from north; and, where
+    wanted, the rest of ``COLUMNS``. Rain falls between a record and the next.
+
+    Args:
+        path: The file.
+        start: The stream's 0 s, by default the first record's time. The file must span it; earlier
+            records are left out. Without a UTC offset for .raws and .wxs.
+        moisture: Fuel moistures (fractions) that the file has no columns for.
+        conditioned: The dead moistures follow temperature, humidity and rain from ``moisture`` at
+            the file's first record on (``physics/moisture.py``).
+
+    Returns:
+        The weather, wind at 20 ft in m/s.
+
+    Raises:
+        FireModelError: The file cannot be used; the message names file, line, field and value.
+    """
+    rows = _csv_rows(path) if path.suffix.lower() == ".csv" else _raws_rows(path)
+    if not rows:
+        raise FireModelError(f"{path}: holds no weather; give at least one record")
+    _check_columns(path, rows[0][1])
+    at_s = _times_s(path, rows, start)
+    values = {
+        COLUMNS[name].gives: np.array([_number(path, line, name, row[name]) for line, row in rows])
+        for name in rows[0][1]
+        if name in COLUMNS
+    }
+    values["wind_from_deg"] %= 360.0
+    moistures_pct = _moistures_pct(path, at_s, values, moisture, conditioned)
+    first = np.searchsorted(at_s, 0.0, side="right") - 1
+    return WeatherStream(
+        [
+            Weather(*(float(value) for value in record))
+            for record in np.column_stack(
+                [at_s, values["wind_speed_m_s"], values["wind_from_deg"], moistures_pct]
+            )[first:]
+        ]
+    )
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise FireModelError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise FireModelError(f"{path}: is not text in UTF-8; give .raws, .wxs or .csv") from None
+
+
+def _csv_rows(path: Path) -> Rows:
+    lines = csv.reader(_text(path).splitlines())
+    names: list[str] = []
+    rows: Rows = []
+    for cells in lines:
+        texts = [cell.strip() for cell in cells]
+        if not any(texts):
+            continue
+        if not names:
+            names = texts
+            continue
+        if len(texts) != len(names):
+            raise FireModelError(
+                f"{path} line {lines.line_num}: {len(texts)} cells, but {len(names)} columns are "
+                "named; give each column one value"
+            )
+        rows.append((lines.line_num, dict(zip(names, texts, strict=True))))
+    if len(set(names)) < len(names):
+        raise FireModelError(f"{path} line 1: a column is named twice; remove one")
+    return rows
+
+
+def _raws_rows(path: Path) -> Rows:
+    """Rows with CSV's column names. The number in the line RAWS: is often wrong and not used."""
+    if path.suffix.lower() not in (".raws", ".wxs"):
+        raise FireModelError(f"{path}: not a known kind of weather file; give .raws, .wxs or .csv")
+    units = ""
+    rows: Rows = []
+    for line, text in enumerate(_text(path).splitlines(), 1):
+        fields = text.partition("#")[0].replace(":", " ").split()
+        head = fields[0].upper() if fields else ""
+        if head in RAWS_COLUMNS or head == "RAWS_UNITS":
+            units = fields[-1].upper()
+            if units not in RAWS_COLUMNS:
+                raise FireModelError(
+                    f"{path} line {line}: RAWS_UNITS = {fields[-1]}; give English or Metric"
+                )
+        elif head[:1].isdigit():
+            if not units:
+                raise FireModelError(
+                    f"{path} line {line}: no units before the first record; put in a line "
+                    "'RAWS_UNITS: English' or 'RAWS_UNITS: Metric'"
+                )
+            rows.append((line, _raws_row(path, line, fields, RAWS_COLUMNS[units])))
+        elif head not in ("", "RAWS", "RAWS_ELEVATION", "YEAR"):
+            raise FireModelError(
+                f"{path} line {line}: {fields[0]!r} begins neither a header line nor a record; "
+                "correct or remove the line"
+            )
+    return rows
+
+
+def _raws_row(path: Path, line: int, fields: list[str], names: tuple[str, ...]) -> dict[str, str]:
+    if len(fields) != 10:
+        raise FireModelError(
+            f"{path} line {line}: {len(fields)} fields; give 10: year, month, day, time, "
+            "temperature, humidity, rain, wind speed, wind direction, cloud cover"
+        )
+    year, month, day, clock = (field.zfill(2) for field in fields[:4])
+    clock = clock.zfill(4)
+    time = f"{year}-{month}-{day}T{clock[:-2]}:{clock[-2:]}"
+    return {"time": time} | dict(zip(names, fields[4:9], strict=True))
+
+
+def _check_columns(path: Path, names: Iterable[str]) -> None:
+    """Refuse unknown columns, two of the same thing, and a lack of time or wind."""
+    given: dict[str, str] = {}
+    for name in names:
+        if name not in COLUMNS and name not in TIMES:
+            raise FireModelError(
+                f"{path}: column {name!r} is not known; known are {', '.join([*TIMES, *COLUMNS])}"
+            )
+        gives = COLUMNS[name].gives if name in COLUMNS else "time"
+        if gives in given:
+            raise FireModelError(f"{path}: {given[gives]} and {name} both given; remove one")
+        given[gives] = name
+    for gives, wanted in (
+        ("time", "time or at_s"),
+        ("wind_speed_m_s", "wind speed, such as wind_speed_m_s"),
+        ("wind_from_deg", "wind_from_deg or wind_toward_deg"),
+    ):
+        if gives not in given:
+            raise FireModelError(f"{path}: no column of {wanted}; add one")
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    """One value, in the unit of what the column gives."""
+    column = COLUMNS[name]
+    value = _float(path, line, name, text)
+    if not column.low <= value <= column.high:
+        raise FireModelError(
+            f"{path} line {line}: {name} = {text} must be {column.low:.5g} to {column.high:.5g}; "
+            "correct or remove the line"
+        )
+    return value * column.scale + column.offset
+
+
+def _float(path: Path, line: int, name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise FireModelError(
+            f"{path} line {line}: {name} = {text!r} is not a number; correct or remove the line"
+        ) from None
+
+
+def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
+    """Seconds of each record after the start: finite, increasing, and around 0."""
+    name = "at_s" if "at_s" in rows[0][1] else "time"
+    if name == "at_s":
+        if start is not None:
+            raise FireModelError(f"{path}: has at_s, so its 0 s is the start; leave out {start}")
+        at_s = [_float(path, line, name, row[name]) for line, row in rows]
+    else:
+        times = [_time(path, line, row[name]) for line, row in rows]
+        origin = times[0] if start is None else start
+        for (line, row), time in zip(rows, times, strict=True):
+            if (time.utcoffset() is None) != (origin.utcoffset() is None):
+                raise FireModelError(
+                    f"{path} line {line}: time = {row[name]} and {origin.isoformat()}: one has a "
+                    "UTC offset, the other has none; give it to both or to neither"
+                )
+        at_s = [(time - origin).total_seconds() for time in times]
+    for number, (line, row) in enumerate(rows):
+        if not np.isfinite(at_s[number]):
+            raise FireModelError(f"{path} line {line}: {name} = {row[name]} is not a time; give s")
+        if number and not at_s[number] > at_s[number - 1]:
+            raise FireModelError(
+                f"{path} line {line}: {name} = {row[name]} is not later than the record before "
+                f"({rows[number - 1][1][name]}); sort the records and remove doubles"
+            )
+    if at_s[0] > 0.0 or at_s[-1] < 0.0:
+        raise FireModelError(
+            f"{path}: its weather is from {name} = {rows[0][1][name]} to {rows[-1][1][name]}, the "
+            f"start {start or '0 s'} is outside; give another start or file"
+        )
+    return np.array(at_s)
+
+
+def _time(path: Path, line: int, text: str) -> datetime:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        raise FireModelError(
+            f"{path} line {line}: time = {text!r} is not a date and time such as "
+            "2016-07-15T03:00; correct or remove the line"
+        ) from None
+
+
+def _moistures_pct(
+    path: Path,
+    at_s: Floats,
+    values: dict[str, Floats],
+    moisture: Moisture | None,
+    conditioned: bool,
+) -> Floats:
+    """Moistures of the five classes, shape (n, 5): from the file, conditioned, or held."""
+    missing = [name for name in MOISTURES if name not in values]
+    if missing and moisture is None:
+        raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
+    held = [100.0 * part for part in moisture.classes] if moisture else [0.0] * 5
+    found = np.column_stack(
+        [
+            values.get(name, np.full(at_s.size, pct))
+            for name, pct in zip(MOISTURES, held, strict=True)
+        ]
+    )
+    if not conditioned:
+        return found
+    for name in DEAD:
+        if name in values:
+            raise FireModelError(
+                f"{path}: has a column {name}, so dead moistures cannot be conditioned; "
+                "remove it, or read with conditioned=False"
+            )
+    for name in ("temperature_c", "humidity_pct"):
+        if name not in values:
+            raise FireModelError(f"{path}: no column {name}, by which to condition; add it")
+    rain_mm = values.get("rain_mm", np.zeros(at_s.size))
+    found[:, :3] = dead_moistures_pct(
+        at_s, values["temperature_c"], values["humidity_pct"], rain_mm, (held[0], held[1], held[2])
+    )
+    return found

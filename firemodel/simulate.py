@@ -1,0 +1,122 @@
+"""A fire from start to end in one call."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.default import jacksboro
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import burnable_cells
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.fire import Fire
+from firemodel.spread.schemes import SchemeName, new_fire
+
+HOUR_S = 3600.0
+# Dry, with a moderate wind: the first hours of the default scenario.
+DRY = Weather(
+    at_s=0.0,
+    wind_speed_m_s=4.0,
+    wind_from_deg=45.0,
+    dead_1h_pct=4.0,
+    dead_10h_pct=5.0,
+    dead_100h_pct=6.0,
+    live_herb_pct=60.0,
+    live_woody_pct=80.0,
+)
+
+
+def burn(
+    landscape: Landscape | Path | str | None = None,
+    weather: WeatherStream | Weather | Path | str | None = None,
+    ignitions: Sequence[tuple[float, float]] | Path | str | None = None,
+    *,
+    duration_s: float = 6.0 * HOUR_S,
+    scheme: SchemeName = "anyangle",
+    **settings: Any,
+) -> Fire:
+    """Burn a landscape from ignitions at 0 s until a time.
+
+    Rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30); the default scheme
+    combines them to arrival times along straight lines at any angle (``spread/anyangle.py``).
+
+    Args:
+        landscape: Terrain and fuel, or a file whose bands are named (.lcp, GeoTIFF; see
+            ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
+        weather: A stream, one entry that holds throughout, or a .raws, .wxs or .csv file (see
+            ``read_weather``). Default: dry, wind of 4 m/s from the north-east.
+        ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
+            polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
+        duration_s: How long the fire burns, in seconds.
+        scheme: A spread scheme, a key of ``SCHEMES``.
+        settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
+
+    Returns:
+        The fire. ``arrival_time_s`` is float64 (y, x), row 0 in the north: seconds after ignition,
+        infinity where fire has not come. ``front(time_s)`` is a shapely MultiPolygon in the
+        landscape's CRS, ``burned_ha`` the burned area, and ``advance(time_s)`` burns on.
+
+    Raises:
+        FireModelError: A file cannot be used, or an ignition is off the landscape or on ground
+            that does not burn.
+
+    Example:
+        >>> import firemodel
+        >>> fire = firemodel.burn(ignitions=[(36.364, -84.141)], duration_s=3600.0)
+        >>> fire.arrival_time_s.shape
+        (200, 200)
+        >>> round(fire.burned_ha)
+        12
+        >>> fire.front(1800.0).geom_type
+        'MultiPolygon'
+    """
+    land = _landscape(landscape)
+    lit = [(row, col, 0.0) for row, col in _cells(ignitions, land)]
+    fire = new_fire(scheme, land, _stream(weather), lit, **settings)
+    fire.advance(duration_s)
+    return fire
+
+
+def _landscape(given: Landscape | Path | str | None) -> Landscape:
+    if given is None:
+        return jacksboro()
+    if isinstance(given, Landscape):
+        return given
+    from firemodel.landscape.readers.rasters import read_landscape
+
+    return read_landscape(Path(given))
+
+
+def _stream(given: WeatherStream | Weather | Path | str | None) -> WeatherStream:
+    if given is None or isinstance(given, Weather):
+        return WeatherStream([given or DRY])
+    if isinstance(given, WeatherStream):
+        return given
+    from firemodel.landscape.readers.weather_files import read_weather
+
+    return read_weather(Path(given))
+
+
+def _cells(
+    given: Sequence[tuple[float, float]] | Path | str | None, land: Landscape
+) -> list[tuple[int, int]]:
+    """Row and column of each cell that is lit."""
+    rows, cols = land.shape
+    if given is None:
+        return [(rows // 2, cols // 2)]
+    if isinstance(given, (str, Path)):
+        return cells_of_file(Path(given), land)
+    return [land.cell_of_lat_lon(lat_deg, lon_deg) for lat_deg, lon_deg in given]
+
+
+def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
+    """Row and column of the burnable cells that the shapes of a file touch.
+
+    Raises FireModelError for a file that cannot be used or lies on ground that does not burn.
+    """
+    from firemodel.landscape.readers.shapes import read_shapes
+
+    cells = burnable_cells(read_shapes(path, land), land)
+    if not cells:
+        raise FireModelError(f"{path}: lies wholly on fuel that does not burn")
+    return cells

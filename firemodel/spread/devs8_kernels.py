@@ -1,0 +1,157 @@
+"""The inner loops of ``devs8``: events on a heap, and what they do."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from firemodel.spread.heap import drop_first, push
+from firemodel.spread.local_spread import Tables, Terrain, head_of
+
+# An event's key is 9 cell + side: fire comes from the cell to its neighbour on that side (north,
+# north-east, east, ...), or is lit in the cell itself.
+SIDES, LIT = 9, 8
+STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1, 0])
+STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1, 0])
+WAY_CELLS = np.array([1.0, math.sqrt(2.0)] * 4)
+
+Floats = NDArray[np.float64]
+
+
+class Ground(NamedTuple):
+    """What the rates are computed with; cells in one row (n)."""
+
+    cols: int
+    cell_m: float
+    terrain: Terrain
+    tables: Tables
+    slowest_m_s: Floats  # (entries, fuels) the rate a cell must pass to ignite and to spread
+
+
+class EventHeap(NamedTuple):
+    """The events to come (see ``heap``)."""
+
+    times: Floats
+    keys: NDArray[np.int64]
+    size: int
+
+
+class Halted(NamedTuple):
+    """Ways on which fire does not go on under the weather there is, and what is left of them."""
+
+    keys: NDArray[np.int64]
+    left_m: Floats
+    size: int
+
+
+@kernel
+def _passes(cell, rate, ground, entry):  # type: ignore[no-untyped-def]
+    return rate > ground.slowest_m_s[entry, ground.terrain.fuel[cell]]
+
+
+@kernel
+def _rate_towards(cell, side, head, terrain):  # type: ignore[no-untyped-def]
+    """Spread rate on the map towards a neighbour (m/s): along the slope, then projected."""
+    rate, head_north, head_east, e = head
+    north, east = -STEP_ROW[side] / WAY_CELLS[side], STEP_COL[side] / WAY_CELLS[side]
+    along = rate * (1.0 - e) / (1.0 - e * (head_north * north + head_east * east))
+    rise = terrain.gradient[0, cell] * north + terrain.gradient[1, cell] * east
+    return along / math.sqrt(1.0 + rise * rise)
+
+
+@kernel
+def _go(key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
+    """Put a way into the heap, or among the halted; returns the new sizes of both."""
+    cell, side = key // SIDES, key % SIDES
+    if not _passes(cell, head[0], ground, entry):
+        halted.keys[halted_size], halted.left_m[halted_size] = key, left_m
+        return heap_size, halted_size + 1
+    arrives_s = now + left_m / _rate_towards(cell, side, head, ground.terrain)
+    return push(heap.times, heap.keys, heap_size, arrives_s, key), halted_size
+
+
+@kernel
+def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
+    """Set out from a cell towards all neighbours left to burn; returns as ``_go``."""
+    cols, fuel = ground.cols, ground.terrain.fuel
+    row, col = cell // cols, cell % cols
+    for side in range(8):
+        to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
+        if not (0 <= to_row < arrival_s.size // cols and 0 <= to_col < cols):
+            continue
+        target = to_row * cols + to_col
+        if fuel[target] >= 0 and arrival_s[target] == np.inf:
+            key, left_m = cell * SIDES + side, ground.cell_m * WAY_CELLS[side]
+            heap_size, halted_size = _go(
+                key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry
+            )
+    return heap_size, halted_size
+
+
+@kernel
+def set_out(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
+    """``_spread`` from several cells."""
+    heap_size, halted_size = heap.size, halted.size
+    for cell in cells:
+        head = head_of(cell, entry, ground.terrain, ground.tables)
+        heap_size, halted_size = _spread(
+            cell, head, now, arrival_s, heap, halted, heap_size, halted_size, ground, entry
+        )
+    return heap_size, halted_size
+
+
+@kernel
+def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
+    """Take events off the heap until a time, or until there is no room; returns as ``_go``."""
+    times, keys, heap_size = heap
+    halted_size = halted.size
+    while heap_size > 0 and times[0] <= to_time_s:
+        if heap_size + 8 > times.size or halted_size + 8 > halted.keys.size:
+            break
+        now, key = times[0], keys[0]
+        heap_size = drop_first(times, keys, heap_size)
+        cell, side = key // SIDES, key % SIDES
+        target = cell + STEP_ROW[side] * ground.cols + STEP_COL[side]
+        if arrival_s[target] < np.inf:
+            continue
+        head = head_of(target, entry, ground.terrain, ground.tables)
+        if side != LIT and not _passes(target, head[0], ground, entry):
+            halted.keys[halted_size], halted.left_m[halted_size] = key, 0.0
+            halted_size += 1
+            continue
+        arrival_s[target] = now
+        heap_size, halted_size = _spread(
+            target, head, now, arrival_s, heap, halted, heap_size, halted_size, ground, entry
+        )
+    return heap_size, halted_size
+
+
+@kernel
+def change_rates(now, before, stood, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
+    """All ways, from the heap and the halted before, at the rates of the next entry of the weather.
+
+    What was covered stays covered. Returns as ``_go``.
+    """
+    terrain, tables = ground.terrain, ground.tables
+    heap_size, halted_size = 0, 0
+    for place in range(before.size + stood.size):
+        under_way = place < before.size
+        key = before.keys[place] if under_way else stood.keys[place - before.size]
+        cell, side = key // SIDES, key % SIDES
+        if arrival_s[cell + STEP_ROW[side] * ground.cols + STEP_COL[side]] < np.inf:
+            continue
+        if side == LIT:
+            heap_size = push(heap.times, heap.keys, heap_size, before.times[place], key)
+            continue
+        if under_way:
+            head = head_of(cell, entry, terrain, tables)
+            left_m = (before.times[place] - now) * _rate_towards(cell, side, head, terrain)
+        else:
+            left_m = stood.left_m[place - before.size]
+        head = head_of(cell, entry + 1, terrain, tables)
+        heap_size, halted_size = _go(
+            key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry + 1
+        )
+    return heap_size, halted_size

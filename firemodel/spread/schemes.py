@@ -1,0 +1,73 @@
+"""The spread schemes: name, class and settings of each. A new scheme is one module and one entry.
+
+Scenario files, experiments and the command line look schemes up here. Modules are imported when a
+fire is made, since they compile kernels.
+"""
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from firemodel.landscape.landscape import Landscape
+    from firemodel.physics.weather import WeatherStream
+    from firemodel.spread.fire import Burning, Fire, Ignition
+
+SchemeName = Literal["anyangle", "devs8", "probabilistic"]
+
+
+class Scheme(NamedTuple):
+    """Where the ``Fire`` of a scheme is, and what may be set."""
+
+    module: str
+    fire: str  # the name of the class
+    settings: tuple[str, ...]  # keyword arguments; a scenario has them in its table [fire]
+    random: bool = False  # takes a random generator, ``rng``
+
+
+SCHEMES: dict[SchemeName, Scheme] = {
+    "anyangle": Scheme("firemodel.spread.anyangle", "AnyAngleFire", ("wind_limit",)),
+    "devs8": Scheme("firemodel.spread.devs8", "Devs8Fire", ("wind_limit",)),
+    "probabilistic": Scheme(
+        "firemodel.spread.probabilistic", "ProbabilisticFire", ("p_spread", "update_s"), random=True
+    ),
+}
+
+
+def new_fire(
+    name: SchemeName,
+    landscape: "Landscape",
+    weather: "WeatherStream",
+    ignitions: "Sequence[Ignition]",
+    burning: "Burning | None" = None,
+    *,
+    seed: int | tuple[int, ...] = 0,
+    **settings: Any,
+) -> "Fire":
+    """A fire that spreads by a scheme, at its start.
+
+    Args:
+        name: The scheme, a key of ``SCHEMES``.
+        landscape: Terrain and fuel.
+        weather: The weather from 0 s on.
+        ignitions: (row, column, time in s) of each cell that is lit.
+        burning: A fire that is already there, for the model to take over.
+        seed: Seed of the random generator, for schemes that draw from one.
+        settings: The scheme's ``settings``, by name; those left out have their defaults.
+
+    Returns:
+        The fire, at 0 s or at the time of ``burning``.
+
+    Raises:
+        FireModelError: Nothing can burn at an ignition, or a setting is out of range.
+        TypeError: The scheme has no setting of that name, or needs one that is not given.
+    """
+    import numpy as np
+
+    scheme = SCHEMES[name]
+    if scheme.random:
+        settings["rng"] = np.random.default_rng(seed)
+    fire: Fire = getattr(import_module(scheme.module), scheme.fire)(
+        landscape, weather, ignitions, burning, **settings
+    )
+    return fire

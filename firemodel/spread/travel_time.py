@@ -1,0 +1,202 @@
+"""How long fire needs along a straight line over a landscape, each cell with its own ellipse."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import compiled, kernel
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather
+from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
+
+LONGEST_PIECE_CELLS = 2.0
+TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
+# North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
+STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
+STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
+
+Floats = NDArray[np.float64]
+
+
+class Ground(NamedTuple):
+    """What lines are computed with; cells in one row (n)."""
+
+    cols: int
+    cell_m: float
+    terrain: Terrain
+    tables: Tables
+    reach: NDArray[np.int16]  # (n) how many cells around, to all sides, are like it
+    # One record of 32 bytes per cell, so that one look into memory gives all: A, B north, B east
+    # in float64 (places 0 to 2; A is NaN if not yet worked out, 0 if nothing spreads), and the
+    # rise towards north and east in float32 (places 6 and 7).
+    slowness: Floats  # (n, 4)
+    rise: NDArray[np.float32]  # (n, 8), the same memory
+    learned: NDArray[np.int32]  # (n + 1) how many cells are worked out, then which
+
+
+def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool) -> Ground:
+    """Nothing of it is worked out yet: that happens cell by cell where fire comes."""
+    terrain = terrain_of(landscape)
+    n, cols = terrain.fuel.size, landscape.shape[1]
+    slowness = np.full((n, 4), np.nan)
+    return Ground(
+        cols,
+        landscape.cell_size_m,
+        terrain,
+        tables_of(landscape, entries, wind_limit),
+        _reach(terrain, cols),
+        slowness,
+        slowness.view(np.float32),
+        np.zeros(n + 1, dtype=np.int32),
+    )
+
+
+@compiled
+def _reach(terrain, cols):  # type: ignore[no-untyped-def]
+    """Chessboard distance to the next cell with an unlike neighbour (Rosenfeld & Pfaltz 1966)."""
+    fuel, gradient, midflame = terrain
+    n = fuel.size
+    rows = n // cols
+    reach = np.full(n, 32767, dtype=np.int16)
+    for cell in range(n):
+        row, col = cell // cols, cell % cols
+        for side in range(8):
+            to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
+            if 0 <= to_row < rows and 0 <= to_col < cols:
+                other = to_row * cols + to_col
+                if (
+                    fuel[other] != fuel[cell]
+                    or gradient[0, other] != gradient[0, cell]
+                    or gradient[1, other] != gradient[1, cell]
+                    or midflame[other] != midflame[cell]
+                ):
+                    reach[cell] = 0
+                    break
+    # Down with the four neighbours already passed, then up with the other four.
+    for sides, cells in (((7, 0, 1, 6), range(n)), ((5, 4, 3, 2), range(n - 1, -1, -1))):
+        for cell in cells:
+            row, col = cell // cols, cell % cols
+            for side in sides:
+                to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
+                if 0 <= to_row < rows and 0 <= to_col < cols:
+                    reach[cell] = min(reach[cell], reach[to_row * cols + to_col] + 1)
+    return reach
+
+
+@kernel
+def _learn(cell, ground, entry):  # type: ignore[no-untyped-def]
+    a, north, east = slowness_of(cell, entry, ground.terrain, ground.tables)
+    ground.slowness[cell, 0], ground.slowness[cell, 1], ground.slowness[cell, 2] = a, north, east
+    ground.rise[cell, 6] = ground.terrain.gradient[0, cell]
+    ground.rise[cell, 7] = ground.terrain.gradient[1, cell]
+    ground.learned[0] += 1
+    ground.learned[ground.learned[0]] = cell
+
+
+@kernel
+def forget(ground):  # type: ignore[no-untyped-def]
+    """Before another entry of the weather is used."""
+    for place in range(1, ground.learned[0] + 1):
+        ground.slowness[ground.learned[place], 0] = np.nan
+    ground.learned[0] = 0
+
+
+@kernel
+def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
+    """Time over a horizontal vector (m, length squared) if all of it lay in one cell.
+
+    0 if nothing spreads there.
+    """
+    slowness, rise = ground.slowness, ground.rise
+    if slowness[cell, 0] != slowness[cell, 0]:
+        _learn(cell, ground, entry)
+    up = rise[cell, 6] * north + rise[cell, 7] * east
+    return (
+        slowness[cell, 0] * math.sqrt(length2 + up * up)
+        - slowness[cell, 1] * north
+        - slowness[cell, 2] * east
+    )
+
+
+@kernel
+def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
+    """The cell in which a float position lies."""
+    return math.floor(row + 0.5) * cols + math.floor(col + 0.5)
+
+
+@kernel
+def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no-untyped-def]
+    """Follow a line to the centre of a cell for limit_s at most.
+
+    Positions are float rows and columns. Returns (time, part of the line covered); the time is
+    limit_s if the line is not covered by then, and also if something on it does not burn.
+    """
+    down, right = to_row - row, to_col - col
+    north, east = -down * ground.cell_m, right * ground.cell_m
+    length2 = north * north + east * east
+    at_row, at_col = math.floor(row + 0.5), math.floor(col + 0.5)
+    crossings_row, crossings_col = abs(to_row - at_row), abs(to_col - at_col)
+    cell = int(at_row) * ground.cols + int(at_col)
+    if max(crossings_row, crossings_col) <= ground.reach[cell]:
+        crossings_row = crossings_col = 0.0  # all of it is like the first cell
+    # Where the line next leaves a row and a column of cells, as shares of its length.
+    row_step, next_row, each_row = 0, 2.0, 0.0
+    if crossings_row > 0.0:
+        row_step = ground.cols if down > 0.0 else -ground.cols
+        each_row = 1.0 / abs(down)
+        next_row = ((at_row - row if down > 0.0 else row - at_row) + 0.5) * each_row
+    col_step, next_col, each_col = 0, 2.0, 0.0
+    if crossings_col > 0.0:
+        col_step = 1 if right > 0.0 else -1
+        each_col = 1.0 / abs(right)
+        next_col = ((at_col - col if right > 0.0 else col - at_col) + 0.5) * each_col
+    time_s, done = 0.0, 0.0
+    for _ in range(int(crossings_row + crossings_col) + 1):
+        leaves_row = next_row < next_col
+        upto = min(next_row if leaves_row else next_col, 1.0)
+        share = upto - done
+        whole = crossing_s(cell, north, east, length2, ground, entry)
+        stuck = whole == 0.0 and share > TOUCH
+        if stuck or time_s + share * whole > limit_s:
+            done += 0.0 if stuck else (limit_s - time_s) / whole
+            time_s = limit_s
+            break
+        time_s += share * whole
+        done = upto
+        next_row += each_row if leaves_row else 0.0
+        next_col += 0.0 if leaves_row else each_col
+        cell += row_step if leaves_row else col_step
+    return time_s, done
+
+
+@kernel
+def from_piece(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
+    """Where on a straight piece of front fire sets out to come to a cell first: (time, row, col).
+
+    As if all lay in that cell. With w the way from one end to the cell and d the piece, the time
+    A |w - s d| - B (w - s d) is least where its derivative by s is 0. The time is in s/m times
+    cells, infinite if the piece is too long to be one or nothing spreads in the cell.
+    """
+    d_north, d_east = row - other_row, other_col - col
+    d2 = d_north * d_north + d_east * d_east
+    crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # so that its slowness is known
+    a = ground.slowness[target, 0]
+    if not 0.0 < d2 <= LONGEST_PIECE_CELLS * LONGEST_PIECE_CELLS or a == 0.0:
+        return np.inf, row, col
+    b_north, b_east = ground.slowness[target, 1], ground.slowness[target, 2]
+    g_north, g_east = ground.rise[target, 6], ground.rise[target, 7]
+    w_north, w_east = row - target // ground.cols, target % ground.cols - col
+    d_up, w_up = g_north * d_north + g_east * d_east, g_north * w_north + g_east * w_east
+    dd = d2 + d_up * d_up
+    dw = d_north * w_north + d_east * w_east + d_up * w_up
+    ww = w_north * w_north + w_east * w_east + w_up * w_up
+    k = (b_north * d_north + b_east * d_east) / (a * math.sqrt(dd))
+    beside = math.sqrt(max(ww - dw * dw / dd, 0.0))
+    share = (dw - k * beside * math.sqrt(dd) / math.sqrt(1.0 - k * k)) / dd
+    share = min(max(share, 0.0), 1.0)
+    time = a * math.sqrt(max(ww - 2.0 * share * dw + share * share * dd, 0.0))
+    time -= b_north * (w_north - share * d_north) + b_east * (w_east - share * d_east)
+    return time, row - share * d_north, col + share * d_east

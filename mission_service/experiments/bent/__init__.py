@@ -1,0 +1,1 @@
+"""Bent's thesis, chapter 5: teams that share the front of one fire."""

@@ -1,0 +1,261 @@
+"""A team flown ideally around the growing ring of a fire: how Bent's experiments fly.
+
+Each vehicle goes from cell to cell at its speed, turns on the spot and sees the cell it is in; each
+cell it comes to is one decision of the rule. Growth moves cells, vehicles and regions along.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.experiments.bent.ring_history import RingStep
+from mission_service.experiments.fires import CELL_M
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
+
+Floats = NDArray[np.float64]
+
+LAYER_M = 30.0
+SEPARATION_M = 25.0
+
+
+@dataclass(frozen=True)
+class TeamFlight:
+    """What a flight leaves; costs and the worst kept cell are taken at each step of the ring (s).
+
+    Cost is Bent's (3.3): the mean over the cells of an importance (3.2) with spread rates in m/s.
+    """
+
+    at_s: Floats
+    linear: Floats  # spread rate * age, m
+    exponential: Floats  # age ** (1 + spread rate)
+    worst_linear: Floats  # of the cell where it is highest, m
+    tracks: dict[int, Floats]  # by seat: (n, 3) time in s, row, column
+    decisions: int
+    min_separation_m: float  # closest any two came, each in its own layer
+
+    def mean_std(self, importance: str) -> tuple[float, float]:
+        """Mean and standard deviation over time of the "linear" or "exponential" cost."""
+        cost = self.exponential if importance == "exponential" else self.linear
+        return float(cost.mean()), float(cost.std())
+
+
+def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
+    """Bent 3.2: metres that the front may have advanced unseen."""
+    return spread_rate_m_s * age_s
+
+
+def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
+    """Bent 3.2. The spread rate is an exponent, so its unit matters: in m/s, as in the thesis.
+
+    Its tables fit no other unit: a linear cost of 64 with an exponential one of 3,000 belongs to
+    ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 (300 ** 1.5 = 5,200). In
+    m/min 64 would belong to ages of 5 s, 5 ** 13 = 10 ** 9.
+    """
+    importance: Floats = age_s ** (1.0 + spread_rate_m_s)
+    return importance
+
+
+def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
+    """Cells (count) that part a ring of these steps (n) into equal lengths; the first is cell 0."""
+    along_m = np.concatenate([[0.0], np.cumsum(step_m)])
+    wished_m = along_m[-1] * np.arange(count) / count
+    after = np.searchsorted(along_m, wished_m)
+    nearer_before = wished_m - along_m[after - 1] < along_m[after] - wished_m
+    cells: NDArray[np.int64] = np.where((after > 0) & nearer_before, after - 1, after)
+    return cells % step_m.size
+
+
+@dataclass
+class _Vehicle:
+    """On its way from a place (row, col) to a cell of the ring."""
+
+    member: int
+    speed_m_s: float
+    goal: int
+    goal_place: tuple[float, float]
+    left: tuple[float, float, float]  # time, row, col
+    arrival_s: float
+    track: list[tuple[float, float, float]]
+
+
+def fly_team(
+    history: Sequence[RingStep],
+    rule: TeamRule,
+    uavs: int,
+    speed_m_s: float,
+    *,
+    cell_m: float = CELL_M,
+    leaving: Sequence[tuple[float, int]] = (),
+    joining: Sequence[tuple[float, int]] = (),
+    layer_m: float = LAYER_M,
+) -> TeamFlight:
+    """Fly ``uavs`` vehicles over a history of a ring; the whole ring was seen at its beginning.
+
+    They start at equal distances, seats 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
+    (time in s, seat), done at the first step of the ring from then on; a vehicle that joins comes
+    in at the cell that has waited longest. ``rule.decide`` gets one ``FrontRing`` a step and one
+    ``ActiveFleet`` while the team is the same; it must copy their arrays to keep them, because they
+    are written in place.
+    """
+    team = _Team(rule, speed_m_s, cell_m)
+    first = history[0]
+    team.on(first, np.full(len(first.cells), first.at_s))
+    for member, cell in enumerate(equidistant(first.step_m, uavs)):
+        team.join(member, int(cell))
+    samples = []
+    for index, step in enumerate(history):
+        if index:
+            team.grow(step)
+        for at_s, member in leaving:
+            if _due(at_s, history, index):
+                team.leave(member)
+        for at_s, member in joining:
+            if _due(at_s, history, index):
+                team.join(member, int(np.argmin(team.ring.visited_at_s)))
+        samples.append((step.at_s, *_costs(team.ring, step.at_s)))
+        if index + 1 < len(history):
+            team.fly_until(history[index + 1].at_s)
+    at, linear, exponential, worst = np.array(samples).T
+    tracks = {member: np.array(track) for member, track in sorted(team.tracks.items())}
+    closest_m = min_separation_m(tracks, cell_m, layer_m)
+    return TeamFlight(at, linear, exponential, worst, tracks, team.decisions, closest_m)
+
+
+def _due(at_s: float, history: Sequence[RingStep], index: int) -> bool:
+    before_s = history[index - 1].at_s if index else -np.inf
+    return before_s < at_s <= history[index].at_s
+
+
+def _costs(ring: FrontRing, at_s: float) -> tuple[float, float, float]:
+    age_s = at_s - ring.visited_at_s
+    linear = linear_importance(ring.spread_rate_m_s, age_s)
+    exponential = exponential_importance(ring.spread_rate_m_s, age_s)
+    return float(linear.mean()), float(exponential.mean()), float(linear.max())
+
+
+class _Team:
+    """The vehicles in the air and the ring they fly on."""
+
+    def __init__(self, rule: TeamRule, speed_m_s: float, cell_m: float) -> None:
+        self.ring: FrontRing
+        self.tracks: dict[int, list[tuple[float, float, float]]] = {}
+        self.decisions = 0
+        self._rule = rule
+        self._speed_m_s = speed_m_s
+        self._cell_m = cell_m
+        self._vehicles: list[_Vehicle] = []
+        self._fleet = ActiveFleet(*(np.array([], kind) for kind in (int, int, bool, float)))
+
+    def on(self, step: RingStep, visited_at_s: Floats) -> None:
+        """This is the ring from now on."""
+        self._at_s = step.at_s
+        self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
+        # Lists: single items of arrays are slow.
+        self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
+        self._step_m: list[float] = step.step_m.tolist()
+
+    def grow(self, step: RingStep) -> None:
+        """Cells inherit their last visit, vehicles go on to what has become of their cells."""
+        self.on(step, self.ring.visited_at_s[step.came_from])
+        self._fleet.cell[:] = step.place_of[self._fleet.cell]
+        for vehicle in self._vehicles:
+            vehicle.left = _underway(vehicle, step.at_s)
+            vehicle.track.append(vehicle.left)
+            vehicle.goal = int(step.place_of[vehicle.goal])
+            vehicle.goal_place = self._places[vehicle.goal]
+            away = math.dist(vehicle.left[1:], vehicle.goal_place)
+            vehicle.arrival_s = step.at_s + away * self._cell_m / vehicle.speed_m_s
+        self._rule.on_ring_changed(step.place_of)
+
+    def join(self, member: int, cell: int) -> None:
+        """A vehicle comes in at a cell, and decides there."""
+        at = (self._at_s, *self._places[cell])
+        track = self.tracks.setdefault(member, [])
+        joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
+        self._now([*self._vehicles, joined])
+
+    def leave(self, member: int) -> None:
+        """A vehicle is gone."""
+        self._now([vehicle for vehicle in self._vehicles if vehicle.member != member])
+
+    def _now(self, vehicles: list[_Vehicle]) -> None:
+        heading = dict(
+            zip(self._fleet.member.tolist(), self._fleet.clockwise.tolist(), strict=True)
+        )
+        cells = dict(zip(self._fleet.member.tolist(), self._fleet.cell.tolist(), strict=True))
+        self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.member)
+        self._fleet = ActiveFleet(
+            np.array([vehicle.member for vehicle in self._vehicles], np.int64),
+            np.array([cells.get(v.member, v.goal) for v in self._vehicles], np.int64),
+            np.array([heading.get(vehicle.member, True) for vehicle in self._vehicles], np.bool_),
+            np.array([vehicle.speed_m_s for vehicle in self._vehicles]),
+        )
+
+    def fly_until(self, end_s: float) -> None:
+        """From cell to cell; each decides as it arrives, the lower seat first."""
+        arrivals_s = [vehicle.arrival_s for vehicle in self._vehicles]
+        while arrivals_s:
+            at_s = min(arrivals_s)
+            if at_s >= end_s:
+                return
+            which = arrivals_s.index(at_s)
+            self._arrive(which, at_s)
+            arrivals_s[which] = self._vehicles[which].arrival_s
+
+    def _arrive(self, which: int, at_s: float) -> None:
+        vehicle, cell = self._vehicles[which], self._vehicles[which].goal
+        vehicle.left = (at_s, *vehicle.goal_place)
+        vehicle.track.append(vehicle.left)
+        self._fleet.cell[which] = cell
+        self.ring.visited_at_s[cell] = at_s
+        clockwise = self._rule.decide(self.ring, self._fleet, which, at_s)
+        self._fleet.clockwise[which] = clockwise
+        self.decisions += 1
+        # Index -1 is the last cell, and the step from it to the first.
+        vehicle.goal = (cell + 1) % len(self._places) if clockwise else cell - 1
+        away_m = self._step_m[cell if clockwise else cell - 1]
+        vehicle.goal_place = self._places[vehicle.goal]
+        vehicle.arrival_s = at_s + away_m / vehicle.speed_m_s
+
+
+def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
+    """Where a vehicle is between two cells: time, row, column."""
+    left_s, row, col = vehicle.left
+    share = (at_s - left_s) / max(vehicle.arrival_s - left_s, 1e-9)
+    to_row, to_col = vehicle.goal_place
+    return at_s, row + share * (to_row - row), col + share * (to_col - col)
+
+
+def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -> float:
+    """Closest 3-D distance of any two vehicles, in m; tracks (n, 3) are straight between points.
+
+    Each seat has its own altitude layer, ``layer_m`` apart. Infinite for one vehicle alone.
+    """
+    closest_m = math.inf
+    for (member, one), (other_member, other) in combinations(tracks.items(), 2):
+        begin_s, end_s = max(one[0, 0], other[0, 0]), min(one[-1, 0], other[-1, 0])
+        times = np.union1d(one[:, 0], other[:, 0])
+        times = times[(times >= begin_s) & (times <= end_s)]
+        if times.size < 2:
+            continue
+        apart = [
+            np.interp(times, one[:, 0], one[:, axis])
+            - np.interp(times, other[:, 0], other[:, axis])
+            for axis in (1, 2)
+        ]
+        across_m = cell_m * float(_closest_to_origin(np.column_stack(apart)))
+        closest_m = min(closest_m, math.hypot(across_m, layer_m * (member - other_member)))
+    return closest_m
+
+
+def _closest_to_origin(points: Floats) -> float:
+    """The least distance of a line through points (n, 2) from (0, 0)."""
+    start, along = points[:-1], np.diff(points, axis=0)
+    squared = np.maximum((along**2).sum(axis=1), 1e-12)
+    share = np.clip(-(start * along).sum(axis=1) / squared, 0.0, 1.0)
+    nearest = start + share[:, None] * along
+    return float(np.sqrt((nearest**2).sum(axis=1).min()))

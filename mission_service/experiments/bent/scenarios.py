@@ -1,0 +1,120 @@
+"""The fire on which teams fly, and what is flown on it: planners, negotiations, team sizes."""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.physics.weather import WeatherStream
+from mission_service.experiments.fires import (
+    BRUSH,
+    HOUR_S,
+    SHORT_GRASS,
+    Burn,
+    burn,
+    flat,
+    of_two_fuels,
+    wind,
+)
+from mission_service.guidance.team.balanced import Balanced
+from mission_service.guidance.team.bent_rules import (
+    BENCHMARKS,
+    IMPORTANCES,
+    LATER_NEGOTIATIONS,
+    LATER_PLANNERS,
+    NEGOTIATIONS,
+    PLANNERS,
+    bent_rule,
+)
+from mission_service.guidance.team.ring import TeamRule
+
+Floats = NDArray[np.float64]
+
+SPEED_M_S = 20.0
+SIZES = (2, 3, 4, 5, 6)
+
+
+def uneven() -> Burn:
+    """Brush in the north, grass in the south, wind that freshens, veers and drops again."""
+    weather = WeatherStream(
+        (wind(0.0, 4.0, 30.0), wind(2.0 * HOUR_S, 6.0, 60.0), wind(3.5 * HOUR_S, 3.0, 20.0))
+    )
+    land = flat(of_two_fuels(BRUSH, SHORT_GRASS))
+    return burn("uneven", "anyangle", land, weather, (75, 150), 5.0 * HOUR_S, SPEED_M_S)
+
+
+class Case(NamedTuple):
+    """One run; a benchmark has no negotiation, and its importance is only that of its cost."""
+
+    planner: str
+    negotiation: str | None
+    importance: str
+    uavs: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a case; the cost every 20 s, from deployment on."""
+
+    case: Case
+    cost: Floats
+    min_separation_m: float
+
+    @property
+    def mean(self) -> float:
+        """Of the cost over time."""
+        return float(self.cost.mean())
+
+    @property
+    def std(self) -> float:
+        """Of the cost over time."""
+        return float(self.cost.std())
+
+    def as_row(self) -> dict[str, Any]:
+        """As in the JSON."""
+        return {
+            **self.case._asdict(),
+            "mean_cost": self.mean,
+            "std_cost": self.std,
+            "min_separation_m": self.min_separation_m,
+        }
+
+
+def thesis_cases() -> list[Case]:
+    """The thesis's 80 runs, and its 20 of benchmarks."""
+    cases = [Case(*names) for names in product(PLANNERS, NEGOTIATIONS, IMPORTANCES, SIZES)]
+    return cases + [
+        Case(name, None, importance, uavs)
+        for name, importance, uavs in product(BENCHMARKS, IMPORTANCES, SIZES)
+    ]
+
+
+def later_cases() -> list[Case]:
+    """With the two ideas that the thesis leaves for later (6.1)."""
+    cases = product(PLANNERS | LATER_PLANNERS, NEGOTIATIONS | LATER_NEGOTIATIONS)  # type: ignore[operator]
+    return [
+        Case(planner, negotiation, importance, uavs)
+        for (planner, negotiation), importance, uavs in product(cases, IMPORTANCES, SIZES)
+        if planner in LATER_PLANNERS or negotiation in LATER_NEGOTIATIONS
+    ]
+
+
+def balanced_cases() -> list[Case]:
+    """team.balanced, beside them."""
+    return [
+        Case("balanced", None, importance, uavs) for importance in IMPORTANCES for uavs in SIZES
+    ]
+
+
+def team_size_cases() -> list[Case]:
+    """What figure 5.3 shows besides: one vehicle."""
+    return [Case("back-and-forth", "importance", "linear", 1)]
+
+
+def rule_of(case: Case) -> TeamRule:
+    """The rule that a case flies."""
+    if case.planner == "balanced":
+        return Balanced("exponential" if case.importance == "exponential" else "linear")
+    return bent_rule(case.planner, case.negotiation, case.importance)

@@ -1,0 +1,136 @@
+"""Tables 5.1 to 5.4 of Bent's thesis: what it found beside what was found here."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from mission_service.experiments.bent.scenarios import SIZES
+
+PLANNER_NAMES = {
+    "circling": "Circling",
+    "bumper": "Bumper",
+    "back-and-forth": "Back and Forth",
+    "highest-dynamic": "High Target Dynamic",
+    "highest-static": "High Target Static",
+    "predictive": "Predictive",
+    "predictive-kept": "Predictive Kept",
+}
+# As in the thesis, negotiation on importance goes without saying.
+NEGOTIATION_NAMES = {None: "", "importance": "", "centre": " - COI", "arrival": " - First There"}
+# Tables 5.1 and 5.2: lowest cost, lowest standard deviation; by number of vehicles, then average.
+THESIS_BEST = {
+    "linear": (
+        ("Circling", "Circling"),
+        ("Bumper", "High Target Static - COI"),
+        ("High Target Static - COI", "Back and Forth"),
+        ("Back and Forth - COI", "High Target Dynamic"),
+        ("High Target Static", "Predictive"),
+        ("Back and Forth", "Back and Forth"),
+    ),
+    "exponential": (
+        ("Circling", "Circling"),
+        ("Bumper", "Bumper"),
+        ("High Target Dynamic", "High Target Dynamic - COI"),
+        ("Predictive", "High Target Static - COI"),
+        ("High Target Static", "High Target Static"),
+        ("High Target Dynamic", "High Target Dynamic - COI"),
+    ),
+}
+# Tables 5.3 and 5.4: average cost, average standard deviation.
+THESIS_NEGOTIATIONS = {
+    "linear": {"importance": (64.397, 25.085), "centre": (65.816, 24.733)},
+    "exponential": {"importance": (3371.688, 2697.640), "centre": (3037.289, 2246.203)},
+}
+
+Row = dict[str, Any]
+Averages = dict[str, tuple[float, float]]  # name: mean and standard deviation of the cost
+
+
+def name_of(planner: str, negotiation: str | None) -> str:
+    """A combination as the thesis calls it."""
+    return PLANNER_NAMES[planner] + NEGOTIATION_NAMES[negotiation]
+
+
+def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
+    """Costs of the combinations, averaged over numbers of vehicles."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for run in runs:
+        if run["importance"] == importance and run["uavs"] in sizes:
+            name = name_of(run["planner"], run["negotiation"])
+            found.setdefault(name, []).append((run["mean_cost"], run["std_cost"]))
+    return {
+        name: (sum(mean for mean, _ in each) / len(each), sum(std for _, std in each) / len(each))
+        for name, each in found.items()
+    }
+
+
+def best(costs: Averages, which: int) -> str:
+    """The combination of lowest mean (0) or standard deviation (1)."""
+    return min(costs, key=lambda name: costs[name][which])
+
+
+def in_text(found: dict[str, Any]) -> str:
+    """The result as tables for people."""
+    from_km, to_km = found["perimeter_km"]
+    lines = [
+        f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, "
+        f"vehicles at {found['speed_m_s']:g} m/s.",
+        "Cost: mean importance of the cells, every 20 s; spread rates in m/s.",
+    ]
+    runs, later = found["runs"], found["later"]
+    for table, importance in (("5.1", "linear"), ("5.2", "exponential")):
+        lines += ["", f"Table {table}: best combinations, {importance} importance"]
+        lines += _best_lines(runs, importance)
+    for table, importance in (("5.3", "linear"), ("5.4", "exponential")):
+        lines += ["", f"Table {table}: negotiations, {importance} importance, averages"]
+        lines += _negotiation_lines(runs, later, importance)
+    for importance in ("linear", "exponential"):
+        lines += ["", f"All combinations, {importance} importance: mean ± standard deviation"]
+        lines += _all_lines([*runs, *later], importance)
+    closest_m = min(run["min_separation_m"] for run in [*runs, *later])
+    return "\n".join([*lines, "", f"Closest that any two vehicles came: {closest_m:.1f} m"])
+
+
+def _best_lines(runs: Sequence[Row], importance: str) -> list[str]:
+    lines = [_row("UAVs", "lowest cost", "thesis", "lowest stdev", "thesis")]
+    groups = [(str(size), [size]) for size in SIZES] + [("Average", list(SIZES))]
+    for (label, sizes), thesis in zip(groups, THESIS_BEST[importance], strict=True):
+        costs = averages(runs, importance, sizes)
+        cells = []
+        for which in (0, 1):
+            name = best(costs, which)
+            cells += [f"{name} {costs[name][which]:.2f}", thesis[which]]
+        lines.append(_row(label, *cells))
+    return lines
+
+
+def _row(label: str, *cells: str) -> str:
+    return f"{label:8}" + "".join(f"{cell:34}" for cell in cells).rstrip()
+
+
+def _negotiation_lines(runs: Sequence[Row], later: Sequence[Row], importance: str) -> list[str]:
+    lines = [f"{'':24}{'cost':>10}{'thesis':>10}{'stdev':>10}{'thesis':>10}"]
+    for negotiation, label in (
+        ("importance", "Importance"),
+        ("centre", "Center of Importance"),
+        ("arrival", "First There (idea)"),
+    ):
+        taken = [run for run in [*runs, *later] if run["negotiation"] == negotiation]
+        costs = averages([run for run in taken if run["planner"] != "predictive-kept"], importance)
+        thesis = THESIS_NEGOTIATIONS[importance].get(negotiation)
+        line = f"{label:24}"
+        for which in (0, 1):
+            mean = sum(cost[which] for cost in costs.values()) / len(costs)
+            line += f"{mean:10.3f}" + (f"{thesis[which]:10.3f}" if thesis else f"{'':10}")
+        lines.append(line.rstrip())
+    return lines
+
+
+def _all_lines(runs: Sequence[Row], importance: str) -> list[str]:
+    lines = [f"{'':36}" + "".join(f"{f'{size} UAVs':>18}" for size in SIZES)]
+    by_size = [averages(runs, importance, [size]) for size in SIZES]
+    for name in by_size[0]:
+        cells = "".join(
+            f"{f'{costs[name][0]:.2f} ± {costs[name][1]:.2f}':>18}" for costs in by_size
+        )
+        lines.append(f"{name:36}{cells}")
+    return lines

@@ -1,0 +1,78 @@
+"""Following the true front of a burn from cell to cell, as Islam & Hu let their vehicle do.
+
+"We assume that the UAS has the capability of boundary following and always flies on top of the
+fire perimeter" (section III). A planner decides the direction; this gives the next cell.
+"""
+
+import heapq
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+# Neighbours clockwise from north, as (row, col) steps.
+AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+
+
+def enclosed_s(arrival_s: Floats) -> Floats:
+    """When each cell (y, x) belongs to the filled fire: burned, or cut off from the outside.
+
+    The fire's holes and the inlets that close are no front that leads around the fire. The best
+    way out of a cell, over sides, is the one whose first cell to burn burns last (Dijkstra).
+    """
+    rows, cols = arrival_s.shape
+    found = np.full((rows + 2, cols + 2), -np.inf)
+    found[[0, -1]], found[:, [0, -1]] = np.inf, np.inf
+    found = found.tolist()
+    arrival = np.pad(arrival_s, 1, constant_values=np.inf).tolist()
+    edge = [(-np.inf, row, col) for row in range(rows + 2) for col in (0, cols + 1)]
+    edge += [(-np.inf, row, col) for row in (0, rows + 1) for col in range(1, cols + 1)]
+    while edge:
+        minus, row, col = heapq.heappop(edge)
+        for step_row, step_col in AROUND[::2]:
+            to_row, to_col = row + step_row, col + step_col
+            if not (0 < to_row <= rows and 0 < to_col <= cols):
+                continue
+            until = min(-minus, arrival[to_row][to_col])
+            if until > found[to_row][to_col]:
+                found[to_row][to_col] = until
+                heapq.heappush(edge, (-until, to_row, to_col))
+    return np.array(found)[1:-1, 1:-1]
+
+
+class BoundaryFollower:
+    """A vehicle on the front of a growing fire: the cell it is on and the side that is outside."""
+
+    def __init__(self, fire_s: Floats, at_s: float) -> None:
+        """It begins at the northernmost cell of the filled fire (``enclosed_s``)."""
+        self._enclosed_s = np.pad(fire_s, 1, constant_values=np.inf)
+        row, col = np.argwhere(self._enclosed_s <= at_s)[0]
+        self._row, self._col = int(row), int(col)
+        self._outside = 0
+
+    @property
+    def cell(self) -> tuple[int, int]:
+        """Row and column."""
+        return self._row - 1, self._col - 1
+
+    def onwards(self, clockwise: bool, at_s: float) -> None:
+        """Go to the next cell of the front as it is now (Moore's tracing, one step).
+
+        Where the fire has grown past the vehicle it is first led outwards to the front.
+        """
+        fire = self._enclosed_s
+        step_row, step_col = AROUND[self._outside]
+        while fire[self._row + step_row, self._col + step_col] <= at_s:
+            self._row, self._col = self._row + step_row, self._col + step_col
+        turn = 1 if clockwise else -1
+        for side in range(self._outside + turn, self._outside + 8 * turn, turn):
+            step_row, step_col = AROUND[side % 8]
+            row, col = self._row + step_row, self._col + step_col
+            if fire[row, col] <= at_s:
+                break
+        else:
+            return  # a single cell
+        before_row, before_col = AROUND[(side - turn) % 8]
+        empty = (before_row - step_row, before_col - step_col)
+        self._outside = AROUND.index(empty)
+        self._row, self._col = row, col

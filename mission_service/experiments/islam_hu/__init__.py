@@ -1,0 +1,1 @@
+"""Islam & Hu, section VI: one vehicle that follows the front of six fires."""

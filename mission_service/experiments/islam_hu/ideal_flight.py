@@ -1,0 +1,112 @@
+"""One vehicle flown ideally over a fire that is already burned: no autopilot, no wind, no MAVLink.
+
+As in Islam & Hu it goes from cell to cell of the true front at a steady speed, whichever way round
+the planner decides, turns on the spot, and sees the cells around it.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.events import Observed
+from mission_service.experiments.boundary_following import BoundaryFollower
+from mission_service.experiments.fires import Burn
+from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
+from mission_service.guidance.front.front_shape import hull_of
+from mission_service.guidance.protocol import Planner
+from mission_service.replay.distance_error import TrueShape
+
+Floats = NDArray[np.float64]
+
+VIEW_CELLS = 3.0
+REACH = int(VIEW_CELLS) + 1
+IN_VIEW = np.hypot(*np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]) <= VIEW_CELLS
+VEHICLE = "uas"
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a flight leaves.
+
+    ``track`` (n, 3) holds time in s, row and column of all steps, ``reversals`` (k, 3) those of
+    turns, ``windows`` (d, 3) the time of each decision and what spoke for turning back and for
+    going on. The errors, in cells, are taken at each step (m) from the end of the first lap on.
+    """
+
+    track: Floats
+    reversals: Floats
+    windows: Floats
+    at_s: Floats
+    max_error: Floats
+    mean_error: Floats
+
+
+def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
+    """What the vehicle's camera sees: the cells within ``VIEW_CELLS``."""
+    rows, cols = burn.arrival_s.shape
+    top, left = max(row - REACH, 0), max(col - REACH, 0)
+    bottom, right = min(row + REACH + 1, rows), min(col + REACH + 1, cols)
+    codes = np.where(burn.arrival_s[top:bottom, left:right] <= at_s, b"b", b"u")
+    disc = IN_VIEW[
+        top - row + REACH : bottom - row + REACH, left - col + REACH : right - col + REACH
+    ]
+    codes[~disc] = b"."
+    width = right - left
+    text = codes.tobytes().decode("ascii")
+    lines = tuple(text[start : start + width] for start in range(0, len(text), width))
+    return Observed(round(at_s * 1e6), VEHICLE, top, left, lines)
+
+
+def fly(
+    burn: Burn,
+    planner: Planner,
+    *,
+    hull: bool = True,
+    measured: MeasuredWind | None = None,
+    before: Callable[[float, int, int], None] | None = None,
+) -> Flight:
+    """Fly a planner from deployment to the end; the error is taken at each new cell.
+
+    ``hull``: the fire is reconstructed as in the paper, by the convex hull of what the planner
+    believes; otherwise it is what the planner believes. ``measured`` is the wind the planner is
+    told at each step; without it, none. ``before`` is told time, row and column of each step before
+    the planner decides.
+    """
+    truth = TrueShape(burn.arrival_s, burn.ignition)
+    cell_s = burn.landscape.cell_size_m / burn.speed_m_s
+    at_s = burn.deploy_s
+    walk = BoundaryFollower(burn.enclosed_s, at_s)
+    row, col = walk.cell
+    track, reversals, windows, errors = [], [], [], []
+    while at_s < burn.end_s:
+        if measured is not None:
+            planner.wind(*measured.at(at_s), at_s)
+        planner.observe(look(burn, row, col, at_s))
+        if before is not None:
+            before(at_s, row, col)
+        decision = planner.at(row, col, at_s)
+        track.append((at_s, row, col))
+        if decision is not None:
+            windows.append((at_s, decision.importance_back, decision.importance_front))
+            if decision.reversed:
+                reversals.append((at_s, row, col))
+        if planner.phase == "monitor":
+            estimated = planner.shape(row, col)
+            error = np.abs((hull_of(estimated) if hull else estimated) - truth.at(at_s))
+            errors.append((at_s, error.max(), error.mean()))
+        walk.onwards(planner.clockwise, at_s)
+        new_row, new_col = walk.cell
+        at_s += cell_s * max(math.hypot(new_row - row, new_col - col), 1.0)
+        row, col = new_row, new_col
+    at, most, mean = np.array(errors).reshape(-1, 3).T
+    return Flight(
+        np.array(track),
+        np.array(reversals).reshape(-1, 3),
+        np.array(windows).reshape(-1, 3),
+        at,
+        most,
+        mean,
+    )

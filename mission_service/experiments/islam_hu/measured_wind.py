@@ -1,0 +1,34 @@
+"""Wind as a small vehicle measures it: the fire's own wind, at its height, with errors."""
+
+import math
+
+import numpy as np
+
+from firemodel.physics.weather import WeatherStream
+
+# Of estimates from airspeed and ground speed: standard deviations, and how long an error lasts.
+SPEED_ERROR_M_S, DIRECTION_ERROR_DEG, LASTING_S = 0.8, 8.0, 120.0
+# Wind 20 ft above the vegetation over that at the vehicle's height.
+WIND_20FT_SHARE = 0.75
+
+
+class MeasuredWind:
+    """A seeded series of measurements; times must rise."""
+
+    def __init__(self, weather: WeatherStream, seed: int) -> None:
+        self._weather = weather
+        self._rng = np.random.default_rng(seed)
+        self._error = self._rng.standard_normal(2)
+        self._at_s: float | None = None
+
+    def at(self, at_s: float) -> tuple[float, float]:
+        """Speed in m/s at the vehicle's height, and degrees it comes from (true north)."""
+        if self._at_s is not None:
+            kept = math.exp(-(at_s - self._at_s) / LASTING_S)
+            fresh = math.sqrt(1.0 - kept * kept)
+            self._error = kept * self._error + fresh * self._rng.standard_normal(2)
+        self._at_s = at_s
+        now = self._weather.at(at_s)
+        speed_m_s = now.wind_speed_m_s / WIND_20FT_SHARE + SPEED_ERROR_M_S * self._error[0]
+        from_deg = now.wind_from_deg + DIRECTION_ERROR_DEG * self._error[1]
+        return max(float(speed_m_s), 0.0), float(from_deg) % 360.0

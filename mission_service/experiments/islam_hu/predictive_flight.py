@@ -1,0 +1,40 @@
+"""The predictive planner in the experiments: its inputs and its flights.
+
+Its inputs are the landscape, the moistures at the beginning, and a measured wind with errors: of
+0.8 m/s and 8 degrees, lasting two minutes (``measured_wind``). Neither the fire nor a forecast.
+"""
+
+from mission_service.experiments.fires import Burn
+from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
+from mission_service.experiments.islam_hu.measured_wind import WIND_20FT_SHARE, MeasuredWind
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.predictive_planner import (
+    PredictivePlanner,
+    PredictiveSettings,
+    model_of,
+)
+
+SEED = 1
+
+
+def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanner:
+    """One for a fire whose ignition is known; it turns on the spot, as in the paper."""
+    cell_m = burn.landscape.cell_size_m
+    settings = PredictiveSettings(
+        clockwise_first=True,
+        ignition_known=True,
+        speed_cells_s=burn.speed_m_s / cell_m,
+        turn_radius_cells=0.0,
+        flies_in_wind=False,
+        wind_20ft_share=WIND_20FT_SHARE,
+        path=PathSettings(horizon_cells=80.0, lookahead_cells=1.0),
+    )
+    centre = (float(burn.ignition[0]), float(burn.ignition[1]))
+    model = model_of(burn.landscape, burn.weather.entries[0]) if modelled else None
+    return PredictivePlanner(settings, burn.arrival_s.shape, centre, 0.0, cell_m, model)
+
+
+def fly_predictive(burn: Burn, seed: int = SEED) -> Flight:
+    """Flown with a measured wind; the shape is the planner's estimate."""
+    measured = MeasuredWind(burn.weather, seed)
+    return fly(burn, predictive_planner(burn), hull=False, measured=measured)

@@ -1,0 +1,93 @@
+"""Islam & Hu, section VI: one vehicle on six fires."""
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firemodel.spread.schemes import SchemeName
+from mission_service.experiments.fires import HOUR_S, Burn
+from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
+from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
+from mission_service.experiments.islam_hu.scenarios import (
+    ALPHAS,
+    COMPARED,
+    ISLAM_HU,
+    PLANNERS,
+    changes_s,
+    islam_hu_burn,
+    perimeter_planner,
+)
+
+
+def run(
+    out: Path | None,
+    names: tuple[str, ...] = tuple(ISLAM_HU),
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Fly all planners over all fires, on two cores; figures as PNG in ``out``, if given.
+
+    Cells are 30 m. ``alpha_sweep`` is the damped rule; ``attention`` is its reversals and the
+    share of time north of the ignition, at alpha 1, before and after the fire changes.
+    """
+    found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
+    cases = list(product(names, COMPARED))
+    with ProcessPoolExecutor(2) as pool:
+        parts = pool.map(on_one_fire, *zip(*cases, strict=True), [out] * len(cases))
+        for number, ((name, scheme), part) in enumerate(zip(cases, parts, strict=True), 1):
+            progress(f"{name}, {scheme}: flown ({number} of {len(cases)})")
+            for key, rows in part.items():
+                found[key] += rows
+    return found
+
+
+def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, list[dict[str, Any]]]:
+    """All flights over one fire."""
+    burn = islam_hu_burn(name, scheme)
+    which = {"scenario": name, "scheme": scheme}
+    flights = {planner: fly(burn, make(burn)) for planner, make in PLANNERS.items()}
+    flights["predictive"] = fly_predictive(burn)
+    sweep = {
+        alpha: flights["damped"]
+        if alpha == 1.0
+        else fly(burn, perimeter_planner(burn, "damped", alpha))
+        for alpha in ALPHAS
+    }
+    if out:
+        from mission_service.experiments.islam_hu.figures import draw
+
+        draw(out, burn, flights, sweep)
+    return {
+        "alpha_sweep": [
+            {**which, "alpha": alpha, "reversals": len(flight.reversals)}
+            for alpha, flight in sweep.items()
+        ],
+        "distance_error": [
+            {
+                **which,
+                "planner": planner,
+                "reversals": len(flight.reversals),
+                "mean_max_cells": round(float(flight.max_error.mean()), 3),
+                "mean_mean_cells": round(float(flight.mean_error.mean()), 3),
+            }
+            for planner, flight in flights.items()
+        ],
+        "attention": [{**which, **attention(burn, flights["damped"])}],
+    }
+
+
+def attention(burn: Burn, flight: Flight) -> dict[str, float]:
+    """Reversals, and the share of time north of the ignition, before and after the change."""
+    at_s = changes_s(burn)
+    earlier, turns_earlier = flight.track[:, 0] < at_s, flight.reversals[:, 0] < at_s
+    north = flight.track[:, 1] < burn.ignition[0]
+    return {
+        "changes_h": round(at_s / HOUR_S, 2),
+        "reversals_before": int(np.count_nonzero(turns_earlier)),
+        "reversals_after": int(np.count_nonzero(~turns_earlier)),
+        "time_north_before": round(float(north[earlier].mean()), 3),
+        "time_north_after": round(float(north[~earlier].mean()), 3),
+    }

@@ -1,0 +1,1 @@
+"""The "Virtual agents" paper, section 6: fixed wings in formation around a fire."""

@@ -1,0 +1,72 @@
+"""The inner loops of ``ideal_world``: conflicts, headings and flight of all vehicles."""
+
+import math
+
+import numpy as np
+
+from firemodel.compiled import kernel
+from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
+from mission_service.guidance.formation.rvo_kernels import meets_after_s
+
+# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
+# every turn, a hundred times for each collision, where the paper has two.
+CONFLICT_WITHIN_S = 5.0
+ANEW_S = 2.0  # a conflict that has been over for so long begins again
+
+
+@kernel
+def count_meetings(  # type: ignore[no-untyped-def]
+    at_s, places_m, velocities_m_s, wanted_m_s, heights_m, apart_m, neighbourhood_m,
+    in_conflict_s, together,
+):  # fmt: skip
+    """Conflicts and collisions that begin now, and the least distance of any two."""
+    conflicts, collisions, closest_m = 0, 0, np.inf
+    for a in range(len(places_m)):
+        for b in range(a):
+            x, y = places_m[b, 0] - places_m[a, 0], places_m[b, 1] - places_m[a, 1]
+            distance_m = math.sqrt(x * x + y * y + (heights_m[b] - heights_m[a]) ** 2)
+            closest_m = min(closest_m, distance_m)
+            if distance_m < apart_m and not together[a, b]:
+                collisions += 1
+            together[a, b] = distance_m < apart_m
+            if distance_m > neighbourhood_m:
+                continue
+            mean_x = velocities_m_s[a, 0] + velocities_m_s[b, 0]
+            mean_y = velocities_m_s[a, 1] + velocities_m_s[b, 1]
+            of_a = meets_after_s(
+                x, y, 2.0 * wanted_m_s[a, 0] - mean_x, 2.0 * wanted_m_s[a, 1] - mean_y, apart_m
+            )
+            of_b = meets_after_s(
+                -x, -y, 2.0 * wanted_m_s[b, 0] - mean_x, 2.0 * wanted_m_s[b, 1] - mean_y, apart_m
+            )
+            if min(of_a, of_b) < CONFLICT_WITHIN_S:
+                if at_s - in_conflict_s[a, b] > ANEW_S:
+                    conflicts += 1
+                in_conflict_s[a, b] = at_s
+    return conflicts, collisions, closest_m
+
+
+@kernel
+def wanted_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
+    """Fill ``headings_rad`` (n): where eqs. 14 and 15 lead each vehicle."""
+    for k in range(headings_rad.size):
+        headings_rad[k] = wanted_heading_rad(
+            places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
+            orbits[k, 0], orbits[k, 1], orbits[k, 2], wind_x, wind_y, step_s, bank_rad,
+        )  # fmt: skip
+
+
+@kernel
+def fly_all(  # type: ignore[no-untyped-def]
+    places_m, motion, headings_rad, airspeeds_m_s, wind_x, wind_y, step_s, bank_rad, velocities_m_s
+):
+    """One step of all: ``motion`` (n, 2) is heading and airspeed."""
+    for k in range(headings_rad.size):
+        x_m, y_m, heading_rad, airspeed_m_s = heading_step(
+            places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
+            headings_rad[k], airspeeds_m_s[k], wind_x, wind_y, step_s, bank_rad,
+        )  # fmt: skip
+        places_m[k, 0], places_m[k, 1] = x_m, y_m
+        motion[k, 0], motion[k, 1] = heading_rad, airspeed_m_s
+        velocities_m_s[k, 0] = airspeed_m_s * math.cos(heading_rad) + wind_x
+        velocities_m_s[k, 1] = airspeed_m_s * math.sin(heading_rad) + wind_y

@@ -1,0 +1,167 @@
+"""The area to be monitored around the true fire, and how well it is: for evaluation (section 6.2).
+
+It is no input of any UAV. Like the agents' maps it consists of counts of the cells of fire within
+reach, to which a cell that begins to burn adds a disc. Cells with a priority are also in a list,
+because the metrics are computed far more often than the fire grows.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from mission_service.experiments.virtual_agents.camera_footprint import Footprint, cells_in_view
+from mission_service.guidance.formation.agent_maps import check_cells, disc, no_counts, stamp
+from mission_service.guidance.formation.map_grid import MapGrid
+
+Cells = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
+SEEN_WITHIN_S = 60.0  # UAV coverage is of this long
+
+
+class MonitoringArea:
+    """Priorities of all cells for a fire that only grows.
+
+    ``priority`` (y, x): 1 within ``near_m`` of fire, 0.2 within ``monitoring_m``, 0 on fire and
+    elsewhere; ``cells`` (n) are those above 0, and ``priorities`` (n) theirs.
+    """
+
+    def __init__(self, grid: MapGrid, near_m: float, monitoring_m: float) -> None:
+        self.grid = grid
+        self.fire: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
+        self._near, self._far = disc(near_m / grid.cell_m), disc(monitoring_m / grid.cell_m)
+        self._near_fire = no_counts(grid.shape, self._near)
+        self._far_fire = no_counts(grid.shape, self._far)
+        self._sums = np.zeros(3, dtype=np.int64)
+        self._views: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
+        self._view = 0
+        self.priority: Floats = np.zeros(grid.shape)
+        self._cells: Cells = np.empty(grid.rows * grid.cols, dtype=np.int64)
+        self._priorities: Floats = np.empty(grid.rows * grid.cols)
+        self.cells, self.priorities = self._cells[:0], self._priorities[:0]
+        # What fire can give a priority: first row and column, and where they end.
+        self._window: Cells = np.array((*grid.shape, 0, 0))
+
+    def burn(self, arrival_s: Floats, at_s: float) -> None:
+        """Add the cells that burn at ``at_s`` by the true fire's arrival times (y, x)."""
+        self.add_fire(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
+
+    def add_fire(self, cells: Cells) -> None:
+        """Add cells that burn now. Raises MissionServiceError for a cell off the map."""
+        if not len(cells):
+            return
+        check_cells(cells, self.grid.shape)
+        stamp(
+            cells,
+            True,
+            self.fire,
+            self._near,
+            self._near_fire,
+            self._far,
+            self._far_fire,
+            self._sums,
+        )
+        rows, cols = np.divmod(cells, self.grid.cols)
+        k = len(self._far) // 2
+        self._window[:2] = np.minimum(self._window[:2], (rows.min() - k, cols.min() - k))
+        self._window[2:] = np.maximum(self._window[2:], (rows.max() + k + 1, cols.max() + k + 1))
+        count = _priorities(
+            self.fire,
+            self._near_fire,
+            self._far_fire,
+            self._window,
+            self.priority,
+            self._cells,
+            self._priorities,
+        )
+        self.cells, self.priorities = self._cells[:count], self._priorities[:count]
+
+    def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:
+        """Share of the priorities within ``coverage_m`` of a virtual agent; ``agents_m`` (n, 2)."""
+        cell_m = self.grid.cell_m
+        rows = (self.grid.north_m - agents_m[:, 1]) / cell_m - 0.5
+        cols = (agents_m[:, 0] - self.grid.west_m) / cell_m - 0.5
+        share: float = _near_agents(
+            self.cells, self.priorities, self.grid.cols, rows, cols, coverage_m / cell_m
+        )
+        return share
+
+    def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
+        """Share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x) are times."""
+        share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
+        return share
+
+    def efficiency(self, footprints: Sequence[Footprint]) -> float:
+        """Priorities in all footprints together over the sum of each one's; 1 without any."""
+        union = total = 0.0
+        self._view += 1
+        priorities, views = self.priority.ravel(), self._views.ravel()
+        for footprint in footprints:
+            cells = cells_in_view(self.grid, footprint)
+            new, all_of_it = _in_view(cells, priorities, views, self._view)
+            union += new
+            total += all_of_it
+        return union / total if total else 1.0
+
+
+def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bool_]]) -> float:
+    """How many cells a UAV's map has wrong, on average; all maps (y, x)."""
+    return sum(np.count_nonzero(true_fire != fire) for fire in fires) / len(fires)
+
+
+@kernel
+def _priorities(  # type: ignore[no-untyped-def]
+    fire, near_fire, far_fire, window, priority, cells, priorities
+):
+    """Priorities of a window; fills ``cells`` and ``priorities``, returns how many are above 0."""
+    rows, cols = fire.shape
+    count = 0
+    for r in range(max(window[0], 0), min(window[2], rows)):
+        for c in range(max(window[1], 0), min(window[3], cols)):
+            if fire[r, c] or far_fire[r, c] == 0:
+                priority[r, c] = 0.0
+                continue
+            priority[r, c] = priorities[count] = NEAR if near_fire[r, c] else FAR
+            cells[count] = r * cols + c
+            count += 1
+    return count
+
+
+@kernel
+def _near_agents(cells, priorities, cols, agent_rows, agent_cols, reach):  # type: ignore[no-untyped-def]
+    found, total = 0.0, 0.0
+    reach2 = reach * reach + 1e-9
+    for i in range(cells.size):
+        total += priorities[i]
+        row, col = cells[i] // cols, cells[i] % cols
+        for k in range(agent_rows.size):
+            down, right = agent_rows[k] - row, agent_cols[k] - col
+            if down * down + right * right <= reach2:
+                found += priorities[i]
+                break
+    return found / total if total > 0.0 else 0.0
+
+
+@kernel
+def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
+    found, total = 0.0, 0.0
+    for i in range(cells.size):
+        total += priorities[i]
+        if seen_s[cells[i]] >= since_s:
+            found += priorities[i]
+    return found / total if total > 0.0 else 0.0
+
+
+@kernel
+def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
+    """Priorities in a view that are in none with this number yet, and all of them."""
+    new, total = 0.0, 0.0
+    for cell in cells:
+        total += priorities[cell]
+        if views[cell] != view:
+            views[cell] = view
+            new += priorities[cell]
+    return new, total

@@ -1,0 +1,47 @@
+"""A camera that looks straight down, and its footprint on the ground."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.config.sections import VehicleSection
+
+EDGE = 1e-9  # of the unit of lengths; what is on an edge is inside
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Its footprint is a disc, or, with ``along_rad``, a rectangle that turns with the vehicle.
+
+    Fields of view in rad: across the track, and along it.
+    """
+
+    across_rad: float
+    along_rad: float | None = None
+
+    def half_width_m(self, height_m: float) -> float:
+        """Radius of the disc, or half the width across the track, from a height above ground."""
+        return max(height_m, 0.0) * math.tan(self.across_rad / 2.0)
+
+    def half_length_m(self, height_m: float) -> float:
+        """Half the length along the track; 0 for a disc."""
+        return max(height_m, 0.0) * math.tan((self.along_rad or 0.0) / 2.0)
+
+
+def beyond_rectangle(
+    south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
+) -> NDArray[np.bool_]:
+    """Which places (arrays) are outside a rectangle around 0, 0, its length along a heading."""
+    cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+    ahead, right = east * sin - south * cos, east * cos + south * sin
+    return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))
+
+
+def camera_of(vehicle: VehicleSection) -> Camera:
+    """The camera a vehicle carries."""
+    along_deg = vehicle.camera_along_deg
+    along_rad = None if along_deg is None else math.radians(along_deg)
+    return Camera(math.radians(vehicle.camera_fov_deg), along_rad)

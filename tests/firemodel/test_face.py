@@ -1,0 +1,77 @@
+"""``import firemodel``: what a notebook uses, and that it costs nothing until it is used."""
+
+import doctest
+import inspect
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import firemodel
+from firemodel import simulate
+from tests.firemodel.grids import landscape, steady
+
+FUNCTIONS = [name for name in firemodel.__all__ if inspect.isfunction(getattr(firemodel, name))]
+
+
+def test_the_example_of_burn_gives_what_it_says() -> None:
+    found = doctest.testmod(simulate)
+    assert found.attempted >= 4
+    assert found.failed == 0
+
+
+def test_all_names_are_there_and_no_others() -> None:
+    assert sorted(firemodel.__all__) == sorted(firemodel._MODULES)
+    assert set(firemodel.__all__) <= set(dir(firemodel))
+    with pytest.raises(AttributeError, match="'firemodel' has no attribute 'flames'"):
+        _ = firemodel.flames
+
+
+def test_the_import_takes_no_library() -> None:
+    code = "import firemodel, sys; print([n for n in ('numpy', 'numba') if n in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_each_function_is_documented(name: str) -> None:
+    function = getattr(firemodel, name)
+    text = inspect.getdoc(function) or ""
+    assert "Args:" in text
+    assert ("Returns:" in text) == (inspect.signature(function).return_annotation is not None)
+    for parameter in inspect.signature(function).parameters:
+        assert f"\n    {parameter}: " in text, parameter
+
+
+def test_a_burn_of_one_s_own_landscape_weather_and_file(tmp_path: Path) -> None:
+    land = landscape()
+    lat, lon = land.lat_lon_of(*land.xy_of(10, 12))
+    point = {"type": "Point", "coordinates": [float(lon), float(lat)]}
+    path = tmp_path / "lit.geojson"
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": point}))
+    weather = steady()
+    by_place = firemodel.burn(land, weather, [(float(lat), float(lon))], duration_s=1800.0)
+    by_file = firemodel.burn(land, weather.at(0.0), path, duration_s=1800.0)
+    assert by_place.arrival_time_s[10, 12] == 0.0
+    assert by_place.burned_ha > 0.1
+    assert np.array_equal(by_place.arrival_time_s, by_file.arrival_time_s)
+    middle = firemodel.burn(land, duration_s=60.0, scheme="devs8", wind_limit=True)
+    assert np.argwhere(middle.arrival_time_s == 0.0).tolist() == [[20, 20]]
+
+
+def test_an_ignition_off_the_landscape_is_refused() -> None:
+    with pytest.raises(firemodel.FireModelError, match=r"lat 0\.0, lon 0\.0 lies outside"):
+        firemodel.burn(landscape(), ignitions=[(0.0, 0.0)])
+
+
+def test_a_scheme_by_chance_takes_its_settings() -> None:
+    fires = [
+        firemodel.burn(landscape(), scheme="probabilistic", p_spread=0.1, update_s=60.0, seed=seed)
+        for seed in (1, 1, 2)
+    ]
+    one, same, other = (fire.arrival_time_s for fire in fires)
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)
