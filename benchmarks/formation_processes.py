@@ -23,7 +23,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import aiomqtt
 import numpy as np
@@ -263,8 +263,7 @@ def map_of(journal: Path) -> NDArray[np.bool_]:
     for entry in reader:
         if entry.is_event:
             core.handle(entry.content)  # type: ignore[arg-type]
-    assert isinstance(core.leader, FormationFlight)
-    (seat,) = core.leader.formation.seats.values()
+    (seat,) = cast(FormationFlight, core.leader).formation.seats.values()
     return seat.agent.map.fire
 
 

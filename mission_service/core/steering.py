@@ -49,10 +49,14 @@ class Steering:
     """What steers a scenario's vehicles, fed with events."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, planners: Mapping[str, Steered]
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        planners: Mapping[str, Steered],
+        presence: dict[str, Presence],
     ) -> None:
         self.planners = planners
-        self.presence = {section.name: Presence() for section in scenario.vehicles}
+        self.presence = presence
         self._landscape = landscape
         self._deploy_at_s = scenario.deploy_at_s
         burn = scenario.burn

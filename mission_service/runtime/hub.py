@@ -12,7 +12,6 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
-from mission_service.guidance.front.controller import FrontFlight
 from mission_service.missions.figures import Figures, figures_of
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import MissionClock
@@ -101,13 +100,7 @@ class Hub:
     @property
     def believed(self) -> "BelievedFire | None":
         """The fire that a burn's plans are made on; None where nothing is burned on purpose."""
-        if self.scenario.burn_flown is None:
-            return None
-        from mission_service.guidance.burn.controller import BurnFlight  # not for all who start
-
-        leader = self.core.leader
-        assert isinstance(leader, BurnFlight)
-        return leader.state.fire
+        return self.core.leader.estimated_fire
 
     def weather(self) -> Weather:
         """What is reckoned with now, as the scenario has it or people have told."""
@@ -119,11 +112,9 @@ class Hub:
 
         None where there is nothing to preview: it was not heard, or its rule makes no missions.
         """
-        leader, known = self.core.leader, self.core.vehicles[vehicle]
+        known = self.core.vehicles[vehicle]
         here = known.presence.here
-        if here is None or not isinstance(leader, FrontFlight):
-            return None
-        return leader.preview(known, here)
+        return None if here is None else self.core.leader.preview(known, here)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
         """What a mission of a vehicle leads to, from where it is now."""

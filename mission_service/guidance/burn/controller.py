@@ -47,6 +47,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.fire.estimated import BelievedFire
 from mission_service.fire.setup import weather_of
 from mission_service.guidance.burn.approval import Approvals
 from mission_service.guidance.burn.checklist import Checklist
@@ -57,7 +58,7 @@ from mission_service.guidance.burn.planner import LinePlan, NoPlan
 from mission_service.guidance.burn.recheck import trouble
 from mission_service.guidance.burn.state import BurnState
 from mission_service.guidance.burn.watch import Wind, mean_wind, wind_differs
-from mission_service.guidance.protocol import Decision
+from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -74,12 +75,13 @@ AT_END_M = 3.0
 WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
 
 
-class BurnFlight:
+class BurnFlight(Guidance):
     """Leads the one vehicle of a burn."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape, missions: MissionsSent) -> None:
         assert scenario.burn is not None  # by the scenario's own check
         burn, section = scenario.burn, scenario.vehicles[0]
+        self.planners = {section.name: Undecided()}
         self.state = BurnState(burn, landscape, weather_of(scenario), section)
         self._refuse_stations_inside()
         self.approvals = Approvals(burn)
@@ -338,6 +340,16 @@ class BurnFlight:
             **self.state.places(),
         }
 
+    def awaited(self) -> Awaited:
+        """The approval of the plan that is proposed, and answers to open items."""
+        plan = "" if self.approvals.approval is not None else self.approvals.plan_hash
+        return Awaited(plan, not self.checklist.complete)
+
+    @property
+    def estimated_fire(self) -> BelievedFire:
+        """The fire that its plans are made on."""
+        return self.state.fire
+
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
@@ -520,6 +532,13 @@ class BurnFlight:
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []
+
+
+def burn_flight(guidance: Guidance) -> BurnFlight:
+    """The guidance of a run that is a burn. Raises MissionServiceError for another."""
+    if not isinstance(guidance, BurnFlight):
+        raise MissionServiceError("this run flies no burn")
+    return guidance
 
 
 class Undecided:

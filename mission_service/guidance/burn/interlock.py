@@ -14,6 +14,7 @@ import msgspec
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from autopilot_bridge.items import MissionItem
 from mission_service.commands import (
     AnyCommand,
     ClimbAndHold,
@@ -45,6 +46,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.ground_distance import distance_m
+from mission_service.guidance.burn.mission import has_drop
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 POSITION_GOOD_US = 1_500_000
@@ -313,6 +315,10 @@ class Interlock:
             or self._place_refuses(known.plan, drop)
             or self._payload_refuses(drop.vehicle, at_us)
         )
+
+    def may_drop(self, items: Iterable[MissionItem]) -> bool:
+        """Whether anything in a mission may switch an output."""
+        return has_drop(items)
 
     def _plan_refuses(self, name: str, known: _Plan, drop: Drop, at_us: int) -> str | None:
         plan = known.plan

@@ -1,6 +1,6 @@
 """Flight along a front: a rolling mission, renewed when it is no longer what should be flown."""
 
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 import shapely
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import Announce, AnyCommand, Decided, UploadMission
+from mission_service.commands import Announce, AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
-from mission_service.events import CrewEvent, Observed, SettingsTold, VehicleEvent
+from mission_service.events import TUNED, CrewEvent, Observed, SettingsTold, VehicleEvent
 from mission_service.guidance.front.advice import Adviser, Wishes
 from mission_service.guidance.front.perimeter import PerimeterPlanner
-from mission_service.guidance.protocol import Decision, Planner
+from mission_service.guidance.protocol import Compared, Decision, Guidance, Planner, decided
 from mission_service.guidance.team.team import Seat
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
@@ -32,14 +32,16 @@ CHECK_EVERY_S = 2.0
 CLOSE_BELOW = "another flies close below"
 
 
-class FrontFlight:
+class FrontFlight(Guidance):
     """Leads each vehicle as its planner has it; ``planners`` by name."""
+
+    planners: Mapping[str, Planner]
 
     def __init__(
         self,
         scenario: Scenario,
         landscape: Landscape,
-        planners: dict[str, Planner],
+        planners: Mapping[str, Planner],
         spacing: Spacing,
         missions: MissionsSent,
     ) -> None:
@@ -78,18 +80,6 @@ class FrontFlight:
                 words = f"the rule {rule} has no such settings: nothing was changed"
                 commands.append(Announce(name, words, "warning"))
         return commands
-
-    def status(self) -> dict[str, Any]:
-        """Nothing to tell."""
-        return {"complete": True}
-
-    def in_mission(self, name: str) -> bool:
-        """Always."""
-        return True
-
-    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
-        """The autopilot's own."""
-        return None
 
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
         """To where the fire is said to be; it finds the front on its way."""
@@ -199,6 +189,20 @@ class FrontFlight:
             path = np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
         return self.items(vehicle, path, here)
 
+    def compared(self, name: str, here: Here) -> Compared | None:
+        """The importances of the front's cells; None before a first lap, and of other planners."""
+        planner = self.planners[name]
+        if not isinstance(planner, PerimeterPlanner) or planner.phase != "monitor":
+            return None
+        return planner.compared(here.row, here.col, here.at_s)
+
+    def settings(self) -> dict[str, float]:
+        """As the perimeter planners have them."""
+        for planner in self.planners.values():
+            if isinstance(planner, PerimeterPlanner):
+                return {name: getattr(planner.settings, name) for name in TUNED}
+        return {}
+
     def _upload(
         self, vehicle: Vehicle, path: Floats, here: Here, why: str, keeps_apart: bool = False
     ) -> UploadMission:
@@ -231,16 +235,3 @@ def _takes_off(vehicle: Vehicle) -> bool:
 
 def _in_words(told: SettingsTold) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in told.given.items())
-
-
-def decided(name: str, planner: Planner, decision: Decision) -> Decided:
-    """A decision as it is told and recorded."""
-    return Decided(
-        name,
-        "clockwise" if decision.clockwise else "anticlockwise",
-        decision.reversed,
-        planner.reversals,
-        decision.importance_back,
-        decision.importance_front,
-        decision.front_cells,
-    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from mission_service.config.scenario import Scenario
 from mission_service.guidance.team.benchmarks import Bumper, Circling
 from mission_service.guidance.team.bent_back_and_forth import back_and_forth
 from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
@@ -35,3 +36,9 @@ def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRul
     steer = (PLANNERS | LATER_PLANNERS)[planner]  # type: ignore[operator]
     negotiate = (NEGOTIATIONS | LATER_NEGOTIATIONS)[negotiation]  # type: ignore[operator]
     return RegionTeam(steer, negotiate, exponential=importance == "exponential")
+
+
+def bent(scenario: Scenario) -> TeamRule:
+    """The rule that a scenario names."""
+    told = scenario.planner
+    return bent_rule(told.rule.removeprefix("team."), told.negotiation, told.importance)

@@ -1,0 +1,27 @@
+"""A team's seats, which are its vehicles' planners, from the scenario."""
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.front.planners import ground_of, path_settings, turn_back_s
+from mission_service.guidance.protocol import Planner
+from mission_service.guidance.team.ring import TeamRule
+from mission_service.guidance.team.team import Flyer, Team, TeamSettings
+
+
+def seats_of(rule: TeamRule, scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
+    """A planner for each vehicle of a scenario, by name: its seat in one team."""
+    told, ground = scenario.planner, ground_of(scenario, landscape)
+    settings = TeamSettings(
+        cell_m=landscape.cell_size_m,
+        clockwise_first=told.first_direction == "clockwise",
+        ignition_known=told.ignition_known,
+        baseline_s=told.baseline_s,
+        smoothing_deg=told.smoothing_deg,
+        path=path_settings(scenario, landscape.cell_size_m),
+    )
+    flyers = {
+        section.name: Flyer(section.airspeed_m_s, turn_back_s(section))
+        for section in scenario.vehicles
+    }
+    team = Team(rule, settings, flyers, landscape.shape, ground.centre, ground.burns_from_s)
+    return {name: team.seat(name) for name in flyers}
