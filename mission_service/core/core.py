@@ -47,8 +47,9 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.front.unwatched import FrontWatch
-from mission_service.guidance.protocol import Decision, Guidance, WayOfFlying
+from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
+from mission_service.guidance.way import WayOfFlying
 from mission_service.missions.landing import Landing
 from mission_service.position_fix import Here
 from mission_service.vehicles.approvals import MissionApprovals

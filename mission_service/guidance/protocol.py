@@ -1,28 +1,23 @@
-"""What a way of flying is: planners, the guidance that has vehicles fly by them, its description.
+"""What flies vehicles: planners, and the guidance that has vehicles fly by them.
 
 A planner steers one vehicle. Several vehicles that share a plan each have a seat in the team's
 planner; a seat is a planner too. Planners are pure: no clock, no network, no randomness of their
 own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, Decided, Drop
-from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
 from mission_service.events import AnyEvent, CrewEvent, Observed, VehicleEvent
 from mission_service.position_fix import Here
-from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle
-from mission_service.vehicles.traffic import Spacing
 
 if TYPE_CHECKING:
     from mission_service.fire.estimated import BelievedFire
@@ -212,26 +207,3 @@ class Lock(Protocol):
 
     def status(self) -> dict[str, Any]:
         """What it knows, for people and programs."""
-
-
-@dataclass(frozen=True, slots=True)
-class WayOfFlying:
-    """A way of flying, as all others see it; one for each folder of ``guidance/``.
-
-    What is heavy to import is imported by its functions when they are called.
-    """
-
-    rules: tuple[str, ...]  # of ``planner.rule``
-    guidance: Callable[[Scenario, Landscape, Spacing, MissionsSent], Guidance]
-    warm_up: Callable[[Scenario, Landscape], None]  # has everything compiled before anybody flies
-    first_mission: Callable[[Scenario, VehicleSection, Landscape], tuple[MissionItem, ...]]
-    section: type[BaseModel] | None = None  # of the table that has the rule's name
-    check: Callable[[Scenario], None] = lambda scenario: None  # raises ValueError
-    along_front: bool = False  # ``planners`` decide which way, missions are renewed as it moves
-    prescribed: bool = False  # a burn: people approve each plan, and the fire is their estimate
-    resumes_mission: bool = False  # told to resume, a vehicle flies the mission it has on board
-    messages_peers: bool = False  # with vehicles of other processes
-    changes_airspeed: bool = False  # up to a vehicle's ``most_airspeed_m_s``
-    rates_hz: Mapping[int, float] = field(default_factory=dict)  # by id, other than the usual ones
-    return_height_m: Callable[[Scenario, Landscape], float | None] = lambda scenario, land: None
-    lock: Callable[[Scenario, Landscape], Lock | None] = lambda scenario, land: None

@@ -1,18 +1,21 @@
 """The ways of flying of this package, a line for each; those of others are entry points.
 
-A folder's ``way.py`` describes it and is quick to import: what flies is imported when it does.
+Both are looked up by their rule in ``config/rules.py``.
 """
 
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
-from firemodel.landscape.landscape import Landscape
 from mission_service.config.rules import way_named
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.burn.way import BURN
 from mission_service.guidance.formation.way import FORMATION
 from mission_service.guidance.front.way import FRONT
-from mission_service.guidance.protocol import Lock, WayOfFlying
 from mission_service.guidance.team.way import TEAM
+from mission_service.guidance.way import WayOfFlying
+
+if TYPE_CHECKING:
+    from firemodel.landscape.landscape import Landscape
+    from mission_service.guidance.protocol import Lock
 
 WAYS = (FRONT, TEAM, FORMATION, BURN)
 
@@ -27,10 +30,7 @@ def way_for(rule: str) -> WayOfFlying:
     return cast(WayOfFlying, way_named(rule))
 
 
-def lock_of(scenario: Scenario, landscape: Landscape) -> Lock | None:
+def lock_of(scenario: Scenario, landscape: "Landscape") -> "Lock | None":
     """The last check of commands, if the scenario's tables need one, whatever its rule is."""
-    for way in (way_of(scenario), *WAYS):
-        lock = way.lock(scenario, landscape)
-        if lock is not None:
-            return lock
-    return None
+    locks = (way.lock(scenario, landscape) for way in (*WAYS, way_of(scenario)))
+    return next((lock for lock in locks if lock is not None), None)

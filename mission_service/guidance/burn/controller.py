@@ -63,6 +63,7 @@ from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
+from mission_service.vehicles.traffic import Spacing
 
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
@@ -78,7 +79,9 @@ WIND_FOR = 3  # measurements in a row that must differ before the wind counts as
 class BurnFlight(Guidance):
     """Leads the one vehicle of a burn."""
 
-    def __init__(self, scenario: Scenario, landscape: Landscape, missions: MissionsSent) -> None:
+    def __init__(
+        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
+    ) -> None:
         assert scenario.burn is not None  # by the scenario's own check
         burn, section = scenario.burn, scenario.vehicles[0]
         self.planners = {section.name: Undecided()}

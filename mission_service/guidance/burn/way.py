@@ -1,24 +1,12 @@
 """The way of flying a prescribed burn: a copter drops lines that people approve one by one."""
 
-from typing import TYPE_CHECKING
-
-import numpy as np
-import shapely
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.orders import Dropper, drop
-from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.guidance.front.way import to_the_fire
-from mission_service.guidance.protocol import Guidance, WayOfFlying
-from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.traffic import Spacing
-
-if TYPE_CHECKING:
-    from mission_service.guidance.burn.interlock import Interlock
+from mission_service.guidance.way import WayOfFlying, later
 
 
 def _check(scenario: Scenario) -> None:
@@ -37,50 +25,12 @@ def _check(scenario: Scenario) -> None:
         raise ValueError('rule = "burn" is for one vehicle: others would fly in each other\'s fire')
 
 
-def _guidance(
-    scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
-) -> Guidance:
-    from mission_service.guidance.burn.controller import BurnFlight
-
-    return BurnFlight(scenario, landscape, missions)
-
-
-def _warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    from mission_service.guidance.burn.warm_up import warm_up
-
-    warm_up(scenario, landscape)
-
-
-def _return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
-    from mission_service.guidance.burn.mission import return_height_m
-
-    return return_height_m(scenario, landscape)
-
-
-def interlock_of(scenario: Scenario, landscape: Landscape) -> "Interlock | None":
-    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
-    burn = scenario.burn
-    if burn is None:
-        return None
-    from mission_service.guidance.burn.interlock import Interlock
-
-    if burn.unit_file is None:
-        return Interlock(burn)
-    from firemodel.landscape.readers.shapes import read_shapes
-
-    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
-        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
-        return np.column_stack([lon, lat])
-
-    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
-    return Interlock(burn, shapely.transform(unit, lon_lat))
-
-
+FOLDER = __package__
+INTERLOCK = later(f"{FOLDER}.interlock:interlock_of")
 BURN = WayOfFlying(
     rules=("burn",),
-    guidance=_guidance,
-    warm_up=_warm_up,
-    first_mission=to_the_fire,
+    guidance=later(f"{FOLDER}.controller:BurnFlight"),
+    warm_up=later(f"{FOLDER}.warm_up:warm_up"),
     check=_check,
     prescribed=True,
     rates_hz={
@@ -89,6 +39,6 @@ BURN = WayOfFlying(
         mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
     },
-    return_height_m=_return_height_m,
-    lock=interlock_of,
+    return_height_m=later(f"{FOLDER}.mission:return_height_m"),
+    lock=lambda scenario, land: scenario.burn and INTERLOCK(scenario.burn, land),
 )

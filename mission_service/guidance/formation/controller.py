@@ -55,7 +55,7 @@ from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
-from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M
+from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, Spacing
 
 Floats = NDArray[np.float64]
 
@@ -127,12 +127,12 @@ class FormationFlight(Guidance):
     """Leads each vehicle as its agent means it to fly."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, formation: Formation, missions: MissionsSent
+        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
     ) -> None:
         self.scenario = scenario
         self.landscape = landscape
-        self.formation = formation
-        self.planners = formation.seats
+        self.formation = Formation(scenario, landscape)
+        self.planners = self.formation.seats
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()

@@ -1,12 +1,7 @@
 """The way of flying in a formation: fixed wings that loiter around the fire."""
 
-from autopilot_bridge.items import MissionItem
-from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
-from mission_service.guidance.protocol import Guidance, WayOfFlying
-from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.traffic import Spacing
+from mission_service.guidance.way import WayOfFlying, later
 
 
 def _check(scenario: Scenario) -> None:
@@ -21,34 +16,12 @@ def _check(scenario: Scenario) -> None:
             )
 
 
-def _guidance(
-    scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
-) -> Guidance:
-    from mission_service.guidance.formation.controller import FormationFlight
-    from mission_service.guidance.formation.seats import Formation
-
-    return FormationFlight(scenario, landscape, Formation(scenario, landscape), missions)
-
-
-def _warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    from mission_service.guidance.formation.warm_up import warm_up
-
-    warm_up(scenario.formation.avoidance)
-
-
-def _first_mission(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> tuple[MissionItem, ...]:
-    from mission_service.guidance.formation.controller import mission_to_place
-
-    return mission_to_place(scenario, section, landscape)
-
-
+FOLDER = __package__
 FORMATION = WayOfFlying(
     rules=("formation",),
-    guidance=_guidance,
-    warm_up=_warm_up,
-    first_mission=_first_mission,
+    guidance=later(f"{FOLDER}.controller:FormationFlight"),
+    warm_up=later(f"{FOLDER}.warm_up:warm_up"),
+    first_mission=later(f"{FOLDER}.controller:mission_to_place"),
     check=_check,
     resumes_mission=True,
     messages_peers=True,

@@ -13,6 +13,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import TUNED, CrewEvent, Observed, SettingsTold, VehicleEvent
 from mission_service.guidance.front.advice import Adviser, Wishes
 from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.way import Planners
 from mission_service.guidance.protocol import Compared, Decision, Guidance, Planner, decided
 from mission_service.guidance.team.team import Seat
 from mission_service.missions.approach import approach_path
@@ -39,18 +40,18 @@ class FrontFlight(Guidance):
 
     def __init__(
         self,
+        planners: Planners,
         scenario: Scenario,
         landscape: Landscape,
-        planners: Mapping[str, Planner],
         spacing: Spacing,
         missions: MissionsSent,
     ) -> None:
         self.scenario = scenario
         self.landscape = landscape
-        self.planners = planners
+        self.planners = planners(scenario, landscape)
         self.spacing = spacing
         self._missions = missions
-        self._phase = dict.fromkeys(planners, "")
+        self._phase = dict.fromkeys(self.planners, "")
         self._corrected: set[str] = set()  # those whose whole path is to be compared
         self._adviser = Adviser(
             Wishes(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)

@@ -1,14 +1,17 @@
 """A team's seats, which are its vehicles' planners, from the scenario."""
 
+from pkgutil import resolve_name
+
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.front.planners import ground_of, path_settings, turn_back_s
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.ring import TeamRule
 from mission_service.guidance.team.team import Flyer, Team, TeamSettings
+from mission_service.guidance.team.way import FOLDER, RULES
 
 
-def seats_of(rule: TeamRule, scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
+def seats_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
     """A planner for each vehicle of a scenario, by name: its seat in one team."""
     told, ground = scenario.planner, ground_of(scenario, landscape)
     settings = TeamSettings(
@@ -23,5 +26,6 @@ def seats_of(rule: TeamRule, scenario: Scenario, landscape: Landscape) -> dict[s
         section.name: Flyer(section.airspeed_m_s, turn_back_s(section))
         for section in scenario.vehicles
     }
+    rule: TeamRule = resolve_name(f"{FOLDER}.{RULES[told.rule]}")(scenario)
     team = Team(rule, settings, flyers, landscape.shape, ground.centre, ground.burns_from_s)
     return {name: team.seat(name) for name in flyers}

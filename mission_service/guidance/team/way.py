@@ -3,13 +3,10 @@
 A rule is a file of this folder and a line in ``RULES``.
 """
 
-from pkgutil import resolve_name
-
-from firemodel.landscape.landscape import Landscape
-from mission_service.config.scenario import Scenario
 from mission_service.guidance.front.way import along_front
-from mission_service.guidance.protocol import Planner
+from mission_service.guidance.way import later
 
+FOLDER = __package__
 # By rule: where a function is that makes it.
 RULES = {
     "team.balanced": "balanced:balanced",
@@ -21,13 +18,4 @@ RULES = {
     "team.predictive": "bent:bent",
     "team.predictive-kept": "bent:bent",
 }
-
-
-def _planners(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
-    from mission_service.guidance.team.planners import seats_of
-
-    rule = resolve_name(f"{__package__}.{RULES[scenario.planner.rule]}")
-    return seats_of(rule(scenario), scenario, landscape)
-
-
-TEAM = along_front(tuple(RULES), _planners)
+TEAM = along_front(tuple(RULES), later(f"{FOLDER}.planners:seats_of"))
