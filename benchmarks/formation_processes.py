@@ -236,7 +236,8 @@ async def formation(
     folder: Path, count: int, speedup: float, within_s: float = 180.0
 ) -> AsyncIterator[Stage]:
     """A formation whose vehicles have all said something; everything ends with the context."""
-    warm_up("intent")  # once, not in each process
+    scenario = load_scenario("virtual-agents")
+    warm_up(scenario, landscape_of(scenario))  # once, not in each process
     async with AsyncExitStack() as stack:
         broker = Mosquitto(folder)
         stack.callback(broker.kill)

@@ -40,5 +40,5 @@ BURN = WayOfFlying(
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
     },
     return_height_m=later(f"{FOLDER}.mission:return_height_m"),
-    lock=lambda scenario, land: scenario.burn and INTERLOCK(scenario.burn, land),
+    lock=lambda scenario, land: None if scenario.burn is None else INTERLOCK(scenario.burn, land),
 )
