@@ -54,6 +54,12 @@ def rules() -> list[str]:
     return [*own_ways(), *sorted(others)]
 
 
+def versions_of_others() -> dict[str, str]:
+    """The versions of the other packages that have rules, by the address of each rule."""
+    points = entry_points(group=GROUP)
+    return {each.value: "" if each.dist is None else each.dist.version for each in points}
+
+
 @cache
 def way_named(rule: str) -> Way:
     """The way of flying of a rule. Raises ValueError if there is none, or it cannot be loaded."""

@@ -46,7 +46,6 @@ from mission_service.events import (
     VehicleEvent,
     VehicleRebooted,
 )
-from mission_service.guidance.front.unwatched import FrontWatch
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
 from mission_service.guidance.way import WayOfFlying
@@ -94,7 +93,6 @@ class Core:
             )
             for section in scenario.flown
         }
-        self._watch = FrontWatch(self.steering.planners, landscape.cell_size_m)
         self._orders = CrewOrders(
             scenario, self.steering, self.vehicles, self._start, self._approvals
         )
@@ -113,29 +111,16 @@ class Core:
         if self._approvals is not None and not isinstance(event, MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
-        commands += self._watched(event)
+        commands += self.leader.after(event, self.vehicles)
         for command in commands:
             self.steering.sent(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
             elif isinstance(command, Hold):
                 self.vehicles[command.vehicle].hold_under_way_s = at_s
-            elif isinstance(command, UploadMission) and self._way.along_front:
-                self.spacing.sends(command.vehicle, command.items)
+            elif isinstance(command, UploadMission):
+                self.leader.sends(command)
         return commands
-
-    def _watched(self, event: AnyEvent) -> list[AnyCommand]:
-        """Report a part of the front that an event leaves unwatched, or watched again."""
-        if not self._way.along_front:
-            return []
-        names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
-        again = self._watch.raised() if isinstance(event, Resumed) else []
-        return [*again, *(each for name in names for each in self._watch_after(name))]
-
-    def _watch_after(self, name: str) -> list[AnyCommand]:
-        vehicle = self.vehicles[name]
-        watches = vehicle.presence.flies and not vehicle.ordered
-        return self._watch.after(name, watches, self.steering.presence)
 
     def _withheld(self, command: AnyCommand) -> bool:
         """Whether a command must not be sent: the last check, which the callers make as well.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import AnyCommand, Decided, Drop
+from mission_service.commands import AnyCommand, Decided, Drop, UploadMission
 from mission_service.events import AnyEvent, CrewEvent, Observed, VehicleEvent
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle
@@ -161,6 +161,13 @@ class Guidance(Protocol):
     def in_mission(self, name: str) -> bool:
         """Whether the vehicle, in the air, flies the mission it has on board."""
         return True
+
+    def sends(self, mission: UploadMission) -> None:
+        """Take note of a mission that leaves for its vehicle; it may have waited for approval."""
+
+    def after(self, event: AnyEvent, vehicles: Mapping[str, Vehicle]) -> list[AnyCommand]:
+        """What there is to tell once an event's other commands are known."""
+        return []
 
     # For people and programs ------------------------------------------------------------------
 

@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
 from mission_service.guidance.front.following import bearing_deg
-from mission_service.guidance.front.perimeter import PerimeterPlanner
-from mission_service.guidance.front.predictive import PredictivePlanner
 from mission_service.guidance.protocol import Steered
-from mission_service.guidance.team.team import Seat
 from mission_service.vehicles.availability import Presence
 
 Floats = NDArray[np.float64]
@@ -20,12 +17,9 @@ ALARM = "front"
 
 
 def map_of(planner: Steered) -> FireMap | None:
-    """The on-board map that a planner along a front flies by; None for all others."""
-    if isinstance(planner, Seat):
-        return planner.team.map
-    if isinstance(planner, PerimeterPlanner | PredictivePlanner):
-        return planner.map
-    return None
+    """The on-board map that a planner along a front flies by; None if it has none."""
+    found = getattr(planner, "map", None)
+    return found if isinstance(found, FireMap) else None
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:

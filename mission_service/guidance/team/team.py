@@ -154,6 +154,11 @@ class Seat:
         return self._team
 
     @property
+    def map(self) -> FireMap:
+        """The on-board map, of all."""
+        return self._team.map
+
+    @property
     def phase(self) -> Phase:
         """On its way until it has seen the front; then the team's first lap, then monitoring."""
         if not self._found:
