@@ -23,7 +23,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import aiomqtt
 import numpy as np
@@ -236,7 +236,8 @@ async def formation(
     folder: Path, count: int, speedup: float, within_s: float = 180.0
 ) -> AsyncIterator[Stage]:
     """A formation whose vehicles have all said something; everything ends with the context."""
-    warm_up("intent")  # once, not in each process
+    scenario = load_scenario("virtual-agents")
+    warm_up(scenario, landscape_of(scenario))  # once, not in each process
     async with AsyncExitStack() as stack:
         broker = Mosquitto(folder)
         stack.callback(broker.kill)
@@ -263,8 +264,7 @@ def map_of(journal: Path) -> NDArray[np.bool_]:
     for entry in reader:
         if entry.is_event:
             core.handle(entry.content)  # type: ignore[arg-type]
-    assert isinstance(core.leader, FormationFlight)
-    (seat,) = core.leader.formation.members.values()
+    (seat,) = cast(FormationFlight, core.leader).formation.members.values()
     return seat.agent.map.fire
 
 

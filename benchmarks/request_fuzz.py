@@ -37,12 +37,13 @@ from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
+from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.journal.journal import Journal, header_of
 from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write
-from mission_service.live.daemon import desk_of, replay, warm_up_for
+from mission_service.live.daemon import desk_of, replay
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Service
 from mission_service.runtime.picture import Picture
@@ -258,7 +259,7 @@ class Engine:
         scenario = flying(load_scenario(case.scenario, case.changes))
         self.scenario = one_of_many(scenario, case.vehicle, talks=False)
         self.landscape = landscape_of(self.scenario)
-        warm_up_for(self.scenario, self.landscape)
+        way_of(self.scenario).warm_up(self.scenario, self.landscape)
         self.known = Known(self.scenario, self.landscape)
         self.path = folder / "journal.jsonl"
         self.header = header_of(self.scenario, self.known.landscape, "")

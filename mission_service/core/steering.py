@@ -49,10 +49,14 @@ class Steering:
     """Updates the availability of vehicles by events and asks their planners for decisions."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, planners: Mapping[str, Steered]
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        planners: Mapping[str, Steered],
+        presence: dict[str, Presence],
     ) -> None:
         self.planners = planners
-        self.presence = {section.name: Presence() for section in scenario.vehicles}
+        self.presence = presence
         self._landscape = landscape
         self._deploy_at_s = scenario.deploy_at_s
         burn = scenario.burn

@@ -11,7 +11,6 @@ from typing import Any
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BURN, FORMATION
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
@@ -20,6 +19,7 @@ from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import FireWorld, world_of
+from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.interfaces.mqtt.peers import Channel, Exchange
@@ -94,7 +94,7 @@ async def serve(
     sharing(scenario.flown)  # before anything is opened
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
-    warm_up_for(scenario, landscape)
+    way_of(scenario).warm_up(scenario, landscape)
     service: Service | None = None
     early: list[tuple[str, str]] = []  # told before there is a service
 
@@ -188,22 +188,6 @@ async def serve(
     progress(record, world)
     record.alarms = picture.alarm_counts
     return record, world
-
-
-def warm_up_for(scenario: Scenario, landscape: Landscape) -> None:
-    """Compiling takes long: nobody flies yet."""
-    if scenario.planner.rule == FORMATION:
-        from mission_service.guidance.formation.warm_up import warm_up
-
-        warm_up(scenario.formation.avoidance)
-    elif scenario.planner.rule == BURN:
-        from mission_service.guidance.burn.preview import warm_up as warm_up_burn
-
-        warm_up_burn(scenario, landscape)
-    else:
-        from mission_service.guidance.front.warm_up import warm_up as warm_up_planners
-
-        warm_up_planners(scenario, landscape)
 
 
 def _journal_of(
@@ -391,7 +375,7 @@ async def _told_to_stop(hub: Hub) -> None:
     One in a mode that its autopilot or pilot chose is left in it (``Steering.ordered``).
     """
     settings = hub.settings
-    if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
+    if settings.on_shutdown == "leave" or hub.scenario.burn_flown is not None:
         return
     presence = hub.core.steering.presence
     waiting = {name for name in hub.links if presence[name].flies}

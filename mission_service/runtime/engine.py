@@ -20,12 +20,7 @@ from collections.abc import Callable, Iterable
 from functools import cached_property, partial
 from typing import Any
 
-import numpy as np
-import shapely
-from numpy.typing import NDArray
-
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,
@@ -37,7 +32,6 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BurnSection
 from mission_service.core.core import Core
 from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
@@ -61,8 +55,7 @@ from mission_service.events import (
 )
 from mission_service.fire.simulated import FireWorld, Window
 from mission_service.fire.watched import OF_FIRE, WatchedFire
-from mission_service.guidance.burn.interlock import Interlock
-from mission_service.guidance.burn.plan_mission import has_drop
+from mission_service.guidance.registry import lock_of
 from mission_service.journal.journal import Journal, command_body, event_body
 from mission_service.journal.recording import Recording
 from mission_service.journal.snapshot import Known, copied
@@ -99,22 +92,6 @@ def unheard(message: AnyMessage) -> None:
     """Drop a message: there are no other processes."""
 
 
-def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | None:
-    """The interlock of a burn, with the unit of the scenario or of the unit's file."""
-    if burn is None:
-        return None
-    if burn.unit_file is None:
-        return Interlock(burn)
-    from firemodel.landscape.readers.shapes import read_shapes
-
-    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
-        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
-        return np.column_stack([lon, lat])
-
-    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
-    return Interlock(burn, shapely.transform(unit, lon_lat))
-
-
 class Service:
     """Joins core, journal, simulated fire and the vehicles' gateways."""
 
@@ -145,7 +122,7 @@ class Service:
         self._said_yes: dict[tuple[str, str], int] = {}
         self._modes_meanwhile: dict[str, str] = {}  # since the journal cannot be written
         self._held_back: deque[DropFinished | UploadFinished] = deque()
-        self._interlock = interlock_of(scenario.burn, world.landscape)
+        self._interlock = lock_of(scenario, world.landscape)
         self._refusals: set[str] = set()  # alarms about refused events
         self.defect: RefusedEventError | None = None  # memory and journal differ
 
@@ -431,7 +408,7 @@ class Service:
                 return None
             named = (command.plan_hash, command.number)
             return DropFinished(at_us, command.vehicle, *named, False, True, f"interlock: {why}")
-        if isinstance(command, UploadMission) and lock is not None and has_drop(command.items):
+        if isinstance(command, UploadMission) and lock is not None and lock.may_drop(command.items):
             reason = "interlock: something in it may drop"
             return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
         return None

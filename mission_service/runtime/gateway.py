@@ -47,6 +47,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.guidance.registry import way_of
 from mission_service.missions.held import as_uploaded
 from mission_service.runtime.speed_reports import SpeedReports
 
@@ -68,13 +69,6 @@ RATES_HZ = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
 }
-BURN_RATES_HZ = {
-    **RATES_HZ,
-    # A sphere is released at a position report: every 0.5 m at 5 m/s.
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-}
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 # Texts below this severity, and repetitions of a text within this time, are dropped.
@@ -93,7 +87,7 @@ BEHIND_FOR_US = 5_000_000
 
 def rates_hz(scenario: Scenario) -> RatesHz:
     """The messages requested from the vehicles of a scenario, with their rates in Hz."""
-    return BURN_RATES_HZ if scenario.planner.rule == "burn" else RATES_HZ
+    return {**RATES_HZ, **way_of(scenario).rates_hz}
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:

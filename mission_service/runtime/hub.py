@@ -12,7 +12,6 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
-from mission_service.guidance.front.controller import FrontFlight
 from mission_service.missions.figures import Figures, figures_of
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import MissionClock
@@ -101,13 +100,7 @@ class Hub:
     @property
     def believed(self) -> "EstimatedFire | None":
         """The estimated fire that a burn's plans use; None without a burn."""
-        if self.scenario.burn_flown is None:
-            return None
-        from mission_service.guidance.burn.controller import BurnFlight  # not for all who start
-
-        leader = self.core.leader
-        assert isinstance(leader, BurnFlight)
-        return leader.state.fire
+        return self.core.leader.estimated_fire
 
     def weather(self) -> Weather:
         """The weather now, of the scenario or as operators set it."""
@@ -119,11 +112,9 @@ class Hub:
 
         None before the vehicle is connected, and where its rule makes no missions.
         """
-        leader, known = self.core.leader, self.core.vehicles[vehicle]
+        known = self.core.vehicles[vehicle]
         here = known.presence.here
-        if here is None or not isinstance(leader, FrontFlight):
-            return None
-        return leader.preview(known, here)
+        return None if here is None else self.core.leader.preview(known, here)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
         """The figures of a mission, flown from the vehicle's present position."""

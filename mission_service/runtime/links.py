@@ -23,7 +23,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.burn.plan_mission import return_height_m
+from mission_service.guidance.registry import way_of
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.signed import Refusals, refusal, signings
 
@@ -60,7 +60,7 @@ class Link:
 def most_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
     """The upper bound of a vehicle's ground speed, in m/s."""
     fastest_m_s = section.airspeed_m_s
-    if scenario.planner.rule == "formation":
+    if way_of(scenario).changes_airspeed:
         fastest_m_s = max(fastest_m_s, section.most_airspeed_m_s)
     wind_m_s = max(entry.wind_speed_m_s for entry in weather_of(scenario).entries)
     return FASTER * fastest_m_s + max(STRONGEST_WIND_M_S, FASTER * wind_m_s)
@@ -108,7 +108,7 @@ async def open_links(
                 client,
                 clock,
                 dropper_of(scenario),
-                return_height_m(scenario, landscape),
+                way_of(scenario).return_height_m(scenario, landscape),
             )
             refusals = Refusals(section.link, section.system_id, signing)
             links[section.name] = Link(section, gateway, connection, refusals)

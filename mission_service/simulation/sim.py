@@ -17,7 +17,7 @@ from mission_service.core.core import Core
 from mission_service.events import CrewEvent
 from mission_service.fire.setup import home_of, landscape_of, weather_of
 from mission_service.fire.simulated import FireWorld, world_of
-from mission_service.guidance.burn.plan_mission import return_height_m
+from mission_service.guidance.registry import way_of
 from mission_service.journal.journal import Journal, header_of
 from mission_service.runtime.engine import Progress, Service, unshown
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
@@ -72,7 +72,7 @@ class Rig:
             self.client,
             clock,
             dropper_of(scenario),
-            return_height_m(scenario, landscape),
+            way_of(scenario).return_height_m(scenario, landscape),
         )
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)

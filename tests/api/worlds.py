@@ -11,7 +11,6 @@ from typing import Any
 import httpx
 
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.sections import BURN
 from mission_service.config.service import HttpSection, ServiceSection
 from mission_service.core.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
 from mission_service.events import CrewEvent
@@ -76,7 +75,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         simulation.world.advance(clock.now_us)
         return simulation.world.fire.burned_ha
 
-    burn = scenario.burn if scenario.planner.rule == BURN else None
+    burn = scenario.burn_flown
     desk = Desk(
         tell,
         service.status,

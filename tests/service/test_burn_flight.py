@@ -23,7 +23,7 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.guidance.burn.controller import burn_flight
 from mission_service.journal.journal import Journal, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.crew import SimulatedCrew
@@ -48,9 +48,7 @@ class Burn:
         self.crew = SimulatedCrew(loaded.burn)
         self.simulation = Simulation(loaded, self._journal, landscape, self._due)
         (self.rig,) = self.simulation.rigs
-        leader = self.simulation.core.leader
-        assert isinstance(leader, BurnFlight)
-        self.leader = leader
+        self.leader = burn_flight(self.simulation.core.leader)
 
     def _due(self, now_us: int, core: object) -> list[CrewEvent]:
         return self.crew.due(now_us, self.simulation.core) if self.crew_is_there else []

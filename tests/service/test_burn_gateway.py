@@ -155,7 +155,7 @@ def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
     rates = rates_hz(burn())
     assert rates[POSITION] == 10.0
     assert {1, 24, 147} <= set(rates)  # SYS_STATUS, GPS_RAW_INT, BATTERY_STATUS
-    assert rates_hz(load_scenario("default")) is RATES_HZ
+    assert rates_hz(load_scenario("default")) == RATES_HZ
     assert RATES_HZ[POSITION] == 4.0
     assert dropper_of(burn()) == Dropper("gripper", 1, 1900.0, 1100.0, 0.2)
     assert dropper_of(load_scenario("default")) is None

@@ -19,7 +19,8 @@ from mission_service.guidance.burn.release import (
     impact_point,
     release_decision,
 )
-from mission_service.runtime.gateway import BURN_RATES_HZ
+from mission_service.guidance.burn.way import BURN
+from mission_service.runtime.gateway import RATES_HZ
 from tests.bridge.helpers import HOME, SECOND, Pair, mock_of
 
 VT, DELAY_S = 15.0, 0.2
@@ -142,7 +143,7 @@ def test_spheres_of_a_flown_line_lie_where_they_were_planned(seed: int) -> None:
     # A copter on its mission in wind; telemetry and orders 50 ms under way, a tenth of them lost.
     wind = Wind(from_deg=300.0, speed_m_s=5.0)
     mock = mock_of(stack_named("ardupilot", "copter"), airspeed_m_s=5.0, wind=wind)
-    pair = Pair(mock, client=VehicleClient(rates_hz=BURN_RATES_HZ))
+    pair = Pair(mock, client=VehicleClient(rates_hz={**RATES_HZ, **BURN.rates_hz}))
     pair.run_for(4.0)
     north = (HOME[0] + 0.0027, HOME[1])
     items = (takeoff(*HOME[:2], 315.0), waypoint(*north, 315.0))

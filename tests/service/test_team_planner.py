@@ -1,5 +1,7 @@
 """A team's shared map, its first lap, and who is in its fleet."""
 
+from pkgutil import resolve_name
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from mission_service.config.scenario import load_scenario
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS
 from mission_service.guidance.front.front_path import PathSettings
-from mission_service.guidance.registry import TEAM
+from mission_service.guidance.team import way
 from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 from mission_service.guidance.team.team import MemberPerformance, Team, TeamMember, TeamSettings
 
@@ -165,9 +167,10 @@ def test_who_has_left_is_out_of_the_fleet_at_the_next_decision_until_the_front_i
     assert rule.fleets[-1].member.tolist() == [0, 1]
 
 
-@pytest.mark.parametrize("name", TEAM)
+@pytest.mark.parametrize("name", way.RULES)
 def test_every_rule_directs_a_team_that_loses_one_and_gets_it_back(name: str) -> None:
-    team = team_of(TEAM[name](load_scenario("team")), "a", "b", "c")  # type: ignore[arg-type]
+    rule = resolve_name(f"{way.__package__}.{way.RULES[name]}")
+    team = team_of(rule(load_scenario("team", (f"planner.rule={name}",))), "a", "b", "c")
     at_s = lap(team)
     places = {"a": 5, "b": 175, "c": 270}
     decisions = 0

@@ -47,6 +47,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.fire.estimated import EstimatedFire
 from mission_service.fire.setup import weather_of
 from mission_service.guidance.burn.approved_plan import (
     HIGH_SHARE,
@@ -62,11 +63,12 @@ from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
 from mission_service.guidance.burn.recheck import plan_problem
 from mission_service.guidance.burn.wind_change import WindFrom, mean_wind, wind_differs
-from mission_service.guidance.protocol import Decision
+from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
+from mission_service.vehicles.traffic import Spacing
 
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
@@ -79,12 +81,15 @@ AT_END_M = 3.0
 WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
 
 
-class BurnFlight:
+class BurnFlight(Guidance):
     """Leads the one vehicle of a burn."""
 
-    def __init__(self, scenario: Scenario, landscape: Landscape, missions: MissionsSent) -> None:
+    def __init__(
+        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
+    ) -> None:
         assert scenario.burn is not None  # by the scenario's own check
         burn, section = scenario.burn, scenario.vehicles[0]
+        self.planners = {section.name: Undecided()}
         self.state = BurnState(burn, landscape, weather_of(scenario), section)
         self._refuse_stations_inside()
         self.approvals = ApprovalTracker(burn)
@@ -343,6 +348,16 @@ class BurnFlight:
             **self.state.map_shapes(),
         }
 
+    def awaited(self) -> Awaited:
+        """The approval of the plan that is proposed, and answers to open items."""
+        plan = "" if self.approvals.approval is not None else self.approvals.plan_hash
+        return Awaited(plan, not self.checklist.complete)
+
+    @property
+    def estimated_fire(self) -> EstimatedFire:
+        """The fire that its plans are made on."""
+        return self.state.fire
+
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
@@ -525,6 +540,13 @@ class BurnFlight:
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []
+
+
+def burn_flight(guidance: Guidance) -> BurnFlight:
+    """The guidance of a run that is a burn. Raises MissionServiceError for another."""
+    if not isinstance(guidance, BurnFlight):
+        raise MissionServiceError("this run flies no burn")
+    return guidance
 
 
 class Undecided:

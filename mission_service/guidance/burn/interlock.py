@@ -11,9 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from autopilot_bridge.items import MissionItem
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.shapes import read_shapes
 from mission_service.commands import (
     AnyCommand,
     ClimbAndHold,
@@ -45,6 +50,7 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.ground_distance import distance_m
+from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 POSITION_GOOD_US = 1_500_000
@@ -314,6 +320,10 @@ class Interlock:
             or self._payload_refuses(drop.vehicle, at_us)
         )
 
+    def may_drop(self, items: Iterable[MissionItem]) -> bool:
+        """Whether anything in a mission may switch an output."""
+        return has_drop(items)
+
     def _plan_refuses(self, name: str, known: _Plan, drop: Drop, at_us: int) -> str | None:
         plan = known.plan
         if plan_hash(plan) != drop.plan_hash:
@@ -429,3 +439,16 @@ def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
 
 def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:
     return shapely.Polygon([(lon_deg, lat_deg) for lat_deg, lon_deg in corners])
+
+
+def interlock_of(burn: BurnSection, landscape: Landscape) -> Interlock:
+    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
+    if burn.unit_file is None:
+        return Interlock(burn)
+
+    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
+        return np.column_stack([lon, lat])
+
+    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
+    return Interlock(burn, shapely.transform(unit, lon_lat))

@@ -79,17 +79,18 @@ def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
 
     None without a burn. Raises FireModelError without elevation.
     """
-    if scenario.burn is None or scenario.planner.rule != "burn":
+    burn = scenario.burn_flown
+    if burn is None:
         return None
     vehicle = scenario.vehicles[0]
     home = (vehicle.home_lat_deg, vehicle.home_lon_deg)
     home_m = landscape.xy_of_lat_lon(*home)
-    west, south, east, north = burn_unit_of(scenario.burn, landscape, home).area.bounds
+    west, south, east, north = burn_unit_of(burn, landscape, home).area.bounds
     across = _steps(min(west, home_m[0]), max(east, home_m[0]), landscape)
     down = _steps(min(south, home_m[1]), max(north, home_m[1]), landscape)
     x, y = np.meshgrid(across, down)
     ground_m = np.max(landscape.elevation_at(x, y)) - landscape.elevation_at(*home_m)
-    return float(round(float(ground_m) + scenario.burn.safe_height_m, 1))
+    return float(round(float(ground_m) + burn.safe_height_m, 1))
 
 
 def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:

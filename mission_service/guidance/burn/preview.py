@@ -11,7 +11,7 @@ from mission_service.errors import ScenarioError
 from mission_service.fire.setup import landscape_of, weather_of
 from mission_service.guidance.burn.burn_report import burn_json, burn_totals, draw_burn
 from mission_service.guidance.burn.burn_state import BurnState
-from mission_service.guidance.burn.line_planner import Situation, next_line
+from mission_service.guidance.burn.line_planner import Situation
 from mission_service.guidance.burn.whole_burn import whole_burn
 
 
@@ -39,9 +39,3 @@ def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
     (out / "burn.json").write_text(told + "\n", encoding="utf-8")
     draw_burn(out / "burn.png", found, area, scenario.name)
     return burn_totals(found, area)
-
-
-def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Plan once: what is compiled is compiled before anybody flies, not while a link is minded."""
-    assert scenario.burn is not None
-    next_line(situation_of(scenario, scenario.burn, landscape), scenario.burn)

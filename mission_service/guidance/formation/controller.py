@@ -10,7 +10,6 @@ often.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +37,8 @@ from mission_service.events import (
 )
 from mission_service.guidance.formation.agent import Intention
 from mission_service.guidance.formation.members import Formation
-from mission_service.guidance.protocol import Decision
+from mission_service.guidance.protocol import Guidance
+from mission_service.missions.landing import Landing
 from mission_service.missions.orbits import (
     CLIMBS_FIRST_M,
     Circle,
@@ -55,7 +55,7 @@ from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
-from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M
+from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, Spacing
 
 Floats = NDArray[np.float64]
 
@@ -113,15 +113,26 @@ def waits_at(
     return waiting_place(number, formation.centre_m, reach_m, home_m, apart_m)
 
 
-class FormationFlight:
+def mission_to_place(
+    scenario: Scenario, section: VehicleSection, landscape: Landscape
+) -> tuple[MissionItem, ...]:
+    """The first mission of a vehicle on the ground: to its place at the fire's edge."""
+    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
+    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
+    return first_mission(landscape, Circle(*place_m, -section.loiter_radius_m), section, landing)
+
+
+class FormationFlight(Guidance):
     """Leads each vehicle as its agent means it to fly."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, formation: Formation, missions: MissionsSent
+        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
     ) -> None:
         self.scenario = scenario
         self.landscape = landscape
-        self.formation = formation
+        self.formation = Formation(scenario, landscape)
+        self.planners = self.formation.members
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()
@@ -226,17 +237,9 @@ class FormationFlight:
         self.formation.members[vehicle.name].left(at_s)
         self.formation.end_tracking(vehicle.name, event.at_us)
 
-    def status(self) -> dict[str, Any]:
-        """Nothing to tell."""
-        return {"complete": True}
-
     def in_mission(self, name: str) -> bool:
         """Whether it flies the mission it has on board, by its mode."""
         return self._led[name].mode == "mission"
-
-    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        """Nothing."""
-        return []
 
     # Missions ---------------------------------------------------------------------------------
 

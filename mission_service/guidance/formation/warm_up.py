@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from mission_service.guidance.formation.agent import Agent, Avoidance, OwnState
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.formation.agent import Agent, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate
@@ -11,7 +13,7 @@ STEPS = 60
 STEP_US = 250_000
 
 
-def warm_up(avoidance: Avoidance) -> None:
+def warm_up(scenario: Scenario, landscape: Landscape) -> None:
     """Fly three agents for a moment over a small fire and have them lose what they say of it.
 
     So all that an agent does has been done once, and is compiled, or read from the disk. Columns of
@@ -19,6 +21,7 @@ def warm_up(avoidance: Avoidance) -> None:
     """
     grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])
+    avoidance = scenario.formation.avoidance
     agents = [Agent(name, Settings(), grid, fire, 0, avoidance) for name in ("one", "two", "three")]
     for step in range(1, STEPS):
         at_us = step * STEP_US

@@ -18,11 +18,13 @@ apart. ``damped``, the default, adds only this:
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed, SettingsTold
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.cell_importance import ring_importance, window_importance
@@ -40,7 +42,8 @@ from mission_service.guidance.front.front_path import (
     reconstructed_front,
 )
 from mission_service.guidance.front.front_shape import ring_of_cells, steps_between
-from mission_service.guidance.protocol import Decision, Phase
+from mission_service.guidance.front.planners import path_settings
+from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 Rule = Literal["damped", "literal", "circling"]
@@ -153,6 +156,16 @@ class PerimeterPlanner:
             settings.alpha,
         )
 
+    def compared(self, row: float, col: float, at_s: float) -> Compared:
+        """The importance of each cell of the front, and where the cells are."""
+        values = self.importance(row, col, at_s)
+        bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
+        north, east, _ = ring_of_cells(self.shape(row, col), bearing, self.clockwise)
+        rows = self.map.centre_row - np.asarray(north)
+        return Compared(
+            rows, self.map.centre_col + np.asarray(east), values, *window_importance(values)
+        )
+
     def _decide(self, row: float, col: float, at_s: float) -> Decision:
         importance = self.importance(row, col, at_s)
         back, front = window_importance(importance)
@@ -186,3 +199,24 @@ class PerimeterPlanner:
         known = reconstructed_front if self.phase == "monitor" else extrapolated_front
         front = known(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
+
+
+def perimeter_planner(
+    scenario: Scenario, section: VehicleSection, ground: Ground
+) -> PerimeterPlanner:
+    """The planner of one vehicle, with the scenario's rule."""
+    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    settings = PerimeterSettings(
+        rule=cast(Rule, told.rule),
+        alpha=told.alpha,
+        clockwise_first=told.first_direction == "clockwise",
+        ignition_known=told.ignition_known,
+        baseline_s=told.baseline_s,
+        smoothing_deg=told.smoothing_deg,
+        reversal_margin=told.reversal_margin,
+        least_gain_cells=told.least_gain_cells,
+        dwell_s=told.dwell_s,
+        speed_cells_s=section.airspeed_m_s / cell_m,
+        path=path_settings(scenario, cell_m),
+    )
+    return PerimeterPlanner(settings, ground.landscape.shape, ground.centre, ground.burns_from_s)

@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front_rates import FrontRates
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
+from mission_service.fire.setup import weather_of
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.first_lap import (
     CameraView,
@@ -33,9 +36,10 @@ from mission_service.guidance.front.front_path import (
     extrapolated_front,
     path_along,
 )
+from mission_service.guidance.front.planners import path_settings
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
-from mission_service.guidance.protocol import Decision, Phase
+from mission_service.guidance.protocol import Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 
@@ -212,3 +216,27 @@ class PredictivePlanner:
             return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
         front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, settings)
+
+
+def predictive_planner(
+    scenario: Scenario, section: VehicleSection, ground: Ground
+) -> PredictivePlanner:
+    """The planner of one vehicle; it has the landscape and the moistures at the beginning."""
+    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    settings = PredictiveSettings(
+        clockwise_first=told.first_direction == "clockwise",
+        ignition_known=told.ignition_known,
+        speed_cells_s=section.airspeed_m_s / cell_m,
+        turn_radius_cells=section.turn_radius_m / cell_m,
+        flies_in_wind=True,
+        wind_20ft_share=1.0,  # a wrong share is learned as part of the fire's spread
+        path=path_settings(scenario, cell_m),
+    )
+    return PredictivePlanner(
+        settings,
+        ground.landscape.shape,
+        ground.centre,
+        ground.burns_from_s,
+        cell_m,
+        model_of(ground.landscape, weather_of(scenario).at(ground.burns_from_s)),
+    )

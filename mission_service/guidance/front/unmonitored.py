@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
 from mission_service.guidance.front.front_path import bearing_deg
-from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
-from mission_service.guidance.front.predictive_planner import PredictivePlanner
 from mission_service.guidance.protocol import Steered
-from mission_service.guidance.team.team import TeamMember
 from mission_service.vehicles.availability import Presence
 
 Floats = NDArray[np.float64]
@@ -21,11 +18,8 @@ ALARM = "front"
 
 def front_map_of(planner: Steered) -> FireMap | None:
     """The on-board map of a planner that flies along a front; None for all others."""
-    if isinstance(planner, TeamMember):
-        return planner.team.map
-    if isinstance(planner, PerimeterPlanner | PredictivePlanner):
-        return planner.map
-    return None
+    found = getattr(planner, "map", None)
+    return found if isinstance(found, FireMap) else None
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:

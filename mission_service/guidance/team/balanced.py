@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from mission_service.config.scenario import Scenario
 from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
@@ -24,6 +25,7 @@ from mission_service.guidance.team.lookahead import (
     workspace_for,
 )
 from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
+from mission_service.guidance.front.planners import turn_back_s
 from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
 NODES = 256  # at most, of the ring for roll-outs
@@ -283,3 +285,9 @@ def _in_parts(of_cells: Floats) -> Floats:
     at = np.linspace(0.0, of_cells.size, PARTS + 1)
     parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))
     return parts
+
+
+def balanced(scenario: Scenario) -> Balanced:
+    """The rule for the vehicles of a scenario."""
+    turns_s = [turn_back_s(section) for section in scenario.vehicles]
+    return Balanced(scenario.planner.importance, sum(turns_s) / len(turns_s))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from mission_service.config.scenario import Scenario
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_region import CourseRule
 from mission_service.guidance.team.bent_steering import (
@@ -40,3 +41,9 @@ def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRul
     steer = (PLANNERS | LATER_PLANNERS)[planner]  # type: ignore[operator]
     negotiate = (NEGOTIATIONS | LATER_NEGOTIATIONS)[negotiation]  # type: ignore[operator]
     return RegionTeam(steer, negotiate, exponential=importance == "exponential")
+
+
+def bent(scenario: Scenario) -> TeamRule:
+    """The rule of a scenario."""
+    planner = scenario.planner
+    return bent_rule(planner.rule.removeprefix("team."), planner.negotiation, planner.importance)

@@ -160,6 +160,11 @@ class TeamMember:
         return self._team
 
     @property
+    def map(self) -> FireMap:
+        """The on-board map, of all."""
+        return self._team.map
+
+    @property
     def phase(self) -> Phase:
         """Approach until the front was in view; then the team's first lap, then monitoring."""
         if not self._found:

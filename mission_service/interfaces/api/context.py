@@ -7,7 +7,6 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from mission_service.config.sections import BURN
 from mission_service.core.requests import NOT_OF_BURNS, OF_BURNS, REPLAY
 from mission_service.interfaces.api.access.auth import Tokens, Who
 from mission_service.interfaces.api.answers import ApiError, answer, asked
@@ -90,7 +89,7 @@ class Api:
             do = wanted["do"]
             if self.hub.replay is not None and do != REPLAY:
                 raise ApiError(409, str(found["error"]))
-            elsewhere = OF_BURNS if self.hub.scenario.planner.rule != BURN else NOT_OF_BURNS
+            elsewhere = OF_BURNS if self.hub.scenario.burn_flown is None else NOT_OF_BURNS
             raise ApiError(409 if do in elsewhere else 422, str(found["error"]))
         return found
 

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from mission_service.config.sections import BURN
 from mission_service.core import requests
 from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import ApiError, answer, body_of, encode
@@ -114,7 +113,7 @@ def _shapes(routes: APIRouter, api: Api) -> None:
             when_s,
             name=scenario.name,
             written_unix_ms=api.wall_us() // 1000,
-            prescribed=scenario.planner.rule == BURN,
+            prescribed=scenario.burn_flown is not None,
             time_zero=scenario.time_zero,
             start_area=found.start_area,
         )

@@ -5,8 +5,6 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from mission_service.core.requests import Settings
-from mission_service.events import TUNED
-from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import answer
 from mission_service.interfaces.api.context import Api
@@ -17,12 +15,7 @@ from mission_service.runtime.hub import Hub
 
 def planner_of(hub: Hub) -> dict[str, Any]:
     """The planners' settings as they are now: the scenario's, and what people changed."""
-    told = hub.scenario.planner.model_dump(mode="json")
-    planners = getattr(hub.core.leader, "planners", {})
-    for planner in planners.values():
-        if isinstance(planner, PerimeterPlanner):
-            told |= {name: getattr(planner.settings, name) for name in TUNED}
-    return told
+    return hub.scenario.planner.model_dump(mode="json") | hub.core.leader.settings()
 
 
 def add(routes: APIRouter, api: Api) -> None:

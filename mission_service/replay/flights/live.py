@@ -14,10 +14,11 @@ from mission_service.config.service import ServiceSection
 from mission_service.core.requests import REPLAY, Replay
 from mission_service.errors import RequestError
 from mission_service.fire.simulated import FireWorld
+from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.journal.journal import header_of
-from mission_service.live.daemon import doors_of, stop_on_signals, untold, warm_up_for
+from mission_service.live.daemon import doors_of, stop_on_signals, untold
 from mission_service.replay.flights.beside import Replaying
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
@@ -126,7 +127,7 @@ async def serve_flight(
     async with contextlib.AsyncExitStack() as stack:
         listening = stack.enter_context(claimed(show.out / NAME))
         doors = doors_of(settings, show.out, site, stack, address, show.logs)
-        warm_up_for(scenario, what.landscape)
+        way_of(scenario).warm_up(scenario, what.landscape)
         path = show.out / JOURNAL
         refuse_loss(path, [log.path for log in what.flight.logs])
         header = header_of(scenario, what.landscape.digest(), show.created)
