@@ -8,12 +8,12 @@ They are made of the types that are sent, so a test can tell whether a file is m
 import json
 import sys
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 
-from mission_service.core.requests import AnyRequest, Replay
-from mission_service.interfaces.mqtt.commands import ABORT, TAKEN
+from mission_service.core.requests import ABORT, ALL_REQUESTS
+from mission_service.interfaces.mqtt.commands import TAKEN
 from mission_service.interfaces.mqtt.messages import Alarms, Command, Reply, ServiceStatus
 from mission_service.interfaces.mqtt.topics import (
     ALARM,
@@ -26,6 +26,7 @@ from mission_service.interfaces.mqtt.topics import (
     TELEMETRY,
 )
 from mission_service.interfaces.mqtt.topics import VEHICLE as STATE
+from mission_service.requests import HASH
 from mission_service.runtime.picture import (
     Alarm,
     ItemState,
@@ -41,7 +42,7 @@ from mission_service.runtime.play_head import ReplayState
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
-HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
+WHO = ("do", "by", "station")  # of the request; a command has its own
 ALARM_EXAMPLE = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
 EXAMPLES: dict[str, msgspec.Struct] = {
     STATUS.schema: ServiceStatus(AT_US, UNIX_US, True, "default", "damped", ("hawk",)),
@@ -102,28 +103,6 @@ EXAMPLES: dict[str, msgspec.Struct] = {
         0,
     ),
     REPLY.schema: Reply("7f3a", "hold", AT_US, True, event="Ordered", said=("hawk: holds",)),
-}
-PLACE = {"lat_deg": 36.364232, "lon_deg": -84.140907}
-LINE = [[36.3642, -84.1409], [36.3661, -84.1391]]
-ASKED: dict[str, dict[str, Any]] = {
-    "hold": {"vehicle": "hawk", "confirmed": False},
-    "resume": {"vehicle": "hawk", "confirmed": False},
-    "return": {"vehicle": "hawk", "confirmed": False},
-    "start": {"vehicle": "", "confirmed": False},
-    "renew": {"vehicle": "hawk"},
-    "accept": {"vehicle": "hawk", "hash": HASH},
-    "refuse": {"vehicle": "hawk", "hash": HASH},
-    "settings": {"alpha": 0.7},
-    "correct": {"state": "burning", "shape": "line", "points": LINE, "in_s": 0.0},
-    "erase": PLACE | {"radius_m": 50.0},
-    "lit": {"points": LINE, "ago_s": 20.0},
-    "wind": {"speed_m_s": 5.0, "from_deg": 270.0},
-    "person": {"name": "crew 2"} | PLACE | {"radius_m": 100.0},
-    "unit": {"points": [*LINE, [36.3661, -84.1409]]},
-    "plan": {"line_spacing_m": 20.0, "drop_spacing_m": 15.0},
-    "reject": {"hash": HASH},
-    "replay": {"paused": False, "speed": 10.0, "seek_s": 120.0},
-    "no-go": {"item": "weather is within the prescription"},
 }
 NUMBER, TIME = {"type": "number"}, {"type": "integer"}
 RING = {"type": "array", "items": {"type": "array", "prefixItems": [NUMBER, NUMBER]}}
@@ -221,20 +200,17 @@ def command_schema(name: str) -> dict[str, Any]:
     base = schema_of(Command)
     properties, required = dict(base["properties"]), list(base["required"])
     required.remove("schema")
-    requests = {each.__struct_config__.tag: each for each in (*get_args(AnyRequest), Replay)}
-    described = "Stop: no further drop; every vehicle holds. Taken whatever it says."
+    asked = schema_of(ALL_REQUESTS[name])
     if name == ABORT:
         required = []
     else:
-        asked = schema_of(requests[name])
-        described = asked["description"]
-        own = set(asked["properties"]) - {"do", "by", "station"}
-        properties |= {key: asked["properties"][key] for key in asked["properties"] if key in own}
+        own = {key: each for key, each in asked["properties"].items() if key not in WHO}
+        properties |= own
         required += [key for key in asked["required"] if key in own]
-    example = {"id": "7f3a", "by": "anna", "sent_at_unix_us": UNIX_US, **ASKED.get(name, {})}
+    example = {"id": "7f3a", "by": "anna", "sent_at_unix_us": UNIX_US, **ALL_REQUESTS[name].example}
     return {
         "title": f"Command {name}",
-        "description": described,
+        "description": asked["description"],
         "type": "object",
         "properties": properties,
         "required": required,

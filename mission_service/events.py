@@ -390,11 +390,22 @@ class MissionRefused(Crew, frozen=True, tag=True):
 
 
 class SettingsTold(Crew, frozen=True, tag=True):
-    """Settings of the planners from now on, where they are given."""
+    """Settings of the planners from now on, where they are given; all that may change in flight.
 
-    alpha: float | None = None
-    reversal_margin: float | None = None
-    dwell_s: float | None = None
+    Each has the name that it has in the scenario's table ``[planner]``.
+    """
+
+    alpha: Annotated[
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        Meta(description="How uneven the fire is taken to be; 0: the vehicle circles."),
+    ] = None
+    reversal_margin: Annotated[
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        Meta(description="How much more importance behind than ahead makes a vehicle turn."),
+    ] = None
+    dwell_s: Annotated[
+        Annotated[float, Meta(ge=0, le=1e7)] | None, Meta(description="From one turn to the next.")
+    ] = None
 
     @property
     def given(self) -> dict[str, Any]:
@@ -403,7 +414,7 @@ class SettingsTold(Crew, frozen=True, tag=True):
         return {name: value for name, value in told.items() if value is not None}
 
 
-TUNED = ("alpha", "reversal_margin", "dwell_s")
+TUNED: dict[str, Any] = dict(SettingsTold.__annotations__)  # their types with bounds, by name
 
 
 CrewEvent = (

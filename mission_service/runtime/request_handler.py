@@ -8,7 +8,7 @@ import msgspec
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
 from mission_service.commands import CONFIRM
-from mission_service.core.requests import KNOWN, event_of
+from mission_service.core.requests import REQUESTS, STATUS, event_of
 from mission_service.errors import MissionServiceError
 from mission_service.events import Corrected, CrewEvent, Erased, Redone, Undone
 
@@ -29,13 +29,13 @@ class Desk:
         items: Collection[str],
         on_map: Callable[[float, float], bool],
         vehicles: Collection[str] | None = None,
-        words: Collection[str] = KNOWN,
+        accepted: Collection[str] = REQUESTS.keys(),
         burned_ha: Callable[[], float] | None = None,
     ) -> None:
         """``tell`` handles an event, and returns what was said in answer to it.
 
-        ``words``: the requests of this scenario (``core/requests.py``). ``burned_ha``: the area
-        burned now, where corrections change it; their replies have the old and the new area.
+        ``accepted``: the names of requests that this run accepts. ``burned_ha``: the area burned
+        now, where corrections change it; their replies have the old and the new area.
         """
         self._tell = tell
         self._status = status
@@ -44,7 +44,7 @@ class Desk:
         self._items = items
         self._on_map = on_map
         self._vehicles = vehicles
-        self._words = words
+        self.accepted = accepted
         self._burned_ha = burned_ha
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
@@ -54,7 +54,7 @@ class Desk:
         ``confirm`` in the reply: the order was not carried out, since it would end a mode that
         autopilot or pilot selected; the same request with ``confirmed`` is carried out.
         """
-        if isinstance(request, dict) and request.get("do") == "status":
+        if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}
         try:
             event = event_of(
@@ -64,7 +64,7 @@ class Desk:
                 self._items,
                 self._on_map,
                 self._vehicles,
-                self._words,
+                self.accepted,
                 may_approve,
             )
             burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None

@@ -12,9 +12,10 @@ import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from benchmarks.mqtt_schemas import EXAMPLES, FOLDER, command_file, documents, file_of, texts
-from mission_service.core.requests import REPLAY, Replay, event_of
+from mission_service.core.requests import REPLAY, event_of
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
+from mission_service.requests import Replay
 from tests.mqtt.stage import ROOT, listening, telling
 from tests.patience import until
 

@@ -26,6 +26,7 @@ from mission_service.interfaces.api import (
     missions,
     planner,
     replay,
+    requests,
     state,
     states,
     vehicles,
@@ -83,7 +84,7 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
         redirect_slashes=False,
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
-    for part in (state, vehicles, missions, fire, planner, burn, journal, replay, health):
+    for part in (state, vehicles, missions, fire, planner, burn, requests, journal, replay, health):
         part.add(app.router, api)
     described = json({"openapi": "3.1.0"}, what="This description.")
 

@@ -7,8 +7,7 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from mission_service.config.sections import BURN
-from mission_service.core.requests import NOT_OF_BURNS, OF_BURNS, REPLAY
+from mission_service.core.requests import ABORT, REPLAY
 from mission_service.interfaces.api.access.auth import Tokens, Who
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.frames import Frames
@@ -70,7 +69,7 @@ class Api:
         wanted = dict(parse_qsl(query_string.decode("latin-1")))
         by = who.name if self.tokens.named else wanted.get("by", who.name)
         station = who.station or wanted.get("station", "") or self._only_station()
-        found = self.hub.desk.ask({"do": "abort", "by": by, "station": station})
+        found = self.hub.desk.ask({"do": ABORT, "by": by, "station": station})
         self.hub.ring()
         if not found["ok"]:
             if self.hub.replay is not None:
@@ -90,8 +89,7 @@ class Api:
             do = wanted["do"]
             if self.hub.replay is not None and do != REPLAY:
                 raise ApiError(409, str(found["error"]))
-            elsewhere = OF_BURNS if self.hub.scenario.planner.rule != BURN else NOT_OF_BURNS
-            raise ApiError(409 if do in elsewhere else 422, str(found["error"]))
+            raise ApiError(422 if do in self.hub.desk.accepted else 409, str(found["error"]))
         return found
 
     def _who_asks(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from typing import Any
 import msgspec
 from fastapi import Depends, Request
 
-from mission_service.interfaces.api.access.auth import Role
+from mission_service import requests
 from mission_service.interfaces.api.answers import ApiError
+from mission_service.requests import Role
 
 V1 = "/api/v1"
 REF = "#/components/schemas/{name}"
@@ -98,9 +99,12 @@ def file(media_type: str) -> dict[str, Any]:
     return {media_type: {"schema": {"type": "string", "format": "binary"}}}
 
 
-def body(
-    kind: type[msgspec.Struct], example: dict[str, Any], without: tuple[str, ...] = ()
-) -> dict[str, Any]:
+def summary_of(kind: type[requests.Request]) -> str:
+    """The first line of a request's help text."""
+    return (kind.__doc__ or "").partition("\n")[0]
+
+
+def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:
     """A body that becomes a request of this kind; ``without`` is what the path says already."""
     whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
     left_out = ("do", "by", "station", *without)
@@ -112,6 +116,7 @@ def body(
         "required": [key for key in whole["required"] if key not in left_out],
         "additionalProperties": False,
     }
+    example = {key: value for key, value in kind.example.items() if key not in without}
     return {"application/json": {"schema": schema, "example": example}}
 
 

@@ -2,16 +2,14 @@
 
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 
-from mission_service.core.requests import Settings
 from mission_service.events import TUNED
 from mission_service.guidance.front.perimeter import PerimeterPlanner
 from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import answer
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, json, route, struct
-from mission_service.interfaces.api.states import Told
+from mission_service.interfaces.api.described import V1, json, route
 from mission_service.runtime.hub import Hub
 
 
@@ -32,15 +30,3 @@ def add(routes: APIRouter, api: Api) -> None:
     @routes.get(f"{V1}/planner", **route("look", "The planners' settings now.", shown))
     async def planner() -> Response:
         return answer(planner_of(api.hub))
-
-    @routes.patch(
-        f"{V1}/planner",
-        **route(
-            "fly",
-            "Other settings from now on, for planners that have them.",
-            struct(Told, {**examples.TOLD, "event": "SettingsTold"}),
-            body(Settings, {"alpha": 1.5}),
-        ),
-    )
-    async def settings(request: Request) -> Response:
-        return await api.ask(request, "settings")

@@ -5,7 +5,7 @@ from collections import deque
 
 import aiomqtt
 
-from mission_service.interfaces.mqtt.commands import ABORT
+from mission_service.core.requests import ABORT
 
 MOST_WAITING = 100
 
