@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from mission_service.core.requests import ABORT, REPLAY
+from mission_service.core.requests import ABORT
 from mission_service.interfaces.api.access.auth import Tokens, Who
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.frames import Frames
@@ -86,10 +86,8 @@ class Api:
         if not found["ok"]:
             if self.hub.service.recording.trouble:
                 raise ApiError(507, str(found["error"]))
-            do = wanted["do"]
-            if self.hub.replay is not None and do != REPLAY:
-                raise ApiError(409, str(found["error"]))
-            raise ApiError(422 if do in self.hub.desk.accepted else 409, str(found["error"]))
+            is_accepted = wanted["do"] in self.hub.desk.accepted
+            raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
 
     def _who_asks(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:

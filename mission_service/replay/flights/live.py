@@ -62,6 +62,7 @@ class ReplayDesk(Desk):
             (),
             (),
             lambda *at: True,
+            accepted=(REPLAY,),
         )
         self._player = player
         self._machine_us = now_us
