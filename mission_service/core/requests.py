@@ -4,13 +4,12 @@ Unknown keys are refused: what is not understood is not done in part.
 """
 
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import shapely
 
 from mission_service import events
-from mission_service.config.scenario import Scenario
 from mission_service.errors import RequestError
 from mission_service.events import SERVICE, CrewEvent
 from mission_service.ground_distance import M_PER_DEG
@@ -24,6 +23,9 @@ from mission_service.requests import (
     Request,
     name_of,
 )
+
+if TYPE_CHECKING:
+    from mission_service.config.scenario import Scenario
 
 ELSEWHERE = "mqtt"  # "mqtt:west": a user of MQTT is at no station, so never present
 STATUS = "status"  # asks for the state; it is answered and becomes no event
@@ -39,7 +41,7 @@ REQUESTS = _table(*OF_EVERY_RUN, *OF_VEHICLES, *OF_BURNS)
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
-def accepted_in(scenario: Scenario) -> dict[str, type[Request]]:
+def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
     """The requests that a run of this scenario accepts."""
     return _table(*OF_EVERY_RUN, *(OF_VEHICLES if scenario.burn_flown is None else OF_BURNS))
 
