@@ -90,6 +90,11 @@ def name_of(kind: type[Request]) -> str:
     return str(kind.__struct_config__.tag)
 
 
+def summary_of(kind: type[Request]) -> str:
+    """The first line of a request's help text."""
+    return (kind.__doc__ or "").partition("\n")[0]
+
+
 class Abort(Request, frozen=True):
     """Stop at once: no further drop; every vehicle holds. Accepted whatever else it says."""
 

@@ -11,8 +11,9 @@ import msgspec
 import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
-from benchmarks.mqtt_schemas import EXAMPLES, FOLDER, command_file, documents, file_of, texts
+from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, page, texts
 from mission_service.core.requests import REPLAY, event_of
+from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
 from mission_service.requests import Replay
@@ -35,6 +36,7 @@ def test_no_schema_is_missing_stale_or_left_over() -> None:
     assert sorted(there) == sorted(made), MADE_ANEW
     for name, text in made.items():
         assert there[name] == text, f"{name}: {MADE_ANEW}"
+    assert page(PAGE) == PAGE, MADE_ANEW
 
 
 @pytest.mark.parametrize("name", sorted(documents()))
@@ -112,7 +114,7 @@ def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) ->
     async def look() -> dict[str, Any]:
         async with (
             listening(broker.port) as ear,
-            telling(broker.port, replay=EXAMPLES["replay/1"], commands=True) as stage,
+            telling(broker.port, replay=REPLAY_STATE, commands=True) as stage,
         ):
             await until(lambda: stage.publisher.connected)
             stage.moves(1_000_000)

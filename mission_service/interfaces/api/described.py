@@ -10,6 +10,7 @@ import msgspec
 from fastapi import Depends, Request
 
 from mission_service import requests
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import ApiError
 from mission_service.requests import Role
 
@@ -78,15 +79,16 @@ def route(
     }
 
 
-def struct(kind: type, example: Any) -> dict[str, Any]:
+def struct(kind: type, example: Any = None) -> dict[str, Any]:
     """An answer that is one of the API's Structs."""
-    return {"application/json": {"schema": _ref(kind), "example": example}}
+    shown = examples.example_of(kind) if example is None else example
+    return {"application/json": {"schema": _ref(kind), "example": shown}}
 
 
-def structs(kind: type, example: Any) -> dict[str, Any]:
+def structs(kind: type) -> dict[str, Any]:
     """An answer that is a list of them."""
     schema = {"type": "array", "items": _ref(kind)}
-    return {"application/json": {"schema": schema, "example": [example]}}
+    return {"application/json": {"schema": schema, "example": [examples.example_of(kind)]}}
 
 
 def json(example: Any, media_type: str = "application/json", what: str = "") -> dict[str, Any]:
@@ -97,11 +99,6 @@ def json(example: Any, media_type: str = "application/json", what: str = "") -> 
 def file(media_type: str) -> dict[str, Any]:
     """An answer that is a file."""
     return {media_type: {"schema": {"type": "string", "format": "binary"}}}
-
-
-def summary_of(kind: type[requests.Request]) -> str:
-    """The first line of a request's help text."""
-    return (kind.__doc__ or "").partition("\n")[0]
 
 
 def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 
 from mission_service.config.sections import BURN
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import ApiError, answer, body_of, encode
 from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, file, json, route

@@ -10,7 +10,6 @@ from autopilot_bridge.items import Items, MissionItem, Plan
 from autopilot_bridge.missions.planfile import write_plan
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.fire.setup import home_of
-from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, json, route, struct
@@ -77,7 +76,7 @@ def add(routes: APIRouter, api: Api) -> None:
         **route(
             "look",
             "What is on board, on its way, and waits for a word.",
-            struct(MissionState, examples.MISSION),
+            struct(MissionState),
         ),
     )
     async def mission(name: str) -> Response:
@@ -104,7 +103,7 @@ def add(routes: APIRouter, api: Api) -> None:
         **route(
             "fly",
             "What waits for a word or would be sent now, its figures, what it changes.",
-            struct(Preview, examples.PREVIEW),
+            struct(Preview),
         ),
     )
     async def preview(name: str, request: Request) -> Response:

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Response
 
 from mission_service.events import TUNED
 from mission_service.guidance.front.perimeter import PerimeterPlanner
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import answer
 from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, json, route
@@ -25,7 +25,7 @@ def planner_of(hub: Hub) -> dict[str, Any]:
 
 def add(routes: APIRouter, api: Api) -> None:
     """``/planner``."""
-    shown = json(examples.STATE["planner"], what="The table [planner] of the scenario, as it is.")
+    shown = json(examples.PLANNER, what="The table [planner] of the scenario, as it is.")
 
     @routes.get(f"{V1}/planner", **route("look", "The planners' settings now.", shown))
     async def planner() -> Response:

@@ -3,11 +3,10 @@
 from fastapi import APIRouter, Request, Response
 
 from mission_service.core.requests import REPLAY
-from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import ApiError, answer
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, route, struct, summary_of
-from mission_service.requests import Replay
+from mission_service.interfaces.api.described import V1, body, route, struct
+from mission_service.requests import Replay, summary_of
 from mission_service.runtime.play_head import ReplayState
 
 
@@ -19,7 +18,7 @@ def add(routes: APIRouter, api: Api) -> None:
             raise ApiError(404, "this run is no replay")
         return api.hub.replay()
 
-    shown = struct(ReplayState, examples.REPLAY)
+    shown = struct(ReplayState)
 
     @routes.get(f"{V1}/replay", **route("look", "Where a replay is, and how fast.", shown))
     async def replay() -> Response:

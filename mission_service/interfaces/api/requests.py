@@ -7,11 +7,11 @@ from fastapi import APIRouter, Response
 from fastapi import Request as HttpRequest
 
 from mission_service.core.requests import ABORT, REQUESTS
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, route, struct, summary_of
+from mission_service.interfaces.api.described import V1, body, route, struct
 from mission_service.interfaces.api.states import Told
-from mission_service.requests import Request, name_of
+from mission_service.requests import Request, name_of, summary_of
 from mission_service.runtime.request_handler import CHANGES_AREA
 
 ALL = "all"  # in place of a vehicle's name, where a request may be for all of them

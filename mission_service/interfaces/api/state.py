@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.access.auth import ROLES, Who
 from mission_service.interfaces.api.answers import ApiError, answer
 from mission_service.interfaces.api.context import Api
@@ -23,9 +23,7 @@ def add(routes: APIRouter, api: Api) -> None:
     """``/state``, ``/live``, ``/news``, ``/abort``."""
     land = land_of(api.hub)
 
-    @routes.get(
-        f"{V1}/state", **route("look", "Everything for a new page.", struct(State, examples.STATE))
-    )
+    @routes.get(f"{V1}/state", **route("look", "Everything for a new page.", struct(State)))
     async def state(request: Request) -> Response:
         hub, who = api.hub, request.state.who
         picture = hub.picture
@@ -67,7 +65,7 @@ def add(routes: APIRouter, api: Api) -> None:
 
     @routes.get(
         f"{V1}/news",
-        **route("look", "Lines for people, the latest 500.", structs(NewsLine, examples.NEWS)),
+        **route("look", "Lines for people, the latest 500.", structs(NewsLine)),
     )
     async def news(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
         return answer([line for line in api.hub.picture.news if line.id > after])

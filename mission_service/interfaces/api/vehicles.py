@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import ApiError, answer, encode
 from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, json, route, struct, structs
@@ -20,15 +20,13 @@ GEOJSON = "application/geo+json"
 def add(routes: APIRouter, api: Api) -> None:
     """``/vehicles``."""
 
-    @routes.get(
-        f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState, examples.VEHICLE))
-    )
+    @routes.get(f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState)))
     async def vehicles() -> Response:
         return answer(list(api.hub.picture.vehicles.values()))
 
     @routes.get(
         f"{V1}/vehicles/{{name}}",
-        **route("look", "One vehicle.", struct(VehicleState, examples.VEHICLE)),
+        **route("look", "One vehicle.", struct(VehicleState)),
     )
     async def vehicle(name: str) -> Response:
         return answer(api.vehicle(name))
@@ -52,7 +50,7 @@ def add(routes: APIRouter, api: Api) -> None:
         **route(
             "look",
             "What speaks for turning back and for going on, cell by cell of the believed front.",
-            struct(Importance, examples.IMPORTANCE),
+            struct(Importance),
         ),
     )
     async def importance(name: str) -> Response:
