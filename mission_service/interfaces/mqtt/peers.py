@@ -29,6 +29,7 @@ from mission_service.interfaces.mqtt.connection import (
     keep_connected,
     together,
 )
+from mission_service.interfaces.mqtt.inbox import Inbox
 from mission_service.interfaces.mqtt.site import access_for
 from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 
@@ -138,29 +139,6 @@ class Outbox:
         return None
 
 
-class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """What has come and is still to be handled: of states only the newest of each vehicle.
-
-    A process that falls behind must not live in the past. When full, the oldest is dropped.
-    """
-
-    def _init(self, maxsize: int) -> None:
-        self._queue: dict[object, aiomqtt.Message] = {}
-
-    def _put(self, item: aiomqtt.Message) -> None:
-        overtaken = item.topic.value.endswith(OVERTAKEN)
-        self._queue[item.topic.value if overtaken else object()] = item
-
-    def _get(self) -> aiomqtt.Message:
-        return self._queue.pop(next(iter(self._queue)))
-
-    def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Never full."""
-        if self.full():
-            self.get_nowait()
-        super().put_nowait(item)
-
-
 class Ears(Protocol):
     """What takes in all that others say."""
 
@@ -181,6 +159,11 @@ class Ears(Protocol):
         """A line for the user."""
 
 
+def _inbox() -> Inbox:
+    """Of states and times only the newest of each vehicle counts."""
+    return Inbox(MOST_UNREAD, newest=OVERTAKEN)
+
+
 class Exchange:
     """Sends what this process's vehicles (``own``) say, and hears those of other processes.
 
@@ -194,7 +177,7 @@ class Exchange:
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
-        self._outbox, self._inbox = Outbox(), Inbox(MOST_UNREAD)
+        self._outbox, self._inbox = Outbox(), _inbox()
         self._time_due = asyncio.Event()
         self._in_contact = False
         self._joined = asyncio.Event()  # others have told what time it is
@@ -235,7 +218,7 @@ class Exchange:
                 await self._joined.wait()
 
     def _client(self, logger: logging.Logger) -> aiomqtt.Client:
-        self._inbox = Inbox(MOST_UNREAD)
+        self._inbox = _inbox()
         return client_to(self.channel.broker, self.channel.access, logger=logger, inbox=self._inbox)
 
     async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:

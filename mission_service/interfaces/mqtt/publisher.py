@@ -17,6 +17,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.config.service import MqttSection
+from mission_service.core.requests import ABORT
 from mission_service.interfaces.maps.of_run import forecasts_of, front_now
 from mission_service.interfaces.mqtt.commands import MOST_BYTES, Doorkeeper
 from mission_service.interfaces.mqtt.connection import (
@@ -42,6 +43,7 @@ STATUS_EVERY_S = 1.0  # a look at whether it has changed
 POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
 TELL_AGAIN_US = 60_000_000
+MOST_UNREAD = 100  # commands that wait
 MOST_REPLIES = 100  # that wait for the broker; beyond it the oldest is dropped
 PACKET_BYTES = 2 * MOST_BYTES  # what is larger the broker does not send; up to it we say why not
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
@@ -59,6 +61,10 @@ def mqtt_door(
     return door
 
 
+def _inbox() -> Inbox:
+    return Inbox(MOST_UNREAD, urgent=f"/{ABORT}")
+
+
 class Publisher:
     """One run's side of a connection to a broker."""
 
@@ -74,7 +80,7 @@ class Publisher:
         self._outgoing = Outgoing(settings.telemetry_hz)
         self._forecasts = forecasts_of(hub)
         self._doorkeeper = Doorkeeper(partial(hub.desk.ask, may_approve=False))
-        self._inbox = Inbox()
+        self._inbox = _inbox()
         self._replies: deque[Reply] = deque(maxlen=MOST_REPLIES)
         self._reply_waits = asyncio.Event()
 
@@ -88,7 +94,7 @@ class Publisher:
     # The connection ---------------------------------------------------------------------------
 
     def _client(self, logger: logging.Logger) -> aiomqtt.Client:
-        self._inbox = Inbox()
+        self._inbox = _inbox()
         payload = msgspec.json.encode(self._status(False, "the connection was lost"))
         will = aiomqtt.Will(self._topic(STATUS.path), payload, STATUS.qos, STATUS.retained)
         return client_to(
