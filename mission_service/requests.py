@@ -10,6 +10,7 @@ Here is what every guidance accepts (``OF_EVERY_RUN``) and what those accept tha
 missions (``OF_VEHICLES``). The requests of one guidance alone are in its folder.
 """
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import msgspec
@@ -23,6 +24,7 @@ MAX_DURATION_S = 1e7  # times farther away are a mistake
 MAX_LENGTH_M = 10_000.0  # and so are larger circles and longer lines
 MAX_FIRE_LENGTH_M = 500_000.0  # round fires that others have mapped
 
+WHO = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
 
 # Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
@@ -64,6 +66,8 @@ class Request(
     ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
+    # Its event, which takes time, user, station and the request's own keys in their order.
+    makes: ClassVar[Callable[..., events.CrewEvent]]
     role: ClassVar[Role]  # that a user needs
     path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
@@ -78,7 +82,8 @@ class Request(
 
     def event(self, at_us: int) -> events.CrewEvent:
         """The event that it becomes at mission time ``at_us``. Raises RequestError."""
-        raise NotImplementedError
+        own = (getattr(self, name) for name in self.__struct_fields__[len(WHO) :])
+        return self.makes(*self.user(at_us), *own)
 
     def user(self, at_us: int) -> tuple[int, str, str]:
         """What all events of users begin with."""
@@ -98,12 +103,9 @@ def summary_of(kind: type[Request]) -> str:
 class Abort(Request, frozen=True):
     """Stop at once: no further drop; every vehicle holds. Accepted whatever else it says."""
 
+    makes = events.Aborted
     role = "look"
     path = "/abort"
-
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Aborted``."""
-        return events.Aborted(*self.user(at_us))
 
 
 class FireRequest(Request, frozen=True):
@@ -158,6 +160,7 @@ class Lit(FireRequest, frozen=True):
 class Erase(FireRequest, frozen=True):
     """Remove corrections around a place."""
 
+    makes = events.Erased
     example: ClassVar = {**PLACE, "radius_m": 50.0}
 
     lat_deg: Latitude
@@ -165,53 +168,43 @@ class Erase(FireRequest, frozen=True):
     radius_m: Radius
 
     def event(self, at_us: int) -> events.CrewEvent:
-        """``Erased``."""
+        """As its keys are, but for a radius of 0."""
         if self.radius_m == 0.0:
             raise RequestError("erase: radius_m must be more than 0")
-        return events.Erased(*self.user(at_us), self.lat_deg, self.lon_deg, self.radius_m)
+        return super().event(at_us)
 
 
 class Undo(FireRequest, frozen=True):
     """Take the last correction or erasure back."""
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Undone``."""
-        return events.Undone(*self.user(at_us))
+    makes = events.Undone
 
 
 class Redo(FireRequest, frozen=True):
     """Apply again what was taken back last."""
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Redone``."""
-        return events.Redone(*self.user(at_us))
+    makes = events.Redone
 
 
 class Wind(FireRequest, frozen=True):
     """Set the wind from now on, 6.1 m (20 ft) above the vegetation, from true north."""
 
+    makes = events.WindTold
     path = "/wind"
     example: ClassVar = {"speed_m_s": 5.0, "from_deg": 270.0}
 
     speed_m_s: Annotated[float, Meta(ge=0, le=100)]
     from_deg: Annotated[float, Meta(ge=0, le=360)]
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``WindTold``."""
-        return events.WindTold(*self.user(at_us), self.speed_m_s, self.from_deg)
-
 
 class Present(Request, frozen=True):
     """Report that a user watches; to be sent every few seconds."""
 
+    makes = events.Present
     role = "approve"
     path = "/burn/{do}"
     operation = "burn_{do}"
     over_mqtt = False
-
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Present``."""
-        return events.Present(*self.user(at_us))
 
 
 class OrderRequest(Request, frozen=True):
@@ -265,43 +258,33 @@ class MissionRequest(Request, frozen=True):
 class Renew(MissionRequest, frozen=True):
     """Plan a new mission and send it now."""
 
+    makes = events.MissionWanted
     example: ClassVar = {"vehicle": "hawk"}
 
     vehicle: AnyVehicle = ""
-
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``MissionWanted``."""
-        return events.MissionWanted(*self.user(at_us), self.vehicle)
 
 
 class Accept(MissionRequest, frozen=True):
     """Accept the proposed mission of this hash: it is sent to the vehicle."""
 
+    makes = events.MissionAccepted
     vehicle: OneVehicle
     hash: Hash
-
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``MissionAccepted``."""
-        return events.MissionAccepted(*self.user(at_us), self.vehicle, self.hash)
 
 
 class Refuse(MissionRequest, frozen=True):
     """Refuse the proposed mission of this hash: it is not flown."""
 
+    makes = events.MissionRefused
     vehicle: OneVehicle
     hash: Hash
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``MissionRefused``."""
-        return events.MissionRefused(*self.user(at_us), self.vehicle, self.hash)
-
 
 def _settings_event(request: Any, at_us: int) -> events.CrewEvent:
-    given = [getattr(request, name) for name in events.TUNED]
-    if given == [None] * len(given):
+    if all(getattr(request, name) is None for name in events.TUNED):
         *others, last = events.TUNED
         raise RequestError(f"settings: give {', '.join(others)} or {last}")
-    return events.SettingsTold(*request.user(at_us), *given)
+    return Request.event(request, at_us)
 
 
 # Its keys are those of its event: the table of all settings that may change in flight.
@@ -315,6 +298,7 @@ Settings = cast(
         frozen=True,
         namespace={
             "__doc__": "Change settings of the planner from now on.",
+            "makes": events.SettingsTold,
             "role": "fly",
             "path": "/planner",
             "method": "PATCH",

@@ -35,15 +35,12 @@ class BurnRequest(Request, frozen=True):
 class Plan(BurnRequest, frozen=True):
     """Plan the next ignition line."""
 
+    makes = events.PlanWanted
     role = "fly"
     example: ClassVar = {"line_spacing_m": 20.0, "drop_spacing_m": 15.0}
 
     line_spacing_m: Spacing = None
     drop_spacing_m: Spacing = None
-
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``PlanWanted``."""
-        return events.PlanWanted(*self.user(at_us), self.line_spacing_m, self.drop_spacing_m)
 
 
 class HashRequest(BurnRequest, frozen=True):
@@ -57,19 +54,14 @@ class HashRequest(BurnRequest, frozen=True):
 class Approve(HashRequest, frozen=True):
     """Approve exactly the plan of this hash."""
 
+    makes = events.Approved
     over_mqtt = False
-
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Approved``."""
-        return events.Approved(*self.user(at_us), self.hash)
 
 
 class Reject(HashRequest, frozen=True):
     """Reject the plan of this hash: it is not flown."""
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Rejected``."""
-        return events.Rejected(*self.user(at_us), self.hash)
+    makes = events.Rejected
 
 
 class Go(BurnRequest, frozen=True):
@@ -117,14 +109,15 @@ class Person(BurnRequest, frozen=True):
 class Unit(BurnRequest, frozen=True):
     """Change the burn unit to the polygon of these corners."""
 
+    makes = events.UnitTold
     example: ClassVar = {"points": [*LINE, [36.3661, -84.1409]]}
 
     points: Places
 
     def event(self, at_us: int) -> events.CrewEvent:
-        """``UnitTold``."""
+        """As its keys are, if the corners make a polygon."""
         refuse_no_polygon("unit", self.points)
-        return events.UnitTold(*self.user(at_us), self.points)
+        return super().event(at_us)
 
 
 REQUESTS = (Plan, Approve, Reject, Go, NoGo, Person, Unit)
