@@ -15,7 +15,8 @@ from mission_service.interfaces.api.states import (
 from mission_service.interfaces.mqtt.messages import Alarms, Reply, ServiceStatus
 from mission_service.missions.figures import Figures
 from mission_service.requests import HASH
-from mission_service.runtime.picture import (
+from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
     Alarm,
     ItemState,
     Mission,
@@ -25,7 +26,6 @@ from mission_service.runtime.picture import (
     TelemetryState,
     VehicleState,
 )
-from mission_service.runtime.play_head import ReplayState
 
 AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
 TOLD = {"ok": True, "at_s": 4215.3, "event": "Ordered", "said": ["hawk: hold, by anna"]}

@@ -38,8 +38,13 @@ from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import COMMON, REF, V1, Needs, json, route
 from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import MissionState, NewsLine, TelemetryState, VehicleState
 from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
+    MissionState,
+    NewsLine,
+    TelemetryState,
+    VehicleState,
+)
 
 PAGE = Path(__file__).parents[1] / "web" / "dist"
 ANSWERS = (

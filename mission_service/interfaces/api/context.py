@@ -15,7 +15,7 @@ from mission_service.interfaces.api.live import Streams
 from mission_service.interfaces.maps.of_run import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import VehicleState
+from mission_service.runtime.published_states import VehicleState
 
 MOST_THREADS = 2  # at once: those who look must not slow down those who fly
 

@@ -9,7 +9,7 @@ from mission_service.guidance.front.importance import window_importance
 from mission_service.guidance.front.perimeter import PerimeterPlanner
 from mission_service.interfaces.api.states import Importance
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import VehicleState
+from mission_service.runtime.published_states import VehicleState
 
 
 def importance_of(hub: Hub, vehicle: VehicleState) -> Importance | None:

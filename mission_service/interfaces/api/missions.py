@@ -17,7 +17,7 @@ from mission_service.interfaces.api.mission_difference import difference_of
 from mission_service.interfaces.api.states import Preview
 from mission_service.missions.mission_hash import mission_hash
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import Mission, MissionState, item_state
+from mission_service.runtime.published_states import Mission, MissionState, item_state
 
 
 def items_of(mission: Mission) -> Items:

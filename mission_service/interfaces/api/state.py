@@ -12,7 +12,7 @@ from mission_service.interfaces.api.described import V1, WHO, route, struct, str
 from mission_service.interfaces.api.live import MOST_STREAMS, LiveStream
 from mission_service.interfaces.api.planner import planner_of
 from mission_service.interfaces.api.states import State, Told, land_of, status_of
-from mission_service.runtime.picture import NewsLine
+from mission_service.runtime.published_states import NewsLine
 
 LARGEST = 2**53
 BY, STATION = WHO["by"]["description"], WHO["station"]["description"]

@@ -10,7 +10,7 @@ from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, json, route, struct, structs
 from mission_service.interfaces.api.importance import importance_of
 from mission_service.interfaces.api.states import Importance
-from mission_service.runtime.picture import VehicleState
+from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.track import track_geojson
 
 MOST_POINTS = 5000

@@ -11,8 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from mission_service.interfaces.mqtt.messages import Alarms, Reply, ServiceStatus
-from mission_service.runtime.picture import MissionState, NewsLine, TelemetryState, VehicleState
 from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
+    MissionState,
+    NewsLine,
+    TelemetryState,
+    VehicleState,
+)
 
 if TYPE_CHECKING:
     from mission_service.runtime.hub import Hub
