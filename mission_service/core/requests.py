@@ -4,6 +4,7 @@ Unknown keys are refused: what is not understood is not done in part.
 """
 
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -46,28 +47,45 @@ def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
     return _table(*OF_EVERY_RUN, *(OF_VEHICLES if scenario.burn_flown is None else OF_BURNS))
 
 
+@dataclass(frozen=True)
+class RequestScope:
+    """Which requests a run accepts, and what it has that they may name.
+
+    Attributes:
+        stations: The places from which requests are accepted; empty: any.
+        items: The GO list; None: any.
+        on_map: Whether the landscape has a latitude and longitude, in degrees.
+        vehicles: The names of the vehicles; None: any.
+        accepted: The names of the requests.
+    """
+
+    stations: Collection[str] = ()
+    items: Collection[str] | None = None
+    on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True
+    vehicles: Collection[str] | None = None
+    accepted: Collection[str] = tuple(REQUESTS)
+
+
+ANYWHERE = RequestScope()
+
+
 def event_of(
     request: dict[str, Any],
     at_us: int,
-    stations: Collection[str],
-    items: Collection[str] | None = None,
-    on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
-    vehicles: Collection[str] | None = None,
-    accepted: Collection[str] = REQUESTS.keys(),
+    scope: RequestScope = ANYWHERE,
     may_approve: bool | None = None,
 ) -> CrewEvent:
-    """The event that a request stands for, at mission time ``at_us``.
+    """The event that a request stands for.
 
     Args:
         request: The request as JSON has it.
         at_us: Mission time.
-        stations: The places from which requests are accepted; empty: any.
-        items: The GO list, where it is known.
-        on_map: Whether the landscape has a latitude and longitude, in degrees.
-        vehicles: The names of vehicles, where they are known.
-        accepted: The names of requests that this run accepts.
+        scope: What it is checked against.
         may_approve: Whether the user has the role approve; None where an interface does not check
             users: then only requests that need that role count as such a user's.
+
+    Returns:
+        The event.
 
     Raises:
         RequestError: In one line, for all that is not right. An abort is accepted whatever it says.
@@ -77,13 +95,24 @@ def event_of(
     do = request.get("do")
     if do == ABORT:
         return events.Aborted(at_us, _named(request, "by"), _named(request, "station"))
-    kind = _kind(do, accepted)
+    kind = _kind(do, scope.accepted)
     try:
         asked = msgspec.convert(request, kind)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
     if _is_service(asked.by):
         raise RequestError(f"{do}: by {SERVICE!r} is the service's own name; give yours")
+    _check_names(asked, scope)
+    for place in _places(asked):
+        if not scope.on_map(*place):
+            raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
+    approver = kind.role == "approve" if may_approve is None else may_approve
+    return msgspec.structs.replace(asked.event(at_us), may_approve=approver)
+
+
+def _check_names(asked: Request, scope: RequestScope) -> None:
+    """Raises RequestError for a station, item or vehicle that the run has not."""
+    stations, items, vehicles = scope.stations, scope.items, scope.vehicles
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
@@ -92,11 +121,6 @@ def event_of(
         raise RequestError(f"no item {_cut(item)} on the list: {'; '.join(items)}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
         raise RequestError(f"no vehicle {_cut(vehicle)}; there are {', '.join(vehicles)}")
-    for place in _places(asked):
-        if not on_map(*place):
-            raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
-    approver = kind.role == "approve" if may_approve is None else may_approve
-    return msgspec.structs.replace(asked.event(at_us), may_approve=approver)
 
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:

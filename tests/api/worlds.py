@@ -13,7 +13,7 @@ import httpx
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import BURN
 from mission_service.config.service import HttpSection, ServiceSection
-from mission_service.core.requests import accepted_in
+from mission_service.core.requests import RequestScope, accepted_in
 from mission_service.events import CrewEvent
 from mission_service.fire.setup import landscape_of
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, Who, new_token, sum_of
@@ -78,17 +78,15 @@ def world_in(out: Path, scenario: Scenario) -> World:
         return simulation.world.fire.burned_ha
 
     burn = scenario.burn if scenario.planner.rule == BURN else None
-    desk = Desk(
-        tell,
-        service.status,
-        lambda: clock.now_us,
+    scope = RequestScope(
         () if burn is None else tuple(station.name for station in burn.stations),
         () if burn is None else burn.go_items,
         on_map,
         tuple(section.name for section in scenario.vehicles),
         accepted_in(scenario),
-        None if burn is not None else burned_ha,
     )
+    area = None if burn is not None else burned_ha
+    desk = Desk(tell, service.status, lambda: clock.now_us, scope, area)
     settings = ServiceSection(http=HttpSection())
     hub = Hub(scenario, settings, service, picture, desk, clock, {}, out, out / "journal.jsonl")
     return World(simulation, hub, told)

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, page, texts
-from mission_service.core.requests import REPLAY, event_of
+from mission_service.core.requests import REPLAY, RequestScope, event_of
 from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
@@ -97,7 +97,7 @@ def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
         if request["do"] == REPLAY:  # no event
             events.append(msgspec.convert(request, Replay))
         else:
-            events.append(event_of(request, 0, stations=["west"], vehicles=["hawk"]))
+            events.append(event_of(request, 0, RequestScope(["west"], vehicles=["hawk"])))
         return {"ok": True}
 
     sent_us = example["sent_at_unix_us"]

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mission_service.cli.main import main
-from mission_service.core.requests import REQUESTS
+from mission_service.core.requests import REQUESTS, RequestScope
 from mission_service.events import (
     Aborted,
     Answered,
@@ -78,14 +78,8 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
             made.lock.sent(thing.commands)
         else:
             made.lock.take(thing)
-    desk = Desk(
-        made.tell,
-        lambda: made.status(),
-        lambda: AT_US,
-        stations,
-        SECTION.go_items,
-        lambda *place: True,
-    )
+    scope = RequestScope(stations, SECTION.go_items)
+    desk = Desk(made.tell, lambda: made.status(), lambda: AT_US, scope)
     loop = asyncio.new_event_loop()
     with claimed(tmp_path / NAME) as listening:
         task = loop.create_task(serve_control(listening, desk))

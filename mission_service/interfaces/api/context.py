@@ -86,7 +86,7 @@ class Api:
         if not found["ok"]:
             if self.hub.service.recording.trouble:
                 raise ApiError(507, str(found["error"]))
-            is_accepted = wanted["do"] in self.hub.desk.accepted
+            is_accepted = wanted["do"] in self.hub.desk.scope.accepted
             raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
 

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from mission_service.config.service import ServiceSection
-from mission_service.core.requests import REPLAY, STATUS
+from mission_service.core.requests import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
 from mission_service.fire.simulated import FireWorld
 from mission_service.interfaces.control.client import NAME
@@ -59,10 +59,7 @@ class ReplayDesk(Desk):
             lambda event: [],
             self._where_it_is,
             lambda: player.state().at_us,
-            (),
-            (),
-            lambda *at: True,
-            accepted=(REPLAY,),
+            RequestScope(accepted=(REPLAY,)),
         )
         self._player = player
         self._machine_us = now_us
