@@ -19,6 +19,7 @@ from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.commands import Doorkeeper
 from tests.api.worlds import World, scenario_of, served, world_in
 
+API_PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
 WHO = {"by": "anna", "station": "desk"}
 SENT = {"id": "1", "by": "anna", "sent_at_unix_us": 0}
 
@@ -56,6 +57,8 @@ def test_each_has_a_route_with_its_role_and_keys(name: str, described: dict[str,
     kind = ALL_REQUESTS[name]
     operations = described["paths"]["/api/v1" + kind.path.replace("{do}", name)]
     operation = operations[kind.method.lower()]
+    row = f"| `{kind.method} {kind.path.replace('{do}', name)}` | {kind.role} |"
+    assert f"{row} {operation['summary']} |" in API_PAGE
     assert operation["x-role"] == kind.role
     if name != ABORT:  # whose body is not read
         body = operation["requestBody"]["content"]["application/json"]["schema"]
