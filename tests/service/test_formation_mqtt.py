@@ -5,6 +5,7 @@ import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any, cast
 
 import aiomqtt
 import pytest
@@ -83,7 +84,7 @@ class Talker:
 @asynccontextmanager
 async def talking(port: int, *names: str) -> AsyncIterator[list[Talker]]:
     talkers = [Talker(name, port) for name in names]
-    tasks = [asyncio.create_task(talker.exchange.run(talker)) for talker in talkers]
+    tasks = [asyncio.create_task(talker.exchange.run(cast(Any, talker))) for talker in talkers]
     try:
         yield talkers
         assert not any(task.done() for task in tasks)
