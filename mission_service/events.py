@@ -391,11 +391,22 @@ class MissionRefused(Crew, frozen=True, tag=True):
 
 
 class SettingsTold(Crew, frozen=True, tag=True):
-    """Settings of the planners changed; None leaves a setting as it is."""
+    """Settings of the planners changed; None leaves a setting as it is.
 
-    alpha: float | None = None
-    reversal_margin: float | None = None
-    dwell_s: float | None = None
+    Each has the name that it has in the scenario's table ``[planner]``.
+    """
+
+    alpha: Annotated[
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        Meta(description="How uneven the fire is taken to be; 0: the vehicle circles."),
+    ] = None
+    reversal_margin: Annotated[
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        Meta(description="How much more importance behind than ahead makes a vehicle turn."),
+    ] = None
+    dwell_s: Annotated[
+        Annotated[float, Meta(ge=0, le=1e7)] | None, Meta(description="From one turn to the next.")
+    ] = None
 
     @property
     def given(self) -> dict[str, Any]:
@@ -404,7 +415,7 @@ class SettingsTold(Crew, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED = ("alpha", "reversal_margin", "dwell_s")
+TUNED: dict[str, Any] = dict(SettingsTold.__annotations__)  # their types with bounds, by name
 
 
 CrewEvent = (

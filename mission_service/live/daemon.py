@@ -14,7 +14,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
-from mission_service.core.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
+from mission_service.core.requests import RequestScope, accepted_in
 from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire.setup import landscape_of
@@ -332,10 +332,10 @@ def desk_of(
         service.world.advance(clock.now_us)
         return service.world.fire.burned_ha
 
-    words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
     names = tuple(section.name for section in scenario.flown)
+    scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
-    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words, area)
+    return Desk(told, status, lambda: clock.now_us, scope, area)
 
 
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:

@@ -16,7 +16,7 @@ from mission_service.missions.figures import Figures, figures_of
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.links import Link
-from mission_service.runtime.picture import DropState, Picture
+from mission_service.runtime.picture import Picture
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.record import Record
 from mission_service.runtime.request_handler import Desk
@@ -129,11 +129,7 @@ class Hub:
         if burn is None:
             return None
         picture = self.picture
-        drops = [
-            DropState(drop.at_us, name, drop.plan_hash, drop.number, *drop.place, drop.outcome)
-            for name, vehicle in self.record.vehicles.items()
-            for drop in vehicle.drops
-        ]
+        drops = [drop for vehicle in self.record.vehicles.values() for drop in vehicle.drops]
         return {
             "schema": "burn/1",
             "at_us": self.clock.now_us,

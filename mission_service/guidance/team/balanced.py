@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from mission_service.config.scenario import Scenario
+from mission_service.guidance.front.planners import turn_back_s
 from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
@@ -25,7 +26,6 @@ from mission_service.guidance.team.lookahead import (
     workspace_for,
 )
 from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
-from mission_service.guidance.front.planners import turn_back_s
 from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
 NODES = 256  # at most, of the ring for roll-outs

@@ -2,7 +2,7 @@
 
 from mission_service.interfaces.api.states import Importance
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import VehicleState
+from mission_service.runtime.published_states import VehicleState
 
 
 def importance_of(hub: Hub, vehicle: VehicleState) -> Importance | None:

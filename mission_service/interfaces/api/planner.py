@@ -2,14 +2,12 @@
 
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 
-from mission_service.core.requests import Settings
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import answer
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, json, route, struct
-from mission_service.interfaces.api.states import Told
+from mission_service.interfaces.api.described import V1, json, route
 from mission_service.runtime.hub import Hub
 
 
@@ -20,20 +18,8 @@ def planner_of(hub: Hub) -> dict[str, Any]:
 
 def add(routes: APIRouter, api: Api) -> None:
     """``/planner``."""
-    shown = json(examples.STATE["planner"], what="The table [planner] of the scenario, as it is.")
+    shown = json(examples.PLANNER, what="The table [planner] of the scenario, as it is.")
 
     @routes.get(f"{V1}/planner", **route("look", "The planners' settings now.", shown))
     async def planner() -> Response:
         return answer(planner_of(api.hub))
-
-    @routes.patch(
-        f"{V1}/planner",
-        **route(
-            "fly",
-            "Other settings from now on, for planners that have them.",
-            struct(Told, {**examples.TOLD, "event": "SettingsTold"}),
-            body(Settings, {"alpha": 1.5}),
-        ),
-    )
-    async def settings(request: Request) -> Response:
-        return await api.ask(request, "settings")

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from mission_service.config.service import ServiceSection
-from mission_service.core.requests import REPLAY, Replay
+from mission_service.core.requests import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.registry import way_of
@@ -23,6 +23,7 @@ from mission_service.replay.flights.beside import Replaying
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
 from mission_service.replay.flights.player import Player
+from mission_service.requests import Replay
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.gateway import MissionClock
@@ -59,9 +60,7 @@ class ReplayDesk(Desk):
             lambda event: [],
             self._where_it_is,
             lambda: player.state().at_us,
-            (),
-            (),
-            lambda *at: True,
+            RequestScope(accepted=(REPLAY,)),
         )
         self._player = player
         self._machine_us = now_us
@@ -78,7 +77,7 @@ class ReplayDesk(Desk):
         """The answer to one request; never raises for anything that it may say."""
         do = request.get("do") if isinstance(request, dict) else None
         if do != REPLAY:
-            return super().ask(request) if do == "status" else wrong(ORDERED)
+            return super().ask(request) if do == STATUS else wrong(ORDERED)
         try:
             said = moved(self._player, request, self._machine_us())
         except RequestError as error:
