@@ -14,11 +14,11 @@ import sys
 import time
 from contextlib import AsyncExitStack
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.process import serve
+from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from benchmarks.link_shared import clock_us, free_ports, mission_of
 

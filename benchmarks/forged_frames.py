@@ -23,10 +23,10 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.shared_link import FleetLink
 from autopilot_bridge.links.framing import frames_of
 from autopilot_bridge.missions.bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.vehicle.fleet import FleetLink
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.setup import landscape_of

@@ -25,13 +25,13 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import V2, Framer, checksum, field_at, message_id_of
 from autopilot_bridge.links.signing import Key, Signing, Timestamps
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks.stacks import Stack, stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 
 RADIO = mavlink.MAVLINK_MSG_ID_RADIO_STATUS

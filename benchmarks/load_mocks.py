@@ -18,10 +18,10 @@ from typing import IO
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.mock.fault_injection import Troubled
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.fleet import Fleet
-from autopilot_bridge.mock.process import serve
-from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.mock.mock_group import Fleet
+from autopilot_bridge.mock.serving import serve
 from benchmarks.link_shared import clock_us
 from mission_service.simulation.mocks import Surroundings, from_scenario
 

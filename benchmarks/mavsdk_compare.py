@@ -12,8 +12,8 @@ import subprocess
 import sys
 import time
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from benchmarks.link_shared import clock_us, free_ports, mission_of
 

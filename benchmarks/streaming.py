@@ -18,10 +18,10 @@ from contextlib import AsyncExitStack
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.shared_link import FleetLink
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection, Peer
-from autopilot_bridge.vehicle.client import VehicleClient
-from autopilot_bridge.vehicle.fleet import FleetLink
 from benchmarks.link_shared import clock_us, free_ports
 
 MOST_SHARE = 0.25

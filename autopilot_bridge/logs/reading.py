@@ -8,7 +8,7 @@ from typing import NamedTuple
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.dataflash import HEAD, DataFlashLog
 from autopilot_bridge.logs.entries import Entry, Log
-from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.logs.record_scanner import pieces
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import MAGIC, UlogLog
 

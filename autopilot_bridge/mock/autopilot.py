@@ -10,19 +10,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
-from autopilot_bridge.mock.commands import CommandServer, asked_of
-from autopilot_bridge.mock.flight import Flight
+from autopilot_bridge.mock.battery import Battery
+from autopilot_bridge.mock.command_server import CommandServer, asked_of
+from autopilot_bridge.mock.flight_model import Flight
 from autopilot_bridge.mock.ftp_server import FtpServer
 from autopilot_bridge.mock.gripper import Answer, Px4Gripper
 from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
-from autopilot_bridge.mock.parameters import ParameterServer
+from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Output
-from autopilot_bridge.mock.power import Battery
 from autopilot_bridge.mock.px4_server import Px4Server
-from autopilot_bridge.mock.telemetry import Telemetry
+from autopilot_bridge.mock.telemetry_sender import Telemetry
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1

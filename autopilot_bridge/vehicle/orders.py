@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import speed_type
 from autopilot_bridge.stacks.stacks import ARM, Place, Stack, Step
-from autopilot_bridge.vehicle.command import AnyStep, SetParameter
+from autopilot_bridge.vehicle.command_sequence import AnyStep, SetParameter
 
 NAN = math.nan
 CHANGE_MODE = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)

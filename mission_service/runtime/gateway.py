@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.client_protocol import Autopilot
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.autopilot import Autopilot
+from autopilot_bridge.vehicle.message_rates import RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.rates import RatesHz
 from mission_service.commands import (
     AnyCommand,
     ChangeSpeed,

@@ -1,7 +1,7 @@
 """The links of a live run: each opened once, with a client for each of its vehicles.
 
 Vehicles that name the same link share it: they are told apart by their system ids. Each is bound to
-the remote it was found on (``autopilot_bridge/vehicle/sources.py``).
+the remote it was found on (``autopilot_bridge/vehicle/remote_binding.py``).
 """
 
 import asyncio
@@ -11,12 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from autopilot_bridge.clients.client_protocol import Autopilot
+from autopilot_bridge.clients.mavsdk import MavsdkVehicle
+from autopilot_bridge.clients.shared_link import FleetLink
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.signing import Signing
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.mavsdk.vehicle import MavsdkVehicle
-from autopilot_bridge.vehicle.autopilot import Autopilot
-from autopilot_bridge.vehicle.fleet import FleetLink
+from autopilot_bridge.links.tlog_writer import Tlog
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario

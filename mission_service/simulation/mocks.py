@@ -12,11 +12,11 @@ from typing import Any
 from autopilot_bridge.links.link import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.fault_injection import Troubled
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.mock.kinematics import CALM, Wind
-from autopilot_bridge.mock.process import serve
-from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.mock.mock_group import Fleet
+from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import flying, load_scenario

@@ -4,11 +4,11 @@ import heapq
 from collections.abc import Callable
 from pathlib import Path
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario

@@ -6,14 +6,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.shared_link import Fleet, FleetEvent, FleetLink, VehicleKey
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.fleet import Fleet as Mocks
+from autopilot_bridge.mock.mock_group import Fleet as Mocks
 from autopilot_bridge.stacks.stacks import STACKS, stack_named, stack_of
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
     Connected,
@@ -23,7 +24,6 @@ from autopilot_bridge.vehicle.client_events import (
     SameSystemId,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.fleet import Fleet, FleetEvent, FleetLink, VehicleKey
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.wire_helpers import clock_us, free_port
 from tests.patience import PATIENCE_S

@@ -20,7 +20,7 @@ from autopilot_bridge.vehicle.client_events import (
     ModeChanged,
     Position,
 )
-from autopilot_bridge.vehicle.drops import FIRST_COMPONENT
+from autopilot_bridge.vehicle.drop_sender import FIRST_COMPONENT
 from autopilot_bridge.vehicle.orders import Dropper
 from tests.bridge.helpers import HOME, SECOND, Pair, line_of, mock_of
 

@@ -10,8 +10,8 @@ from autopilot_bridge.items import takeoff
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
-from autopilot_bridge.vehicle.asked_modes import AskedModes
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
+from autopilot_bridge.vehicle.commanded_modes import AskedModes
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

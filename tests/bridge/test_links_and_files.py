@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import (
@@ -18,9 +19,8 @@ from autopilot_bridge.links.link import (
     reconnect_wait_s,
 )
 from autopilot_bridge.missions.transfer import TransferResult
-from autopilot_bridge.mock.process import serve
+from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 

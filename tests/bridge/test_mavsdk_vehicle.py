@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import pytest
 
+from autopilot_bridge.clients.mavsdk import MavsdkVehicle
+from autopilot_bridge.clients.mavsdk_library import judged, library
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, MissionItem
-from autopilot_bridge.mavsdk.library import judged, library
-from autopilot_bridge.mavsdk.vehicle import MavsdkVehicle
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import stack_named

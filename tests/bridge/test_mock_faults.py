@@ -3,10 +3,10 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.mock.fleet import Fleet
+from autopilot_bridge.mock.mock_group import Fleet
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Position, Rebooted, TransferFinished
 from tests.bridge.helpers import Pair, line_of, mock_of
 from tests.bridge.mock_talk import (

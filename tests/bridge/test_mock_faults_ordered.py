@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
+from autopilot_bridge.mock.fault_injection import GROUND, SECOND_GROUND, Troubled
 from autopilot_bridge.mock.faults import Faults, parse_faults
-from autopilot_bridge.mock.fleet import Fleet
-from autopilot_bridge.mock.troubled import GROUND, SECOND_GROUND, Troubled
-from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.mock.mock_group import Fleet
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.mock_talk import PLANE, PX4, count, each_stack, item, listing
 

@@ -13,7 +13,7 @@ from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named
 from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import CommandFinished, ModeChanged, Position, Rebooted
-from autopilot_bridge.vehicle.command import CommandSequence
+from autopilot_bridge.vehicle.command_sequence import CommandSequence
 from tests.bridge.helpers import HOME, Pair, flight_of, mock_of
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.shared_link import FleetLink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.missions.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
     ClockChanged,
@@ -22,10 +23,9 @@ from autopilot_bridge.vehicle.client_events import (
     RemoteChanged,
     SameSystemId,
 )
-from autopilot_bridge.vehicle.fleet import FleetLink
+from autopilot_bridge.vehicle.monitor import Watch
 from autopilot_bridge.vehicle.plausibility import BootClock
-from autopilot_bridge.vehicle.sources import Source
-from autopilot_bridge.vehicle.watch import Watch
+from autopilot_bridge.vehicle.remote_binding import Source
 from tests.bridge.helpers import SECOND
 
 LAT, LON = 36.3, -84.2

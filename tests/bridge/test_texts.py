@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import MissionProgress, Text
-from autopilot_bridge.vehicle.watch import Watch
+from autopilot_bridge.vehicle.monitor import Watch
 from tests.bridge.helpers import Pair, mock_of
 
 # As PX4 1.17 sent it: 50 characters, then the rest.

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.mock.fault_injection import Troubled
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import (
     EstimatorStatus,
@@ -16,8 +16,8 @@ from autopilot_bridge.vehicle.client_events import (
     SystemState,
     Text,
 )
+from autopilot_bridge.vehicle.monitor import Watch
 from autopilot_bridge.vehicle.telemetry import Telemetry
-from autopilot_bridge.vehicle.watch import Watch
 from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
 
 ALL_WELL = 0x033F  # attitude, velocities, positions and their predictions

@@ -13,7 +13,7 @@ import pytest
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.wires import MOST_UNSENT_BYTES
+from autopilot_bridge.links.transports import MOST_UNSENT_BYTES
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.mock.kinematics import Wind
-from autopilot_bridge.vehicle.client import VehicleClient
 from benchmarks.burn_frames import SIDE_M, place, small_burn
 from firemodel.landscape.default import jacksboro
 from mission_service.config.scenario import Scenario

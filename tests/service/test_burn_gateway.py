@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.mock.fault_injection import Troubled
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.commands import ClimbAndHold, Drop
 from mission_service.config.scenario import Scenario, load_scenario, parse_scenario

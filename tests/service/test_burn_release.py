@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.items import takeoff, waypoint
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Position
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.guidance.burn.release import Errors, Landing, Moving, is_due, landing, spread_m

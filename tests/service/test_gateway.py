@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.rates import rates_for
+from autopilot_bridge.vehicle.message_rates import rates_for
 from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
 from mission_service.config.scenario import load_scenario
 from mission_service.events import (

@@ -35,10 +35,10 @@ from autopilot_bridge.missions.transfer import (
 from autopilot_bridge.missions.truncate import Truncate
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.asked_modes import AskedModes
-from autopilot_bridge.vehicle.begin import Begin as MissionBegin
-from autopilot_bridge.vehicle.begin import Onboard
-from autopilot_bridge.vehicle.mode import SetMode
+from autopilot_bridge.vehicle.commanded_modes import AskedModes
+from autopilot_bridge.vehicle.mission_activation import Begin as MissionBegin
+from autopilot_bridge.vehicle.mission_activation import Onboard
+from autopilot_bridge.vehicle.mode_change import SetMode
 
 NOTHING = Onboard(None, None, False)
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from autopilot_bridge.links.connection import Connection, Peer
 from autopilot_bridge.links.signing import Key, Signing
-from autopilot_bridge.mock.fleet import Fleet
-from autopilot_bridge.mock.key_taker import KeyTaker
+from autopilot_bridge.mock.mock_group import Fleet
+from autopilot_bridge.mock.signing_server import KeyTaker
 
 
 async def serve(

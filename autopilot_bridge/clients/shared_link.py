@@ -2,7 +2,7 @@
 
 Each link is a peer of a connection; what comes in is decoded once and handed to the client of the
 system that sent it. A vehicle is a link and a system id: the same id on two links is two vehicles.
-Which remote of a link a vehicle's messages are taken from: ``sources.py``.
+Which remote of a link a vehicle's messages are taken from: ``remote_binding.py``.
 """
 
 import heapq
@@ -10,16 +10,16 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, VehicleClient, gcs_heartbeat
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_of
-from autopilot_bridge.vehicle.client import HEARTBEAT_EVERY_US, VehicleClient, gcs_heartbeat
 from autopilot_bridge.vehicle.client_events import ClientEvent
-from autopilot_bridge.vehicle.rates import RATES_HZ, RatesHz
-from autopilot_bridge.vehicle.sources import Source
+from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
+from autopilot_bridge.vehicle.monitor import AUTOPILOT
+from autopilot_bridge.vehicle.remote_binding import Source
 from autopilot_bridge.vehicle.telemetry import MESSAGES
-from autopilot_bridge.vehicle.watch import AUTOPILOT
 
 HEARTBEAT_TIMEOUT_US = 3_000_000
 

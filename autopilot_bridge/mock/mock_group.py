@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.mock.fault_injection import Troubled
 
 
 class Fleet:

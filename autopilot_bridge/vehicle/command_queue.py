@@ -5,9 +5,9 @@ from collections.abc import Callable
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import ARM, Stack
-from autopilot_bridge.vehicle.asked_modes import AskedModes, modes_asked
 from autopilot_bridge.vehicle.client_events import CommandFinished, ParametersFinished
-from autopilot_bridge.vehicle.command import AnyStep, CommandSequence
+from autopilot_bridge.vehicle.command_sequence import AnyStep, CommandSequence
+from autopilot_bridge.vehicle.commanded_modes import AskedModes, modes_asked
 from autopilot_bridge.vehicle.parameters import ParameterRead, ParameterSet, ParametersRead
 
 Request = ParameterRead | ParametersRead | ParameterSet

@@ -7,7 +7,7 @@ no command is repeated, and no transfer changes it.
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack, Step
-from autopilot_bridge.vehicle.command import AnyStep
+from autopilot_bridge.vehicle.command_sequence import AnyStep
 
 SEEN_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some get lost
 ON_ITS_WAY_US = 2_000_000  # a mode commanded before another may still follow

@@ -18,14 +18,7 @@ from typing import Any, Literal, Self, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.items import Items, jumps_moved
-from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.framing import frames_of, source_of
-from autopilot_bridge.links.signing import Counts, Signing
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.mavsdk.library import (
+from autopilot_bridge.clients.mavsdk_library import (
     ACCEPTED,
     MAVSDK_IDS,
     item_of_raw,
@@ -34,13 +27,18 @@ from autopilot_bridge.mavsdk.library import (
     raw_items,
     raw_message,
 )
+from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import Items, jumps_moved
+from autopilot_bridge.links.codec import Codec, Message
+from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.framing import frames_of, source_of
+from autopilot_bridge.links.signing import Counts, Signing
+from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.plan_id import mission_id_of
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, Step
-from autopilot_bridge.vehicle.asked_modes import AskedModes, modes_asked
-from autopilot_bridge.vehicle.begin import Begin as MissionBegin
-from autopilot_bridge.vehicle.begin import Onboard
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     CommandFinished,
@@ -51,14 +49,16 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.command import RESULTS, command_message
-from autopilot_bridge.vehicle.fleet import HEARTBEAT_TIMEOUT_US, is_of_autopilot
-from autopilot_bridge.vehicle.jobs import LAST_NAV, Begin
-from autopilot_bridge.vehicle.mode import changed_meanwhile
+from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message
+from autopilot_bridge.vehicle.commanded_modes import AskedModes, modes_asked
+from autopilot_bridge.vehicle.message_rates import rate_requests
+from autopilot_bridge.vehicle.mission_activation import Begin as MissionBegin
+from autopilot_bridge.vehicle.mission_activation import Onboard
+from autopilot_bridge.vehicle.mode_change import changed_meanwhile
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, Watch
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.rates import rate_requests
-from autopilot_bridge.vehicle.sources import Source
-from autopilot_bridge.vehicle.watch import AUTOPILOT, Watch
+from autopilot_bridge.vehicle.remote_binding import Source
+from autopilot_bridge.vehicle.transfer_queue import LAST_NAV, Begin
 
 LOOK_EVERY_S = 0.05
 ANSWER_S = 1.5
@@ -527,7 +527,7 @@ class MavsdkVehicle:
     async def _made_current(
         self, seq: int, wire_items: Items, before: Onboard, stack: Stack
     ) -> TransferResult:
-        """Begin the mission on board: see ``vehicle/begin.py``."""
+        """Begin the mission on board: see ``vehicle/mission_activation.py``."""
         address = Address(MAVSDK_IDS, self._target)
         later = range(seq, len(wire_items))
         shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)

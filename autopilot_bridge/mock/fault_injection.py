@@ -5,13 +5,13 @@ from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import VehicleClient
 from autopilot_bridge.items import Items, waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
 from autopilot_bridge.mock.faults import Faults, Span
-from autopilot_bridge.mock.power import EMERGENCY_PERCENT, LOW_PERCENT
-from autopilot_bridge.vehicle.client import VehicleClient
 
 GROUND = (255, 190)  # as whom the mock takes the station it is tried with
 SECOND_GROUND = (254, 190)

@@ -6,7 +6,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Peer
 from autopilot_bridge.links.framing import frames_of
 from autopilot_bridge.links.signing import Key, is_secret
-from autopilot_bridge.mock.fleet import Fleet
+from autopilot_bridge.mock.mock_group import Fleet
 
 _ID = b"\x00\x01\x00"  # 256 as a header has it: most datagrams need no look at each frame
 

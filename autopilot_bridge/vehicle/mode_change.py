@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.command import RESULTS
+from autopilot_bridge.vehicle.command_sequence import RESULTS
 
 TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 

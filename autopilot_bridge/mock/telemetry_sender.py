@@ -5,9 +5,10 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.mock import instruments
-from autopilot_bridge.mock.commands import custom_mode_of
-from autopilot_bridge.mock.flight import Flight
+from autopilot_bridge.mock import telemetry_source
+from autopilot_bridge.mock.command_server import custom_mode_of
+from autopilot_bridge.mock.extension_fields import with_extension
+from autopilot_bridge.mock.flight_model import Flight
 from autopilot_bridge.mock.intervals import (
     ATTITUDE,
     BATTERY_STATUS,
@@ -26,7 +27,6 @@ from autopilot_bridge.mock.intervals import (
 )
 from autopilot_bridge.mock.kinematics import STEP_US
 from autopilot_bridge.mock.mission_server import MissionServer, text
-from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.stacks.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
@@ -116,7 +116,7 @@ class Telemetry:
         base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if flight.armed:
             base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        state = instruments.system_status(self._stack, flight)
+        state = telemetry_source.system_status(self._stack, flight)
         self._send(
             mavlink.MAVLink_heartbeat_message(
                 self._stack.mav_type, self._stack.autopilot, base_mode, custom_mode, state, 3
@@ -145,25 +145,25 @@ class Telemetry:
         if due(ATTITUDE, steps):
             pitch_rad = math.atan2(motion.climb_m_s, max(motion.airspeed_m_s, 1.0))
             angles = (motion.roll_rad, pitch_rad, motion.heading_rad)
-            self._send(instruments.attitude(boot_us // 1000, *angles))
+            self._send(telemetry_source.attitude(boot_us // 1000, *angles))
         if due(VFR_HUD, steps):
             speeds = (motion.airspeed_m_s, motion.speed_m_s, motion.heading_rad)
             climb = (motion.altitude_m, motion.climb_m_s)
-            self._send(instruments.vfr_hud(*speeds, flight.throttle_percent, *climb))
+            self._send(telemetry_source.vfr_hud(*speeds, flight.throttle_percent, *climb))
         wind = (flight.wind.from_deg, flight.wind.speed_m_s)
         if due(WIND, steps):
-            self._send(instruments.wind(*wind))
+            self._send(telemetry_source.wind(*wind))
         if due(WIND_COV, steps) and flight.airborne:
-            self._send(instruments.wind_cov(boot_us, *wind, motion.altitude_m))
+            self._send(telemetry_source.wind_cov(boot_us, *wind, motion.altitude_m))
         percent = 100 if flight.battery_percent is None else math.ceil(flight.battery_percent)
         if due(SYS_STATUS, steps):
-            self._send(instruments.sys_status(percent, flight.battery.volts, self.unhealthy))
+            self._send(telemetry_source.sys_status(percent, flight.battery.volts, self.unhealthy))
         if due(BATTERY_STATUS, steps):
-            self._send(instruments.battery_status(percent, flight.battery.volts))
+            self._send(telemetry_source.battery_status(percent, flight.battery.volts))
         if due(GPS, steps):
             place = flight.frame.global_position(motion)
             fix = (3, 10) if flight.gps else (1, 0)
-            self._send(instruments.gps_raw(boot_us, *place, motion.altitude_m, *fix))
+            self._send(telemetry_source.gps_raw(boot_us, *place, motion.altitude_m, *fix))
         if due(SERVOS, steps):
             self._servos(flight, steps)
         self._states(flight, steps)
@@ -172,15 +172,15 @@ class Telemetry:
         """Messages that report failures."""
         boot_us, due = steps * STEP_US, self._intervals.due
         if due(LANDED, steps):
-            self._send(instruments.landed_state(self._stack, flight))
+            self._send(telemetry_source.landed_state(self._stack, flight))
         if flight.fence is not None and due(FENCE, steps):
-            self._send(instruments.fence_status(flight.fence, boot_us // 1000))
+            self._send(telemetry_source.fence_status(flight.fence, boot_us // 1000))
         if due(EKF, steps) or due(ESTIMATOR, steps):
-            flags = instruments.estimator_flags(self._stack, flight.blind_s(boot_us / 1e6))
+            flags = telemetry_source.estimator_flags(self._stack, flight.blind_s(boot_us / 1e6))
             if self._stack.name == "px4":
-                self._send(instruments.estimator_status(flags, boot_us))
+                self._send(telemetry_source.estimator_status(flags, boot_us))
             else:
-                self._send(instruments.ekf_status(flags))
+                self._send(telemetry_source.ekf_status(flags))
 
     def _servos(self, flight: Flight, steps: int) -> None:
         servos = flight.payload.servos_us

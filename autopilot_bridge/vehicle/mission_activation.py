@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Step
-from autopilot_bridge.vehicle.command import RESULTS, command_message
+from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message
 
 SETTLED_US = 300_000  # PX4 looks at a new mission after it has acknowledged it (seen: 60 ms)
 UNFIT_FOR_US = 1_000_000

@@ -5,8 +5,8 @@ from typing import Protocol
 from autopilot_bridge.items import Items
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ClientEvent
-from autopilot_bridge.vehicle.jobs import Begin
 from autopilot_bridge.vehicle.orders import Dropper
+from autopilot_bridge.vehicle.transfer_queue import Begin
 
 
 class Autopilot(Protocol):

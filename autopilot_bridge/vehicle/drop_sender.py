@@ -16,7 +16,7 @@ from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.client_events import DropFinished, DropOutcome
-from autopilot_bridge.vehicle.command import RESULTS, command_message, command_name
+from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message, command_name
 from autopilot_bridge.vehicle.orders import Dropper, drop
 
 FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)

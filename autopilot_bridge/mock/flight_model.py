@@ -8,8 +8,10 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
+from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.body import Body, Place, wider_m
-from autopilot_bridge.mock.course_of_items import (
+from autopilot_bridge.mock.kinematics import Limits
+from autopilot_bridge.mock.mission_sequencer import (
     DEFAULT_RADIUS_M,
     LANDINGS,
     LOITERS,
@@ -20,10 +22,8 @@ from autopilot_bridge.mock.course_of_items import (
     loiter_radius_m,
     next_of,
 )
-from autopilot_bridge.mock.habits import habits_of
-from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.payload import Payload
-from autopilot_bridge.mock.power import Battery
+from autopilot_bridge.mock.stack_constants import habits_of
 from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]

@@ -5,9 +5,9 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.mock.course_of_items import LANDINGS
-from autopilot_bridge.mock.flight import Flight
+from autopilot_bridge.mock.flight_model import Flight
 from autopilot_bridge.mock.kinematics import GRAVITY_M_S2
+from autopilot_bridge.mock.mission_sequencer import LANDINGS
 from autopilot_bridge.stacks.stacks import Stack
 
 # What is switched on: gyro, accelerometer, compass, barometer, GPS, attitude, motors, AHRS.

@@ -2,7 +2,7 @@
 
 Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next_timer``,
 ``handle_timer``), events (``next_event``). Time is an argument, in microseconds of any clock.
-Where vehicles share a link, ``fleet.py`` decodes for all (``receive_message``).
+Where vehicles share a link, ``shared_link.py`` decodes for all (``receive_message``).
 """
 
 from collections import deque
@@ -15,7 +15,6 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import Kind, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import orders
-from autopilot_bridge.vehicle.asked_modes import AskedModes
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     Connected,
@@ -25,13 +24,14 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.drops import Drops
-from autopilot_bridge.vehicle.jobs import Begin, Job, Jobs, Seen
-from autopilot_bridge.vehicle.mode import changed_meanwhile
-from autopilot_bridge.vehicle.queues import Commands, ParameterRequests
-from autopilot_bridge.vehicle.rates import RATES_HZ, Rates, RatesHz
-from autopilot_bridge.vehicle.texts import Texts
-from autopilot_bridge.vehicle.watch import AUTOPILOT, Watch
+from autopilot_bridge.vehicle.command_queue import Commands, ParameterRequests
+from autopilot_bridge.vehicle.commanded_modes import AskedModes
+from autopilot_bridge.vehicle.drop_sender import Drops
+from autopilot_bridge.vehicle.message_rates import RATES_HZ, Rates, RatesHz
+from autopilot_bridge.vehicle.mode_change import changed_meanwhile
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, Watch
+from autopilot_bridge.vehicle.statustext import Texts
+from autopilot_bridge.vehicle.transfer_queue import Begin, Job, Jobs, Seen
 
 HEARTBEAT_EVERY_US = 1_000_000
 NEVER_US = 1 << 62

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.mock.course_of_items import DEFAULT_RADIUS_M
-from autopilot_bridge.mock.flight import Flight, Mode
+from autopilot_bridge.mock.flight_model import Flight, Mode
 from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.local_frame import RELATIVE_FRAMES
+from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M
 from autopilot_bridge.mock.mission_server import MissionServer, text
-from autopilot_bridge.mock.parameters import ParameterServer
+from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.stacks.rules import rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
