@@ -14,7 +14,7 @@ import sys
 import time
 from contextlib import AsyncExitStack
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.serving import serve
@@ -53,7 +53,7 @@ def _tell_cpu() -> None:
 class Vehicle:
     """One client on one port."""
 
-    def __init__(self, system: int, connection: Connection, client: VehicleClient) -> None:
+    def __init__(self, system: int, connection: Connection, client: NativeClient) -> None:
         self.stack = "px4" if system % 2 == 1 else "ardupilot"
         self._connection = connection
         self._client = client
@@ -83,7 +83,7 @@ async def run(vehicles: int, items: int, rounds: int) -> bool:
     async with AsyncExitStack() as stack:
         fleet = []
         for system, port in enumerate(ports, start=1):
-            client = VehicleClient(target_system=system)
+            client = NativeClient(target_system=system)
             connection = Connection(f"udpin:127.0.0.1:{port}", client, clock_us)
             await stack.enter_async_context(connection)
             fleet.append(Vehicle(system, connection, client))

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import V2, Framer, checksum, field_at, message_id_of
@@ -222,7 +222,7 @@ def transfer_part(chance: random.Random, count: int, report: Report) -> None:
 def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> str:
     """How one upload ended; raises AssertionError when it does not end."""
     mock = MockAutopilot(stack, home_lat_deg=36.3, home_lon_deg=-84.2, home_altitude_amsl_m=300.0)
-    client, now_us, transfer_id = VehicleClient(), 0, None
+    client, now_us, transfer_id = NativeClient(), 0, None
     last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
     while now_us < MOST_VIRTUAL_S * 1e6:
         now_us = max(now_us, min(client.next_timer(), mock.next_timer()))
@@ -253,7 +253,7 @@ def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> s
 
 def _disturb(
     chance: random.Random,
-    client: VehicleClient,
+    client: NativeClient,
     mock: MockAutopilot,
     last: dict[str, bytes],
     now_us: int,

@@ -6,18 +6,18 @@ from autopilot_bridge.items import Items
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.transfer_queue import Begin
+from autopilot_bridge.vehicle.transfer_queue import StartItem
 
 
-class Autopilot(Protocol):
-    """One vehicle: ``VehicleClient``, or ``MavsdkVehicle``. What comes of it are its events."""
+class VehicleClient(Protocol):
+    """One vehicle: ``NativeClient``, or ``MavsdkClient``. What comes of it are its events."""
 
     @property
     def stack(self) -> Stack | None:
         """The autopilot, once it was heard."""
 
     def upload(
-        self, items: Items, now_us: int, *, begin: Begin = "restart", holds_first: bool = False
+        self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
     ) -> int:
         """Replace the mission; TransferFinished with the id tells how it went."""
 

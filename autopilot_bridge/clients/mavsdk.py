@@ -1,4 +1,4 @@
-"""A vehicle flown through MAVSDK: takes the place of ``VehicleClient`` and its ``Connection``.
+"""A vehicle flown through MAVSDK: takes the place of ``NativeClient`` and its ``Connection``.
 
 MAVSDK (a C library in this process) is fed with the bytes of our link; it finds the vehicle, moves
 missions and repeats commands. What it leaves out is added here, as seen on real autopilots:
@@ -50,15 +50,14 @@ from autopilot_bridge.vehicle.client_events import (
     TransferFinished,
 )
 from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message
-from autopilot_bridge.vehicle.commanded_modes import AskedModes, modes_asked
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.message_rates import rate_requests
-from autopilot_bridge.vehicle.mission_activation import Begin as MissionBegin
-from autopilot_bridge.vehicle.mission_activation import Onboard
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
-from autopilot_bridge.vehicle.monitor import AUTOPILOT, Watch
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.remote_binding import Source
-from autopilot_bridge.vehicle.transfer_queue import LAST_NAV, Begin
+from autopilot_bridge.vehicle.remote_binding import RemoteBinding
+from autopilot_bridge.vehicle.transfer_queue import LAST_NAV, StartItem
 
 LOOK_EVERY_S = 0.05
 ANSWER_S = 1.5
@@ -78,11 +77,11 @@ class Job:
     transfer_id: int
     action: Literal["upload", "download", "clear"]
     items: Items = ()
-    begin: Begin = "restart"
+    begin: StartItem = "restart"
     holds_first: bool = False
 
 
-class MavsdkVehicle:
+class MavsdkClient:
     """One vehicle on one link while the context is open; both an ``Autopilot`` and its link."""
 
     def __init__(
@@ -97,14 +96,14 @@ class MavsdkVehicle:
     ) -> None:
         self.called = ""  # the remote that the link calls
         self._signed = signing is not None
-        self._source: Source | None = None
+        self._source: RemoteBinding | None = None
         self._connection = Connection(
             link, self, clock, tlog=tlog, signing=signing, link_id=link_id
         )
         self._link = link
         self._clock = clock
         self._target = (system_id, AUTOPILOT)
-        self._watch = Watch(HEARTBEAT_TIMEOUT_US, most_speed_m_s)
+        self._monitor = VehicleMonitor(HEARTBEAT_TIMEOUT_US, most_speed_m_s)
         self._codec = Codec(*MAVSDK_IDS)
         self._outgoing: list[bytes] = []
         self._events: deque[ClientEvent] = deque()
@@ -112,8 +111,8 @@ class MavsdkVehicle:
         self._next_id = 1
         self._asked = asyncio.Event()
         self._commands: asyncio.Queue[tuple[str, tuple[Step, ...]]] = asyncio.Queue()
-        self._begin: MissionBegin | None = None  # under way
-        self._asked_modes = AskedModes()
+        self._begin: MissionActivation | None = None  # under way
+        self._commanded_modes = CommandedModes()
         self._taken: list[str] = []  # why autopilot or pilot took over, each time
         self._heartbeats = 0
         self._mavsdk: Any = None
@@ -127,12 +126,12 @@ class MavsdkVehicle:
     @property
     def stack(self) -> Stack | None:
         """The autopilot, once it was heard."""
-        return self._watch.stack
+        return self._monitor.stack
 
     @property
     def in_mission(self) -> bool:
         """Whether it flies its mission, by its last HEARTBEAT."""
-        return self._watch.in_mission
+        return self._monitor.in_mission
 
     @property
     def counts(self) -> Counts:
@@ -145,9 +144,9 @@ class MavsdkVehicle:
         return self._connection.hears_signed
 
     def upload(
-        self, items: Items, now_us: int, *, begin: Begin = "restart", holds_first: bool = False
+        self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
     ) -> int:
-        """Replace the mission; see ``VehicleClient.upload``."""
+        """Replace the mission; see ``NativeClient.upload``."""
         for waiting in [job for job in self._waiting if job.action == "upload"]:
             self._waiting.remove(waiting)
             ended = TransferResult("superseded", "a newer one came", holds="the old one")
@@ -166,7 +165,7 @@ class MavsdkVehicle:
         """Fly the mission: arm and change mode where needed; outcome as CommandFinished."""
         stack = self._known_stack()
         flying = (stack.set_mode(stack.mission_mode),)
-        self._commands.put_nowait(("start mission", flying if self._watch.armed else stack.start))
+        self._commands.put_nowait(("start mission", flying if self._monitor.armed else stack.start))
 
     def hold(self, now_us: int) -> None:
         """Loiter here; outcome as CommandFinished."""
@@ -277,12 +276,12 @@ class MavsdkVehicle:
         self.receive_frames("", frames_of(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Take in whole frames of the vehicle's remote, for MAVSDK and our own watch.
+        """Take in whole frames of the vehicle's remote, for MAVSDK and our own monitor.
 
         MAVSDK gets no frame before a HEARTBEAT identifies the remote, and none out of bounds.
         """
         if self._source is None:
-            self._source = Source(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
+            self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
         source = self._source
         for frame in frames:
             messages = self._codec.decode_frames([frame])
@@ -293,14 +292,14 @@ class MavsdkVehicle:
                 if not accepted:
                     continue
                 self._receive(messages[0], now_us)
-                if not self._watch.used:
+                if not self._monitor.used:
                     continue
             if remote == source.remote:
                 self._mavsdk.pass_received_raw_bytes(frame)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        mode = self._watch.custom_mode
-        events = self._watch.receive(message, now_us)
+        mode = self._monitor.custom_mode
+        events = self._monitor.receive(message, now_us)
         self._heartbeats += message.get_type() == "HEARTBEAT"
         if self._begin is not None:
             self._begin.receive(message, now_us)
@@ -315,7 +314,7 @@ class MavsdkVehicle:
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
         """Note a mode that was not commanded here."""
-        if self.stack is not None and not self._asked_modes.has(mode, now_us):
+        if self.stack is not None and not self._commanded_modes.has(mode, now_us):
             self._taken.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
                 self._begin.leave(self._taken[-1])
@@ -334,13 +333,13 @@ class MavsdkVehicle:
     def next_timer(self) -> int | None:
         """When its silence counts as a lost link, or an alarm may have ended."""
         alarms_us = None if self._source is None else self._source.alarm_timer()
-        timers = (self._watch.next_timer(), self._watch.alarm_timer(), alarms_us)
+        timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
         return min((timer for timer in timers if timer is not None), default=None)
 
     def handle_timer(self, now_us: int) -> None:
         """Report a lost link, and alarms that have ended."""
-        self._events.extend(self._watch.handle_timer(now_us))
-        self._events.extend(self._watch.end_alarms(now_us))
+        self._events.extend(self._monitor.handle_timer(now_us))
+        self._events.extend(self._monitor.end_alarms(now_us))
         if self._source is not None:
             self._source.handle_timer(now_us)
             self._events.extend(self._source.alarms)
@@ -408,7 +407,7 @@ class MavsdkVehicle:
         for step in steps:
             if len(self._taken) > taken:
                 return False, self._taken[-1]
-            self._asked_modes.ask(modes_asked(step, self._known_stack()), self._clock())
+            self._commanded_modes.ask(modes_of_step(step, self._known_stack()), self._clock())
             command, asked = step.command, command_message(self._target, step, 0)
             try:
                 ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
@@ -425,12 +424,12 @@ class MavsdkVehicle:
         """Out of the mode ``before`` only, right behind a heartbeat that shows it."""
         heartbeats = self._heartbeats
         await self._until(lambda: self._heartbeats > heartbeats, 2 * ANSWER_S)
-        if self._watch.custom_mode != before:
-            return False, changed_meanwhile(stack, self._watch.custom_mode)
+        if self._monitor.custom_mode != before:
+            return False, changed_meanwhile(stack, self._monitor.custom_mode)
         accepted, reason = await self._steps((stack.set_mode(custom_mode),))
         if not accepted:
             return False, reason
-        changed = await self._until(lambda: self._watch.custom_mode == custom_mode, 2 * ANSWER_S)
+        changed = await self._until(lambda: self._monitor.custom_mode == custom_mode, 2 * ANSWER_S)
         return changed, "accepted" if changed else "no heartbeat shows the mode"
 
     # Transfers --------------------------------------------------------------------------------
@@ -453,7 +452,7 @@ class MavsdkVehicle:
             read, reason = await self._read()
             if read is None:
                 return TransferResult("failed", reason)
-            hidden = self._watch.hidden_items
+            hidden = self._monitor.hidden_items
             return TransferResult(
                 "accepted", "read", items=jumps_moved(read[hidden:], -hidden), holds="not known"
             )
@@ -463,7 +462,7 @@ class MavsdkVehicle:
 
     async def _clear(self, stack: Stack) -> TransferResult:
         left = not stack.keeps_target or await self._until(
-            lambda: not self._watch.in_mission, ANSWER_S
+            lambda: not self._monitor.in_mission, ANSWER_S
         )
         if not left:
             # MAVSDK would cut the list and report success, and the vehicle would fly on.
@@ -473,7 +472,7 @@ class MavsdkVehicle:
         read, reason = await self._read()
         if read is None:
             return TransferResult("unknown", f"{said}; and reading it back: {reason}")
-        if len(read) > self._watch.hidden_items:
+        if len(read) > self._monitor.hidden_items:
             return TransferResult("rejected", f"the vehicle keeps its mission ({said})")
         return ACCEPTED
 
@@ -481,10 +480,10 @@ class MavsdkVehicle:
         bad = next((each for each in check(job.items, stack) if each.kind == "refused"), None)
         if bad is not None:
             return TransferResult("rejected", str(bad), seq=bad.index, holds="the old one")
-        watch, hidden = self._watch, self._watch.hidden_items
+        monitor, hidden = self._monitor, self._monitor.hidden_items
         first = self._first(job)
-        paused = job.holds_first and watch.in_mission and not stack.atomic_upload
-        before, taken = Onboard(None, watch.plan_id, watch.unfit), len(self._taken)
+        paused = job.holds_first and monitor.in_mission and not stack.atomic_upload
+        before, taken = Onboard(None, monitor.plan_id, monitor.unfit), len(self._taken)
         if paused:
             held, reason = await self._change_mode(stack, stack.mission_mode, stack.hold_mode)
             if not held:
@@ -518,10 +517,10 @@ class MavsdkVehicle:
 
     def _first(self, job: Job) -> int:
         """The wire number of the item to fly next."""
-        hidden, last = self._watch.hidden_items, self._watch.hidden_items + len(job.items) - 1
+        hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
         if job.begin == "restart":
             return hidden
-        asked = self._watch.current or 0 if job.begin == "keep" else hidden + job.begin
+        asked = self._monitor.current or 0 if job.begin == "keep" else hidden + job.begin
         return min(max(asked, hidden), last)
 
     async def _made_current(
@@ -531,9 +530,9 @@ class MavsdkVehicle:
         address = Address(MAVSDK_IDS, self._target)
         later = range(seq, len(wire_items))
         shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)
-        begin = self._begin = MissionBegin(
+        begin = self._begin = MissionActivation(
             *(address, seq, shown, len(wire_items), mission_id_of(wire_items, stack)),
-            *(before._replace(seq=self._watch.current), TransferTiming()),
+            *(before._replace(seq=self._monitor.current), TransferTiming()),
         )
         try:
             messages = begin.start(self._clock())

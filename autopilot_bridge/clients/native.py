@@ -24,21 +24,21 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.command_queue import Commands, ParameterRequests
-from autopilot_bridge.vehicle.commanded_modes import AskedModes
-from autopilot_bridge.vehicle.drop_sender import Drops
-from autopilot_bridge.vehicle.message_rates import RATES_HZ, Rates, RatesHz
+from autopilot_bridge.vehicle.command_queue import CommandQueue, ParameterQueue
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes
+from autopilot_bridge.vehicle.drop_sender import DropSender
+from autopilot_bridge.vehicle.message_rates import RATES_HZ, MessageRates, RatesHz
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
-from autopilot_bridge.vehicle.monitor import AUTOPILOT, Watch
-from autopilot_bridge.vehicle.statustext import Texts
-from autopilot_bridge.vehicle.transfer_queue import Begin, Job, Jobs, Seen
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
+from autopilot_bridge.vehicle.statustext import StatustextAssembler
+from autopilot_bridge.vehicle.transfer_queue import Job, StartItem, TransferQueue, VehicleState
 
 HEARTBEAT_EVERY_US = 1_000_000
 NEVER_US = 1 << 62
 AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # what must not wait for a slow retry
 
 
-class VehicleClient:
+class NativeClient:
     """One vehicle. ``target_system`` None takes the first autopilot heard."""
 
     def __init__(
@@ -60,25 +60,27 @@ class VehicleClient:
         """
         self._own = (system_id, component_id)
         self._target_system = target_system
-        self._watch = Watch(heartbeat_timeout_us, most_speed_m_s)
-        self._texts = Texts()
+        self._monitor = VehicleMonitor(heartbeat_timeout_us, most_speed_m_s)
+        self._texts = StatustextAssembler()
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
         self._outgoing: list[Message] = [] if shared is None else shared
         self._events: deque[ClientEvent] = deque()
         self._heartbeats = shared is None
         self._heartbeat_due_us = 0
-        self._rates = Rates(self._own, rates_hz)
-        self._asked_modes = AskedModes()
-        self._jobs = Jobs(self._own, self._timing, self._report, self._asked_modes)
-        self._commands = Commands(self._own, self._timing, self._events.append, self._asked_modes)
-        self._drops = Drops(system_id, self._timing, self._events.append)
-        self._parameters = ParameterRequests(self._timing, self._events.append)
+        self._rates = MessageRates(self._own, rates_hz)
+        self._commanded_modes = CommandedModes()
+        self._jobs = TransferQueue(self._own, self._timing, self._report, self._commanded_modes)
+        self._commands = CommandQueue(
+            self._own, self._timing, self._events.append, self._commanded_modes
+        )
+        self._drops = DropSender(system_id, self._timing, self._events.append)
+        self._parameters = ParameterQueue(self._timing, self._events.append)
 
     @property
     def stack(self) -> Stack | None:
         """The autopilot, once it was heard."""
-        return self._watch.stack
+        return self._monitor.stack
 
     @property
     def target_system(self) -> int | None:
@@ -88,17 +90,17 @@ class VehicleClient:
     @property
     def armed(self) -> bool:
         """By its last HEARTBEAT."""
-        return self._watch.armed
+        return self._monitor.armed
 
     @property
     def custom_mode(self) -> int:
         """By its last HEARTBEAT."""
-        return self._watch.custom_mode
+        return self._monitor.custom_mode
 
     @property
     def position(self) -> Position | None:
         """The last one told."""
-        return self._watch.position
+        return self._monitor.position
 
     # What the user asks for -------------------------------------------------------------------
 
@@ -107,7 +109,7 @@ class VehicleClient:
         items: tuple[MissionItem, ...],
         now_us: int,
         kind: Kind = "mission",
-        begin: Begin = "restart",
+        begin: StartItem = "restart",
         check: bool = False,
         holds_first: bool = False,
         by_file: bool = True,
@@ -201,7 +203,7 @@ class VehicleClient:
         Sent once, past all orders that wait; never repeated. Where it cannot be sent at once it is
         refused. Raises BridgeError if the stack has no such dropper.
         """
-        lost = self._watch.next_timer() is None
+        lost = self._monitor.next_timer() is None
         drop_id, messages = self._drops.drop(
             self._known_stack(), dropper, self._target(), lost, now_us
         )
@@ -308,9 +310,9 @@ class VehicleClient:
             self._commands_timer(),
             self._drops.next_timer(),
             self._parameters.next_timer(),
-            self._watch.alarm_timer(),
+            self._monitor.alarm_timer(),
         ]
-        if (silent_us := self._watch.next_timer()) is not None:  # else there is nobody to ask
+        if (silent_us := self._monitor.next_timer()) is not None:  # else there is nobody to ask
             timers += (silent_us, self._rates.next_timer())
         return min((timer for timer in timers if timer is not None), default=NEVER_US)
 
@@ -319,13 +321,13 @@ class VehicleClient:
         if self._heartbeats and now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._send(gcs_heartbeat())
-        self._events.extend(self._watch.handle_timer(now_us))
-        self._events.extend(self._watch.end_alarms(now_us))
-        if self._watch.next_timer() is not None:
+        self._events.extend(self._monitor.handle_timer(now_us))
+        self._events.extend(self._monitor.end_alarms(now_us))
+        if self._monitor.next_timer() is not None:
             self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
         self._go_on(now_us)
-        if now_us >= self._watch.undecided_until_us:
+        if now_us >= self._monitor.undecided_until_us:
             self._send(*self._commands.handle_timer(now_us))
         self._send(*self._drops.handle_timer(now_us))
         self._send(*self._parameters.handle_timer(now_us))
@@ -333,7 +335,7 @@ class VehicleClient:
     def _commands_timer(self) -> int | None:
         """When a command is due to be repeated; not while the autopilot may have restarted."""
         due_us = self._commands.next_timer()
-        return None if due_us is None else max(due_us, self._watch.undecided_until_us)
+        return None if due_us is None else max(due_us, self._monitor.undecided_until_us)
 
     # Messages -----------------------------------------------------------------------------------
 
@@ -346,8 +348,8 @@ class VehicleClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        mode, armed, critical = self.custom_mode, self.armed, self._watch.critical
-        for event in self._watch.receive(message, now_us):
+        mode, armed, critical = self.custom_mode, self.armed, self._monitor.critical
+        for event in self._monitor.receive(message, now_us):
             self._events.append(event)
             if isinstance(event, Rebooted):
                 self._commands.end_all("the autopilot was restarted", now_us)
@@ -355,13 +357,13 @@ class VehicleClient:
                 self._send(*self._rates.begin(self.stack, self._target(), now_us))
             if isinstance(event, ModeChanged):
                 self._mode_changed(mode, armed, now_us)
-        if self._watch.critical and not critical:
+        if self._monitor.critical and not critical:
             self._jobs.taken("its autopilot went into failsafe meanwhile")
-        if not self._watch.used:
+        if not self._monitor.used:
             return
         self._drops.receive(message, now_us)
         self._send(*self._rates.receive(message, now_us))
-        if now_us >= self._watch.undecided_until_us:  # else what it acknowledged may be undone
+        if now_us >= self._monitor.undecided_until_us:  # else what it acknowledged may be undone
             self._send(*self._commands.receive(message, now_us))
         self._send(*self._parameters.receive(message, now_us))
         if self._jobs.next_timer() is not None:  # a transfer is under way
@@ -373,7 +375,7 @@ class VehicleClient:
     def _mode_changed(self, before: int, was_armed: bool, now_us: int) -> None:
         """Stop transfers and commands if its autopilot, or a pilot by radio, has taken over."""
         mode, stack = self.custom_mode, self._known_stack()
-        if mode != before and not self._asked_modes.has(mode, now_us):
+        if mode != before and not self._commanded_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)
             self._jobs.taken(why)
             self._send(*self._commands.leave_mode(why, now_us))
@@ -394,14 +396,14 @@ class VehicleClient:
         """End what has ended, begin what comes after it."""
         if self.stack is None:
             return
-        watch = self._watch
-        total = None if watch.total is None else watch.total + watch.hidden_items
-        seen = Seen(
-            *(self.stack, self._target(), watch.current, total, self.armed, self.custom_mode),
-            *(watch.plan_id, watch.unfit),
+        monitor = self._monitor
+        total = None if monitor.total is None else monitor.total + monitor.hidden_items
+        state = VehicleState(
+            *(self.stack, self._target(), monitor.current, total, self.armed, self.custom_mode),
+            *(monitor.plan_id, monitor.unfit),
         )
-        self._send(*self._jobs.step(seen, now_us))
-        self._send(*self._jobs.begin_next(seen, now_us))
+        self._send(*self._jobs.step(state, now_us))
+        self._send(*self._jobs.begin_next(state, now_us))
 
     def _report(self, job: Job, result: TransferResult, now_us: int) -> None:
         ended = TransferFinished(now_us, job.transfer_id, job.action, result, job.kind)

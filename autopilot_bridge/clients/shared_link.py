@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, VehicleClient, gcs_heartbeat
+from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, NativeClient, gcs_heartbeat
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
@@ -18,7 +18,7 @@ from autopilot_bridge.stacks.stacks import stack_of
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
-from autopilot_bridge.vehicle.remote_binding import Source
+from autopilot_bridge.vehicle.remote_binding import RemoteBinding
 from autopilot_bridge.vehicle.telemetry import MESSAGES
 
 HEARTBEAT_TIMEOUT_US = 3_000_000
@@ -41,7 +41,7 @@ class FleetEvent(NamedTuple):
     event: ClientEvent
 
 
-class FleetLink:
+class SharedLink:
     """One link and its vehicles: a peer for a ``Connection``.
 
     Vehicles are found by their heartbeats, and ``next_event`` has what happens to all of them; or
@@ -65,7 +65,7 @@ class FleetLink:
         """
         self.name = name
         self.called = ""  # the remote that the link calls, where it calls one
-        self.clients: dict[int, VehicleClient] = {}
+        self.clients: dict[int, NativeClient] = {}
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._timing = timing
@@ -75,12 +75,12 @@ class FleetLink:
         self._events: deque[FleetEvent] = deque()
         self._expects = expects
         self._signed = signed
-        self._sources: dict[int, Source] = {}
+        self._sources: dict[int, RemoteBinding] = {}
         self._heartbeat_due_us = 0
         self._timers: list[tuple[int, int]] = []  # a heap; entries that are no longer so are left
         self._due_us: dict[int, int] = {}
 
-    def expect(self, system: int, most_speed_m_s: float | None = None) -> VehicleClient:
+    def expect(self, system: int, most_speed_m_s: float | None = None) -> NativeClient:
         """A client for a vehicle of this link. Raises BridgeError for one expected twice."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
@@ -108,14 +108,14 @@ class FleetLink:
         for system, timer in touched.items():
             self._touched(system, timer)
 
-    def _found(self, message: Message, system: int) -> VehicleClient | None:
+    def _found(self, message: Message, system: int) -> NativeClient | None:
         """A client for an autopilot not heard before; None for anybody else."""
         if self._expects or not is_of_autopilot(message):
             return None
         return self._client(system)
 
-    def _client(self, system: int, most_speed_m_s: float | None = None) -> VehicleClient:
-        client = VehicleClient(
+    def _client(self, system: int, most_speed_m_s: float | None = None) -> NativeClient:
+        client = NativeClient(
             *self._own,
             target_system=system,
             heartbeat_timeout_us=self._heartbeat_timeout_us,
@@ -132,12 +132,12 @@ class FleetLink:
         source = self._sources.get(system)
         if source is None:
             timeout_us = self._heartbeat_timeout_us
-            source = self._sources[system] = Source(timeout_us, self.called, self._signed)
+            source = self._sources[system] = RemoteBinding(timeout_us, self.called, self._signed)
         accepted = source.accepts(remote, is_of_autopilot(message), now_us)
         self._report(system, source)
         return accepted
 
-    def _report(self, system: int, source: Source) -> None:
+    def _report(self, system: int, source: RemoteBinding) -> None:
         if source.alarms:
             for alarm in source.alarms:
                 self.clients[system].report(alarm)
@@ -213,9 +213,9 @@ class Fleet:
     """All links and their vehicles."""
 
     def __init__(self) -> None:
-        self.links: dict[str, FleetLink] = {}
+        self.links: dict[str, SharedLink] = {}
 
-    def add(self, link: FleetLink) -> FleetLink:
+    def add(self, link: SharedLink) -> SharedLink:
         """Take up a link; its name must be new."""
         if link.name in self.links:
             raise BridgeError(f"link {link.name!r} is there already; links need different names")
@@ -223,7 +223,7 @@ class Fleet:
         return link
 
     @property
-    def vehicles(self) -> dict[VehicleKey, VehicleClient]:
+    def vehicles(self) -> dict[VehicleKey, NativeClient]:
         """All that were heard, in order of link and system id."""
         return {
             VehicleKey(name, system): link.clients[system]
@@ -231,7 +231,7 @@ class Fleet:
             for system in sorted(link.clients)
         }
 
-    def client(self, vehicle: VehicleKey) -> VehicleClient:
+    def client(self, vehicle: VehicleKey) -> NativeClient:
         """The client of a vehicle; BridgeError when it was not heard."""
         link = self.links.get(vehicle.link)
         if link is None or vehicle.system_id not in link.clients:

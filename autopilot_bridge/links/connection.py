@@ -9,7 +9,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import parse_link
 from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
 from autopilot_bridge.links.tlog_writer import Tlog
-from autopilot_bridge.links.transports import Batch, wire_of
+from autopilot_bridge.links.transports import Batch, transport_of
 
 SHORTEST_WAIT_S = 0.001
 
@@ -61,7 +61,7 @@ class Connection:
         signing: Signing | None = None,
         link_id: int = 0,
     ) -> None:
-        self._wire = wire_of(parse_link(link), self)
+        self._transport = transport_of(parse_link(link), self)
         self._peer = peer
         self._by_remote = peer if isinstance(peer, RemotesPeer) else None
         self._clock = clock
@@ -78,9 +78,9 @@ class Connection:
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
-        await self._wire.open()
+        await self._transport.open()
         if self._by_remote is not None:
-            self._by_remote.called = self._wire.called
+            self._by_remote.called = self._transport.called
         self._open = True
         self._wake()
         return self
@@ -94,7 +94,7 @@ class Connection:
         self._open = False
         if self._timer is not None:
             self._timer.cancel()
-        await self._wire.close()
+        await self._transport.close()
 
     async def wait(self) -> None:
         """Return when something arrived or was due since the last call.
@@ -148,7 +148,7 @@ class Connection:
             return
         if self._signing is not None:
             frames = [self._signing.sign(frame, self._link_id) for frame in frames]
-        if self._wire.send(frames, remote):
+        if self._transport.send(frames, remote):
             self._record(frames)
 
     def _record(self, frames: list[bytes]) -> None:

@@ -45,7 +45,7 @@ class Listener(Protocol):
         """The wire is at its end for a reason that is no silence."""
 
 
-class Wire(Protocol):
+class Transport(Protocol):
     """Carries frames while it is open. ``called``: the remote it calls, "" if it has to wait."""
 
     called: str
@@ -60,7 +60,7 @@ class Wire(Protocol):
         """Let go of socket or device."""
 
 
-def wire_of(address: LinkAddress | SerialAddress, listener: Listener) -> Wire:
+def transport_of(address: LinkAddress | SerialAddress, listener: Listener) -> Transport:
     """The wire for a link."""
     if isinstance(address, SerialAddress):
         return StreamClient(lambda: _open_serial(address, listener), listener, address)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.dataflash import HEAD, DataFlashLog
 from autopilot_bridge.logs.entries import Entry, Log
-from autopilot_bridge.logs.record_scanner import pieces
+from autopilot_bridge.logs.record_scanner import chunks
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import MAGIC, UlogLog
 
@@ -17,7 +17,7 @@ SUFFIXES = (".tlog", ".bin", ".ulg")
 
 def open_log(path: Path) -> Log:
     """By what it begins with, else by its name. Raises BridgeError in one line."""
-    begin = next(pieces(path), b"")
+    begin = next(chunks(path), b"")
     if not begin:
         raise BridgeError(f"{path}: is empty")
     if begin.startswith(MAGIC):

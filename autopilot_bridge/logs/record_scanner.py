@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 Values = dict[str, Any]
 
 
-def pieces(path: Path) -> Iterator[bytes]:
+def chunks(path: Path) -> Iterator[bytes]:
     """The bytes of a file, in order. Raises BridgeError if it cannot be read."""
     try:
         with path.open("rb", buffering=0) as file:
@@ -39,7 +39,7 @@ def records(
     """
     log.messages, log.damage = 0, []
     data, at, base, lost_at = b"", 0, 0, -1
-    source, more = pieces(log.path), True
+    source, more = chunks(log.path), True
     while more:
         piece = next(source, b"")
         more = bool(piece)

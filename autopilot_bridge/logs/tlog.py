@@ -33,8 +33,8 @@ from autopilot_bridge.missions.bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.missions.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.missions.mission_file import PATHS, decode_mission_file
 from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent, LinkAlarm
-from autopilot_bridge.vehicle.monitor import AUTOPILOT, Watch
-from autopilot_bridge.vehicle.statustext import Texts
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
+from autopilot_bridge.vehicle.statustext import StatustextAssembler
 from autopilot_bridge.vehicle.telemetry import MESSAGES
 
 STAMP_BYTES = 8
@@ -176,8 +176,8 @@ class _Seen:
     """One vehicle."""
 
     def __init__(self) -> None:
-        self.watch = Watch()
-        self._texts = Texts()
+        self.watch = VehicleMonitor()
+        self._texts = StatustextAssembler()
 
     def receive(self, message: Message, at_us: int) -> list[LogEvent]:
         """What a message of it tells."""

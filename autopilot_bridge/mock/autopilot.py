@@ -12,7 +12,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.command_server import CommandServer, asked_of
-from autopilot_bridge.mock.flight_model import Flight
+from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
 from autopilot_bridge.mock.gripper import Answer, Px4Gripper
 from autopilot_bridge.mock.intervals import Intervals
@@ -22,7 +22,7 @@ from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Output
 from autopilot_bridge.mock.px4_server import Px4Server
-from autopilot_bridge.mock.telemetry_sender import Telemetry
+from autopilot_bridge.mock.telemetry_sender import TelemetrySender
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -56,7 +56,7 @@ class MockAutopilot:
         limits = replace(
             LIMITS.get((stack.name, stack.vehicle), Limits()), airspeed_m_s=airspeed_m_s
         )
-        self.flight = Flight(stack, frame, limits, wind, terrain)
+        self.flight = FlightModel(stack, frame, limits, wind, terrain)
         if battery_minutes is not None:
             self.flight.battery = Battery(100.0, battery_minutes * 60.0)
         home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
@@ -74,7 +74,7 @@ class MockAutopilot:
         self.intervals = Intervals(stack)
         self.parameters = ParameterServer(stack)
         self.flight.return_m = self.parameters.return_m
-        self.telemetry = Telemetry(stack, self.missions, self.intervals, self._send)
+        self.telemetry = TelemetrySender(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
         )

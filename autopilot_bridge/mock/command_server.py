@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.mock.flight_model import Flight, Mode
+from autopilot_bridge.mock.flight_model import FlightModel, Mode
 from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.local_frame import RELATIVE_FRAMES
 from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M
@@ -88,7 +88,7 @@ class CommandServer:
         self._px4 = stack.name == "px4"
         self._plane = stack.vehicle == "plane"
 
-    def obey(self, asked: Asked, flight: Flight, now_s: float) -> int:
+    def obey(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         """Do it; the MAV_RESULT. Another mode by order ends PX4's failsafe."""
         before = flight.mode
         result = self._obey(asked, flight, now_s)
@@ -96,7 +96,7 @@ class CommandServer:
             flight.failsafe = False
         return result
 
-    def _obey(self, asked: Asked, flight: Flight, now_s: float) -> int:
+    def _obey(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         first = asked.params[0]
         match asked.command:
             case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
@@ -133,7 +133,7 @@ class CommandServer:
             case _:
                 return UNSUPPORTED
 
-    def _arm(self, arm: bool, flight: Flight) -> int:
+    def _arm(self, arm: bool, flight: FlightModel) -> int:
         if not arm and flight.airborne:
             return DENIED
         copter_auto = not self._px4 and not self._plane and flight.mode == "mission"
@@ -142,7 +142,7 @@ class CommandServer:
         flight.armed = arm
         return ACCEPTED
 
-    def _set_mode(self, asked: Asked, flight: Flight, now_s: float) -> int:
+    def _set_mode(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         wanted = int(asked.params[1])
         if self._px4:
             wanted = wanted << 16 | int(asked.params[2]) << 24
@@ -164,7 +164,7 @@ class CommandServer:
         self._tell(text(4, f"Mode change to {mode.upper()} failed: requires position"))
         return FAILED
 
-    def _change(self, flight: Flight, mode: Mode, now_s: float) -> int:
+    def _change(self, flight: FlightModel, mode: Mode, now_s: float) -> int:
         if flight.blind and mode != "land":
             return self._without_position(mode)
         if mode == "mission":
@@ -177,7 +177,7 @@ class CommandServer:
         flight.set_mode(mode, now_s)
         return ACCEPTED
 
-    def _takeoff(self, asked: Asked, flight: Flight, now_s: float) -> int:
+    def _takeoff(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         if self._px4:
             flight.set_mode("takeoff", now_s)
             flight.fly_around(_here(flight), asked.z, DEFAULT_RADIUS_M)
@@ -190,7 +190,7 @@ class CommandServer:
         flight.fly_around(_here(flight), flight.frame.altitude_m + asked.z, DEFAULT_RADIUS_M)
         return ACCEPTED
 
-    def _land_start(self, flight: Flight, now_s: float) -> int:
+    def _land_start(self, flight: FlightModel, now_s: float) -> int:
         commands = [item.command for item in flight.items]
         if not self._plane or mavlink.MAV_CMD_DO_LAND_START not in commands:
             self._tell(text(4, "Unable to start landing sequence"))
@@ -199,7 +199,7 @@ class CommandServer:
         flight.go_to(commands.index(mavlink.MAV_CMD_DO_LAND_START), now_s)
         return ACCEPTED
 
-    def _reposition(self, asked: Asked, flight: Flight, now_s: float) -> int:
+    def _reposition(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         _, flags, radius_m, direction = asked.params
         place = flight.frame.local_of(asked.lat_deg, asked.lon_deg)
         if flight.blind:
@@ -227,7 +227,7 @@ class CommandServer:
         flight.fly_around(place, altitude_m, flight.radius_m if keeps else signed_m)
         return ACCEPTED
 
-    def _orbit(self, asked: Asked, flight: Flight, now_s: float) -> int:
+    def _orbit(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         radius_m, speed_m_s, _, _ = asked.params
         nowhere = asked.x_is_none or math.isnan(asked.lat_deg + asked.lon_deg)
         place = _here(flight) if nowhere else flight.frame.local_of(asked.lat_deg, asked.lon_deg)
@@ -248,7 +248,7 @@ class CommandServer:
             flight.fly_around(place, altitude_m, signed_m)
         return ACCEPTED
 
-    def _change_speed(self, asked: Asked, flight: Flight) -> int:
+    def _change_speed(self, asked: Asked, flight: FlightModel) -> int:
         kind, speed_m_s = asked.params[:2]
         if self._px4:
             if speed_m_s > 0.0:
@@ -266,7 +266,7 @@ class CommandServer:
         self._set_speed(flight, speed_m_s)
         return ACCEPTED
 
-    def _set_speed(self, flight: Flight, speed_m_s: float) -> None:
+    def _set_speed(self, flight: FlightModel, speed_m_s: float) -> None:
         flight.limits = replace(flight.limits, airspeed_m_s=speed_m_s)
 
     def _set_interval(self, message_id: int, interval_us: float) -> int:
@@ -276,5 +276,5 @@ class CommandServer:
         return ACCEPTED
 
 
-def _here(flight: Flight) -> tuple[float, float]:
+def _here(flight: FlightModel) -> tuple[float, float]:
     return flight.motion.north_m, flight.motion.east_m

@@ -5,7 +5,7 @@ from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import Items, waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
@@ -19,7 +19,7 @@ OTHER_COMPONENT = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 SECOND = 1_000_000
 
 
-class Troubled:
+class FaultyMock:
     """A peer around a mock. Times count from the first one it is given; the same seed and traffic
     give the same faults."""
 
@@ -39,7 +39,7 @@ class Troubled:
         )
         self._late = MemoryLink(delay_us=round(faults.late_ack_s * SECOND))
         self._other = Codec(mock.system_id, OTHER_COMPONENT)
-        self._second = VehicleClient(*SECOND_GROUND, target_system=mock.system_id)
+        self._second = NativeClient(*SECOND_GROUND, target_system=mock.system_id)
         self._second_speaks = bool(faults.second_upload or faults.second_download)
         self._outgoing: list[bytes] = []
         self._began_us: int | None = None

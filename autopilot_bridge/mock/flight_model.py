@@ -23,7 +23,7 @@ from autopilot_bridge.mock.mission_sequencer import (
     next_of,
 )
 from autopilot_bridge.mock.payload import Payload
-from autopilot_bridge.mock.stack_constants import habits_of
+from autopilot_bridge.mock.stack_constants import stack_constants_of
 from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
@@ -53,7 +53,7 @@ class Target:
 
 
 @dataclass(slots=True)
-class Flight(Body):
+class FlightModel(Body):
     """Moves one vehicle through its mission. ``current`` is a wire sequence number.
 
     ``reached`` and ``texts`` are for the telemetry to tell and clear.
@@ -95,10 +95,10 @@ class Flight(Body):
         self._cruise_m_s = self.limits.airspeed_m_s
         self._return_amsl_m = self.frame.altitude_m
 
-    def rebooted(self) -> "Flight":
+    def rebooted(self) -> "FlightModel":
         """The same vehicle where it is, disarmed, its autopilot started anew."""
         cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
-        fresh = Flight(
+        fresh = FlightModel(
             self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
         )
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
@@ -275,7 +275,7 @@ class Flight(Body):
 
     def _name(self, seq: int) -> None:
         """ArduPilot tells of each item it begins in AUTO, by name."""
-        names, command = habits_of(self.stack).mission_names, self.items[seq].command
+        names, command = stack_constants_of(self.stack).mission_names, self.items[seq].command
         if names and self.mode == "mission":
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.fault_injection import Troubled
+from autopilot_bridge.mock.fault_injection import FaultyMock
 
 
-class Fleet:
+class MockGroup:
     """Takes the place of one mock on a link: all hear everything, all may speak."""
 
-    def __init__(self, peers: Sequence[MockAutopilot | Troubled]) -> None:
+    def __init__(self, peers: Sequence[MockAutopilot | FaultyMock]) -> None:
         self.peers = peers
-        self.mocks = [peer.mock if isinstance(peer, Troubled) else peer for peer in peers]
+        self.mocks = [peer.mock if isinstance(peer, FaultyMock) else peer for peer in peers]
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram."""

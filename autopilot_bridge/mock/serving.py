@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from autopilot_bridge.links.connection import Connection, Peer
 from autopilot_bridge.links.signing import Key, Signing
-from autopilot_bridge.mock.mock_group import Fleet
-from autopilot_bridge.mock.signing_server import KeyTaker
+from autopilot_bridge.mock.mock_group import MockGroup
+from autopilot_bridge.mock.signing_server import SigningServer
 
 
 async def serve(
@@ -28,8 +28,8 @@ async def serve(
         return int((clock() - began_us) * speedup)
 
     peer = mock
-    if learns is not None and isinstance(mock, Fleet):
-        peer = KeyTaker(
+    if learns is not None and isinstance(mock, MockGroup):
+        peer = SigningServer(
             mock, lambda key: connection.go_on_with(None if key is None else learns(key))
         )
     connection = Connection(link, peer, simulation_us, rate=speedup, signing=signing)

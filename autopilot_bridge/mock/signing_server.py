@@ -6,18 +6,18 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Peer
 from autopilot_bridge.links.framing import frames_of
 from autopilot_bridge.links.signing import Key, is_secret
-from autopilot_bridge.mock.mock_group import Fleet
+from autopilot_bridge.mock.mock_group import MockGroup
 
 _ID = b"\x00\x01\x00"  # 256 as a header has it: most datagrams need no look at each frame
 
 
-class KeyTaker:
+class SigningServer:
     """Hands all on to a mock or a fleet, and ``learned`` the key that SETUP_SIGNING brings.
 
     None for a key of zeros, which turns signing off. As on ArduPilot, not while armed.
     """
 
-    def __init__(self, peer: Fleet, learned: Callable[[Key | None], None]) -> None:
+    def __init__(self, peer: MockGroup, learned: Callable[[Key | None], None]) -> None:
         self._peer: Peer = peer
         self._mocks = peer.mocks
         self._learned = learned

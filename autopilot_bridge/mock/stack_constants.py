@@ -9,7 +9,7 @@ from autopilot_bridge.stacks.stacks import Stack
 
 
 @dataclass(frozen=True, slots=True)
-class Habits:
+class StackConstants:
     """One stack on one kind of vehicle."""
 
     tick_us: int  # what arrives is worked on at the next turn of the autopilot's loop
@@ -45,15 +45,15 @@ _NAMES = {
 }
 
 # Read: PX4 keeps up to 64 fence points and 32 safe points.
-_PX4 = Habits(0, 262_000, 5_000_000, (5000, 64, 32), {})
-_HABITS = {
+_PX4 = StackConstants(0, 262_000, 5_000_000, (5000, 64, 32), {})
+_CONSTANTS = {
     ("px4", "plane"): _PX4,
     ("px4", "copter"): _PX4,
-    ("ardupilot", "plane"): Habits(20_000, 1_020_000, 8_020_000, (655, 84, 50), _NAMES),
-    ("ardupilot", "copter"): Habits(6_000, 1_006_000, 8_006_000, (650, 84, 50), _NAMES),
+    ("ardupilot", "plane"): StackConstants(20_000, 1_020_000, 8_020_000, (655, 84, 50), _NAMES),
+    ("ardupilot", "copter"): StackConstants(6_000, 1_006_000, 8_006_000, (650, 84, 50), _NAMES),
 }
 
 
-def habits_of(stack: Stack) -> Habits:
+def stack_constants_of(stack: Stack) -> StackConstants:
     """The habits of a stack."""
-    return _HABITS[stack.name, stack.vehicle]
+    return _CONSTANTS[stack.name, stack.vehicle]

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.command_server import custom_mode_of
 from autopilot_bridge.mock.extension_fields import with_extension
-from autopilot_bridge.mock.flight_model import Flight
+from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.intervals import (
     ATTITUDE,
     BATTERY_STATUS,
@@ -33,7 +33,7 @@ HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
 HOME_EVERY_STEPS = 80
 
 
-class Telemetry:
+class TelemetrySender:
     """Says what is due after each step of a flight. ``send`` takes any number of messages."""
 
     def __init__(
@@ -55,7 +55,7 @@ class Telemetry:
         """A new mission or a reboot: what was reached is not told again."""
         self._reached_again = 0
 
-    def report(self, flight: Flight, steps: int) -> None:
+    def report(self, flight: FlightModel, steps: int) -> None:
         """All that is due after the step with this number."""
         self._tell_reached(flight, steps)
         self.tell_texts(flight)
@@ -70,19 +70,19 @@ class Telemetry:
         if steps % HOME_EVERY_STEPS == 1:
             self._home(flight)
 
-    def tell_texts(self, flight: Flight) -> None:
+    def tell_texts(self, flight: FlightModel) -> None:
         """What the vehicle has to say: items begun, what was switched, mishaps."""
         for severity, words in flight.texts:
             self._send(text(severity, words))
         flight.texts.clear()
 
-    def expect_current(self, seq: int, flight: Flight) -> None:
+    def expect_current(self, seq: int, flight: FlightModel) -> None:
         """A new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
         self._told_current = (seq, *self._missions.progress())
         if flight.current != seq:
             self.tell_current(flight)
 
-    def tell_current(self, flight: Flight, asked: int | None = None) -> None:
+    def tell_current(self, flight: FlightModel, asked: int | None = None) -> None:
         """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
         total, ids = self._missions.progress()
         self._told_current = (flight.current, total, ids)
@@ -100,7 +100,7 @@ class Telemetry:
         )
         self._send(with_extension(current, *ids))
 
-    def _tell_reached(self, flight: Flight, steps: int) -> None:
+    def _tell_reached(self, flight: FlightModel, steps: int) -> None:
         """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
         for seq in flight.reached:
             self._send(mavlink.MAVLink_mission_item_reached_message(seq))
@@ -111,7 +111,7 @@ class Telemetry:
             self._reached_again -= 1
         flight.reached.clear()
 
-    def _heartbeat(self, flight: Flight) -> None:
+    def _heartbeat(self, flight: FlightModel) -> None:
         custom_mode = custom_mode_of(self._stack, flight.mode)
         base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if flight.armed:
@@ -123,7 +123,7 @@ class Telemetry:
             )
         )
 
-    def _position(self, flight: Flight, steps: int) -> None:
+    def _position(self, flight: FlightModel, steps: int) -> None:
         motion, frame = flight.motion, flight.frame
         lat_deg, lon_deg = frame.global_position(motion)
         self._send(
@@ -140,7 +140,7 @@ class Telemetry:
             )
         )
 
-    def _instruments(self, flight: Flight, steps: int) -> None:
+    def _instruments(self, flight: FlightModel, steps: int) -> None:
         boot_us, motion, due = steps * STEP_US, flight.motion, self._intervals.due
         if due(ATTITUDE, steps):
             pitch_rad = math.atan2(motion.climb_m_s, max(motion.airspeed_m_s, 1.0))
@@ -168,7 +168,7 @@ class Telemetry:
             self._servos(flight, steps)
         self._states(flight, steps)
 
-    def _states(self, flight: Flight, steps: int) -> None:
+    def _states(self, flight: FlightModel, steps: int) -> None:
         """Messages that report failures."""
         boot_us, due = steps * STEP_US, self._intervals.due
         if due(LANDED, steps):
@@ -182,7 +182,7 @@ class Telemetry:
             else:
                 self._send(telemetry_source.ekf_status(flags))
 
-    def _servos(self, flight: Flight, steps: int) -> None:
+    def _servos(self, flight: FlightModel, steps: int) -> None:
         servos = flight.payload.servos_us
         self._send(
             mavlink.MAVLink_servo_output_raw_message(
@@ -190,7 +190,7 @@ class Telemetry:
             )
         )
 
-    def _home(self, flight: Flight) -> None:
+    def _home(self, flight: FlightModel) -> None:
         frame = flight.frame
         self._send(
             mavlink.MAVLink_home_position_message(

@@ -5,7 +5,7 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.mock.flight_model import Flight
+from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.kinematics import GRAVITY_M_S2
 from autopilot_bridge.mock.mission_sequencer import LANDINGS
 from autopilot_bridge.stacks.stacks import Stack
@@ -76,7 +76,7 @@ def battery_status(percent: int, voltage_v: float) -> Message:
     return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, -1, 0, 0, percent)
 
 
-def landed_state(stack: Stack, flight: Flight) -> Message:
+def landed_state(stack: Stack, flight: FlightModel) -> Message:
     """EXTENDED_SYS_STATE; ArduPlane reports only on the ground and in the air."""
     state = mavlink.MAV_LANDED_STATE_IN_AIR
     if not flight.airborne:
@@ -90,12 +90,12 @@ def landed_state(stack: Stack, flight: Flight) -> Message:
     return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
 
 
-def _lands(flight: Flight) -> bool:
+def _lands(flight: FlightModel) -> bool:
     item = None if flight.target is None else flight.target.item
     return flight.mode == "mission" and item is not None and item.command in LANDINGS
 
 
-def system_status(stack: Stack, flight: Flight) -> int:
+def system_status(stack: Stack, flight: FlightModel) -> int:
     """MAV_STATE of the heartbeat: PX4 is active when armed, ArduPilot in the air."""
     if flight.failsafe:
         return int(mavlink.MAV_STATE_CRITICAL)

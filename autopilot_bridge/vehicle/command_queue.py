@@ -7,13 +7,13 @@ from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import ARM, Stack
 from autopilot_bridge.vehicle.client_events import CommandFinished, ParametersFinished
 from autopilot_bridge.vehicle.command_sequence import AnyStep, CommandSequence
-from autopilot_bridge.vehicle.commanded_modes import AskedModes, modes_asked
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.parameters import ParameterRead, ParameterSet, ParametersRead
 
 Request = ParameterRead | ParametersRead | ParameterSet
 
 
-class Commands:
+class CommandQueue:
     """Orders waiting and under way."""
 
     def __init__(
@@ -21,10 +21,10 @@ class Commands:
         own: tuple[int, int],
         timing: TransferTiming,
         report: Callable[[CommandFinished], None],
-        asked_modes: AskedModes,
+        commanded_modes: CommandedModes,
     ) -> None:
         self._own = own
-        self._asked_modes = asked_modes
+        self._commanded_modes = commanded_modes
         self._modes: dict[int, tuple[int, ...]] = {}  # that each leads to, by its id
         self._timing = timing
         self._report = report
@@ -46,7 +46,7 @@ class Commands:
         if urgent:
             self.end_all(f"{name} took its place", now_us)
         self._last_id += 1
-        modes = tuple(mode for step in steps for mode in modes_asked(step, stack))
+        modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
         sequence = CommandSequence(
             *(name, self._own, target, steps, timing or self._timing),
             bytewise=stack.name == "px4",
@@ -80,7 +80,7 @@ class Commands:
     def _sent(self, messages: list[Message], now_us: int) -> list[Message]:
         """Note which modes were commanded, if anything was sent."""
         if messages and self._queue:
-            self._asked_modes.ask(self._modes[self._queue[0][0]], now_us)
+            self._commanded_modes.ask(self._modes[self._queue[0][0]], now_us)
         return messages
 
     def begin_next(self, now_us: int) -> list[Message]:
@@ -120,7 +120,7 @@ class Commands:
         return self.begin_next(now_us)
 
 
-class ParameterRequests:
+class ParameterQueue:
     """Reading and setting of parameters, waiting and under way."""
 
     def __init__(

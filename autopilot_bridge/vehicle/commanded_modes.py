@@ -13,7 +13,7 @@ SEEN_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some get 
 ON_ITS_WAY_US = 2_000_000  # a mode commanded before another may still follow
 
 
-def modes_asked(step: AnyStep, stack: Stack) -> tuple[int, ...]:
+def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
     """The numbers of the modes that a step of an order leads to; () if it changes none."""
     if not isinstance(step, Step):
         return ()
@@ -35,7 +35,7 @@ def modes_asked(step: AnyStep, stack: Stack) -> tuple[int, ...]:
             return ()
 
 
-class AskedModes:
+class CommandedModes:
     """The modes commanded to one vehicle, and until when each may follow."""
 
     def __init__(self) -> None:

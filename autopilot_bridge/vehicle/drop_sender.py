@@ -1,4 +1,4 @@
-"""Drops, sans-IO: each release is sent once, at once, past all other orders, or not at all.
+"""DropSender, sans-IO: each release is sent once, at once, past all other orders, or not at all.
 
 asked --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
 set back ``hold_s`` later, again and again until acknowledged or until the next release
@@ -48,7 +48,7 @@ class _Pulse:
     is_back: bool = False
 
 
-class Drops:
+class DropSender:
     """The drops of one vehicle."""
 
     def __init__(

@@ -67,7 +67,7 @@ def _request(target: tuple[int, int], message_id: int, hz: float, tries: int) ->
     return mavlink.MAVLink_command_long_message(*target, SET_INTERVAL, tries, *params)
 
 
-class Rates:
+class MessageRates:
     """Asks one vehicle for its messages."""
 
     def __init__(self, own: tuple[int, int], rates_hz: RatesHz) -> None:

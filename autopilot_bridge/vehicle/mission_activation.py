@@ -45,7 +45,7 @@ class Onboard(NamedTuple):
     unfit: bool
 
 
-class Begin:
+class MissionActivation:
     """Waits for proof that a new mission is current; commands the vehicle to it where needed.
 
     ``seq`` of ``count`` items on the wire is the one to begin with, and ``shown`` the number that

@@ -23,7 +23,7 @@ def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
-class SetMode:
+class ModeChange:
     """Changes the mode, out of ``before`` only; done when a HEARTBEAT shows it."""
 
     def __init__(

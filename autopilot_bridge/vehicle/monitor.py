@@ -35,7 +35,7 @@ UNDECIDED_US = 2_000_000  # after the last time that went back; a restart is fou
 NOT_USED = "the message is not used"
 
 
-class Watch:
+class VehicleMonitor:
     """``current`` and ``total`` are MISSION_CURRENT's: wire numbers, or None before the first."""
 
     def __init__(

@@ -21,7 +21,7 @@ MOST_RANKED = 8  # remotes that are remembered
 SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
 
 
-class Source:
+class RemoteBinding:
     """The remote of one vehicle. ``alarms`` are those to be reported; the owner takes them out."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:

@@ -7,7 +7,7 @@ from autopilot_bridge.links.codec import Message
 CHUNK_BYTES = 50
 
 
-class Texts:
+class StatustextAssembler:
     """Holds the chunks that came of a text until its end came, or a HEARTBEAT without it."""
 
     def __init__(self) -> None:
@@ -21,7 +21,7 @@ class Texts:
             return [*self._end(), message]
         if kind != "STATUSTEXT":
             return [message]
-        # Texts in one piece have id 0, and so has PX4's first long one.
+        # StatustextAssembler in one piece have id 0, and so has PX4's first long one.
         one_more = message.id or message.chunk_seq
         if one_more and self._begun is not None and self._begun.id == message.id:
             if message.chunk_seq < self._next_chunk:

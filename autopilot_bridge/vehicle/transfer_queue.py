@@ -35,30 +35,29 @@ from autopilot_bridge.missions.transfer import (
 from autopilot_bridge.missions.truncate import Truncate
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.commanded_modes import AskedModes
-from autopilot_bridge.vehicle.mission_activation import Begin as MissionBegin
-from autopilot_bridge.vehicle.mission_activation import Onboard
-from autopilot_bridge.vehicle.mode_change import SetMode
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
+from autopilot_bridge.vehicle.mode_change import ModeChange
 
 NOTHING = Onboard(None, None, False)
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
 LAST_NAV = 95  # MAV_CMD_NAV_LAST; what comes behind is done on the way
 # Behind these a vehicle never gets by itself: loiter without end, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
-Begin = Literal["restart", "keep"] | int
+StartItem = Literal["restart", "keep"] | int
 Transfer = (
     MissionUpload
     | MissionDownload
     | MissionClear
-    | MissionBegin
-    | SetMode
+    | MissionActivation
+    | ModeChange
     | Truncate
     | FtpUpload
     | FtpDownload
 )
 
 
-class Seen(NamedTuple):
+class VehicleState(NamedTuple):
     """What is known of the vehicle."""
 
     stack: Stack
@@ -84,7 +83,7 @@ class Job:
     action: Literal["upload", "download", "clear"]
     kind: Kind
     items: tuple[MissionItem, ...] = ()
-    begin: Begin = "restart"  # which item of a new mission is flown next
+    begin: StartItem = "restart"  # which item of a new mission is flown next
     check: bool = False
     holds_first: bool = False  # rather than fly a list that is being overwritten
     by_file: bool = True  # where the autopilot takes files
@@ -101,7 +100,7 @@ class Job:
     cancelled: bool = False
 
 
-class Jobs:
+class TransferQueue:
     """The transfers of one vehicle: one at a time."""
 
     def __init__(
@@ -109,11 +108,11 @@ class Jobs:
         own: tuple[int, int],
         timing: TransferTiming,
         report: Callable[[Job, TransferResult, int], None],
-        asked_modes: AskedModes,
+        commanded_modes: CommandedModes,
     ) -> None:
         """``report`` is told how each job ended, and when."""
         self._own = own
-        self._asked_modes = asked_modes
+        self._commanded_modes = commanded_modes
         self._timing = timing
         self._report = report
         self._next_id = 1
@@ -156,7 +155,7 @@ class Jobs:
             asked.holds_first = asked.paused = False
         if job is None:
             return
-        if isinstance(job.under_way, SetMode) and job.under_way.result is None:
+        if isinstance(job.under_way, ModeChange) and job.under_way.result is None:
             job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
 
     def taken(self, why: str) -> None:
@@ -168,46 +167,46 @@ class Jobs:
         if job is None or job.action != "upload":
             return
         job.taken = job.taken or why
-        if isinstance(job.under_way, SetMode | MissionBegin):
+        if isinstance(job.under_way, ModeChange | MissionActivation):
             job.under_way.leave(why)
 
-    def begin_next(self, seen: Seen, now_us: int) -> list[Message]:
+    def begin_next(self, state: VehicleState, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
         if self._job is not None or not self._queue:
             return []
         job = self._job = self._queue.pop(0)
         is_mission = job.kind == "mission"
-        job.hidden = 1 if seen.stack.item_0_is_home and is_mission else 0
+        job.hidden = 1 if state.stack.item_0_is_home and is_mission else 0
         if job.begin == "keep":
-            job.begin = max((seen.current or 0) - job.hidden, 0)
-        job.before = Onboard(seen.current, seen.plan_id, seen.unfit)
+            job.begin = max((state.current or 0) - job.hidden, 0)
+        job.before = Onboard(state.current, state.plan_id, state.unfit)
         job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
         job.wire_items = (*job.items[: job.hidden], *jumps_moved(job.items, job.hidden))
-        return self._begin(job, self._first(job, seen), now_us)
+        return self._begin(job, self._first(job, state), now_us)
 
-    def _first(self, job: Job, seen: Seen) -> Transfer:
-        address = self._address(job, seen)
+    def _first(self, job: Job, state: VehicleState) -> Transfer:
+        address = self._address(job, state)
         if job.action == "clear":
             return MissionClear(address, self._timing)
-        by_file = job.by_file and seen.stack.mission_files
+        by_file = job.by_file and state.stack.mission_files
         if job.action == "download":
             return self._read_file(address) if by_file else MissionDownload(address, self._timing)
-        flying = job.kind == "mission" and seen.in_mission
-        held = seen.stack.most_items if seen.total is None else seen.total
+        flying = job.kind == "mission" and state.in_mission
+        held = state.stack.most_items if state.total is None else state.total
         job.shorter = leaves_old_tail(flying, held, len(job.wire_items))
         if by_file and job.items and (not job.shorter or job.items[-1].command in LAST_FOR_GOOD):
-            most, self._session = seen.stack.most_items, next_session(self._session)
+            most, self._session = state.stack.most_items, next_session(self._session)
             return FtpUpload(address, job.wire_items, most, self._session, self._timing)
-        return self._by_items(job, seen)
+        return self._by_items(job, state)
 
-    def _by_items(self, job: Job, seen: Seen) -> Transfer:
-        address = self._address(job, seen)
-        job.paused = job.holds_first and job.kind == "mission" and seen.in_mission
-        if job.paused and not seen.stack.atomic_upload:
-            stack = seen.stack
-            return SetMode(address, stack, stack.mission_mode, stack.hold_mode, self._timing)
+    def _by_items(self, job: Job, state: VehicleState) -> Transfer:
+        address = self._address(job, state)
+        job.paused = job.holds_first and job.kind == "mission" and state.in_mission
+        if job.paused and not state.stack.atomic_upload:
+            stack = state.stack
+            return ModeChange(address, stack, stack.mission_mode, stack.hold_mode, self._timing)
         job.paused = False
-        return self._upload(job, address, seen.stack)
+        return self._upload(job, address, state.stack)
 
     def _upload(self, job: Job, address: Address, stack: Stack) -> MissionUpload:
         first, ahead = self._seq(job), stack.items_ahead
@@ -218,8 +217,8 @@ class Jobs:
         self._session = next_session(self._session)
         return FtpDownload(address, self._session, self._timing)
 
-    def _address(self, job: Job, seen: Seen) -> Address:
-        return Address(self._own, seen.target, MISSION_TYPES[job.kind])
+    def _address(self, job: Job, state: VehicleState) -> Address:
+        return Address(self._own, state.target, MISSION_TYPES[job.kind])
 
     def _seq(self, job: Job) -> int:
         assert isinstance(job.begin, int)
@@ -234,8 +233,8 @@ class Jobs:
         if self._job is None or self._job.under_way is None:
             return []
         messages = self._job.under_way.receive(message, now_us)
-        if messages and isinstance(self._job.under_way, SetMode):
-            self._asked_modes.ask((self._job.under_way.wanted,), now_us)
+        if messages and isinstance(self._job.under_way, ModeChange):
+            self._commanded_modes.ask((self._job.under_way.wanted,), now_us)
         return messages
 
     def next_timer(self) -> int | None:
@@ -250,14 +249,14 @@ class Jobs:
             return []
         return self._job.under_way.handle_timer(now_us)
 
-    def step(self, seen: Seen, now_us: int) -> list[Message]:
+    def step(self, state: VehicleState, now_us: int) -> list[Message]:
         """See whether what is under way has ended, and begin what comes after it."""
         job = self._job
         if job is None or job.under_way is None or job.under_way.result is None:
             return []
         if isinstance(job.under_way, FtpUpload | FtpDownload):
             self._session = job.under_way.session  # it may have taken others
-        following = self._after(job, job.under_way, job.under_way.result, seen)
+        following = self._after(job, job.under_way, job.under_way.result, state)
         if not isinstance(following, TransferResult):
             return self._begin(job, following, now_us)
         self._job = None
@@ -267,35 +266,35 @@ class Jobs:
         return []
 
     def _after(
-        self, job: Job, ended: Transfer, result: TransferResult, seen: Seen
+        self, job: Job, ended: Transfer, result: TransferResult, state: VehicleState
     ) -> Transfer | TransferResult:
         """The next part of a job, or its result."""
-        stack = seen.stack
+        stack = state.stack
         if job.action == "download" and result.items is not None:
             return replace(result, items=users_items(job, result.items))
         if job.action == "download" and isinstance(ended, FtpDownload) and not job.cancelled:
-            return MissionDownload(self._address(job, seen), self._timing)
+            return MissionDownload(self._address(job, state), self._timing)
         if job.action != "upload":
             return result
-        address = self._address(job, seen)
-        if isinstance(ended, SetMode):
+        address = self._address(job, state)
+        if isinstance(ended, ModeChange):
             return self._after_mode(job, result, address, stack)
-        if isinstance(ended, MissionBegin):
+        if isinstance(ended, MissionActivation):
             return self._after_begin(job, ended, result, address, stack)
         if isinstance(ended, Truncate):
             return self._read_file(address)
         if isinstance(ended, FtpUpload):
             if result.outcome == "rejected" and not job.cancelled:
-                return self._by_items(job, seen)
+                return self._by_items(job, state)
             job.uploaded = result
             return self._read_file(address)
         if isinstance(ended, FtpDownload):
-            return self._after_file(job, result, seen)
+            return self._after_file(job, result, state)
         if isinstance(ended, MissionUpload):
             job.uploaded = result
             holds = held_after(ended, result, stack)
             if result.outcome == "accepted" and not job.check:
-                return self._begun(job, address, seen)
+                return self._begun(job, address, state)
             if result.outcome == "accepted" or holds in ("one of both", "not known"):
                 return MissionDownload(address, self._timing)  # never guess: read it back
             return replace(result, holds=holds)
@@ -308,7 +307,7 @@ class Jobs:
         if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
-            return self._begun(job, address, seen)
+            return self._begun(job, address, state)
         read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
@@ -316,7 +315,9 @@ class Jobs:
             return TransferResult("failed", words, items=read, holds=read_holds)
         return replace(job.uploaded, items=read, holds=read_holds)
 
-    def _after_file(self, job: Job, read: TransferResult, seen: Seen) -> Transfer | TransferResult:
+    def _after_file(
+        self, job: Job, read: TransferResult, state: VehicleState
+    ) -> Transfer | TransferResult:
         """After a file was written and read back."""
         assert job.uploaded is not None
         untouched = job.uploaded.outcome == "failed"
@@ -328,19 +329,19 @@ class Jobs:
             holds: Holds = "the old one" if untouched else doubtful
             return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
         mission_type = MISSION_TYPES[job.kind]
-        if same_mission(job.wire_items, read.items, seen.stack, mission_type):
+        if same_mission(job.wire_items, read.items, state.stack, mission_type):
             if job.old_tail:  # cut off by now, and the new mission has begun
                 return accepted(job)
-            return self._begun(job, self._address(job, seen), seen)
+            return self._begun(job, self._address(job, state), state)
         to_go_on = not untouched and not job.cancelled
         begun = read.items[: len(job.wire_items)]
-        longer = job.kind == "mission" and same_mission(job.wire_items, begun, seen.stack)
+        longer = job.kind == "mission" and same_mission(job.wire_items, begun, state.stack)
         if to_go_on and longer and not job.old_tail:
             job.old_tail = True
-            return self._begun(job, self._address(job, seen), seen)
+            return self._begun(job, self._address(job, state), state)
         if to_go_on:  # not applied, or in part: a command it does not know
             job.uploaded, job.old_tail = None, False
-            return self._by_items(job, seen)
+            return self._by_items(job, state)
         holds = "the old one" if untouched else "a mixture"
         read_items = users_items(job, read.items)
         return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)
@@ -359,23 +360,23 @@ class Jobs:
         words = f"the vehicle holds the mission but did not fly on: {result.reason}"
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
-    def _begun(self, job: Job, address: Address, seen: Seen) -> Transfer | TransferResult:
+    def _begun(self, job: Job, address: Address, state: VehicleState) -> Transfer | TransferResult:
         """The step that begins the mission on board."""
         if job.kind != "mission" or not job.items or job.looked:
             return accepted(job)
-        if job.taken and not seen.stack.atomic_upload:
+        if job.taken and not state.stack.atomic_upload:
             return self._not_begun(job, TransferResult("failed", job.taken))
-        plan_id, seq = mission_id_of(job.wire_items, seen.stack), self._seq(job)
+        plan_id, seq = mission_id_of(job.wire_items, state.stack), self._seq(job)
         later = range(seq, len(job.wire_items))
         shown = next((at for at in later if job.wire_items[at].command <= LAST_NAV), seq)
-        before = job.before._replace(seq=seen.current)
+        before = job.before._replace(seq=state.current)
         count = len(job.wire_items)
-        return MissionBegin(address, seq, shown, count, plan_id, before, self._timing)
+        return MissionActivation(address, seq, shown, count, plan_id, before, self._timing)
 
     def _after_begin(
         self,
         job: Job,
-        ended: MissionBegin,
+        ended: MissionActivation,
         result: TransferResult,
         address: Address,
         stack: Stack,
@@ -388,7 +389,7 @@ class Jobs:
         if job.old_tail:
             return Truncate(address, len(job.wire_items), self._timing)
         if job.paused and not job.taken:
-            return SetMode(address, stack, stack.hold_mode, stack.mission_mode, self._timing)
+            return ModeChange(address, stack, stack.hold_mode, stack.mission_mode, self._timing)
         return accepted(job)
 
     def _not_begun(self, job: Job, result: TransferResult) -> TransferResult:

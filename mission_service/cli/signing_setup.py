@@ -2,7 +2,7 @@
 
 from typing import Any, TypeVar
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.signing import Key, Signing, read_key
 from autopilot_bridge.missions.transfer import TransferTiming
@@ -34,7 +34,7 @@ def turn_off(line: Line, system_id: int | None) -> dict[str, Any]:
 
 
 def _change(line: Line, old: str | None, new: str | None, system_id: int | None) -> dict[str, Any]:
-    client = VehicleClient(*OWN, target_system=system_id, timing=TIMING)
+    client = NativeClient(*OWN, target_system=system_id, timing=TIMING)
     key = None if new is None else read_key(new)
     with connected(client, line, old, new) as (connection, signing_of):
         signing = signing_of.get(new)
@@ -45,7 +45,7 @@ def _change(line: Line, old: str | None, new: str | None, system_id: int | None)
 
 async def _told_and_tried(
     line: Line,
-    client: VehicleClient,
+    client: NativeClient,
     connection: Connection,
     key: Key | None,
     signing: Signing | None,
@@ -81,7 +81,7 @@ def _why_not(link: str, system: int, connection: Connection, signing: Signing | 
     return f"{vehicle} answers nothing that is signed" + (f": {refused}" if refused else "")
 
 
-async def _until(client: VehicleClient, connection: Connection, kind: type[Event]) -> Event:
+async def _until(client: NativeClient, connection: Connection, kind: type[Event]) -> Event:
     """The next event of a kind."""
     while True:
         await connection.wait()

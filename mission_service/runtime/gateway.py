@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.client_protocol import Autopilot
+from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
@@ -157,7 +157,7 @@ class Gateway:
     def __init__(
         self,
         name: str,
-        client: Autopilot,
+        client: VehicleClient,
         clock: MissionClock,
         dropper: Dropper | None = None,
         return_height_m: float | None = None,

@@ -12,10 +12,10 @@ from typing import Any
 from autopilot_bridge.links.link import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.fault_injection import Troubled
+from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
-from autopilot_bridge.mock.mock_group import Fleet
+from autopilot_bridge.mock.mock_group import MockGroup
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
@@ -69,13 +69,13 @@ class Surroundings:
                 ) from None
         return mock
 
-    def fleet(self, mocks: list[MockAutopilot]) -> Fleet:
+    def fleet(self, mocks: list[MockAutopilot]) -> MockGroup:
         """The mocks with their faults. Raises BridgeError for faults that there are not."""
         if not self.faults:
-            return Fleet(mocks)
-        return Fleet(
+            return MockGroup(mocks)
+        return MockGroup(
             [
-                Troubled(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
+                FaultyMock(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
                 for mock in mocks
             ]
         )
@@ -125,7 +125,7 @@ def _numbers(
 
 def by_hand(
     stack: str, kind: str, system_id: int, home: str, count: int, around: Surroundings
-) -> Fleet:
+) -> MockGroup:
     """Mocks with system ids in a row, a thousandth of a degree of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
@@ -148,7 +148,7 @@ def by_hand(
 class OnLink:
     """Mocks on a link, and where their key is."""
 
-    fleet: Fleet
+    fleet: MockGroup
     link: str
     signing_key: str | None = None
 
@@ -176,7 +176,7 @@ def from_scenario(
     ]
 
 
-def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> Fleet:
+def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> MockGroup:
     plain = mock_of(section, landscape)
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
@@ -197,7 +197,7 @@ def listening(listen: str) -> str:
     return link
 
 
-def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
+def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]]:
     """One mapping a vehicle."""
     return [
         {

@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Callable
 from pathlib import Path
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
@@ -62,7 +62,7 @@ class Rig:
         seed = scenario.seed * 1000 + section.system_id * 2
         self.mock = mock_of(section, landscape)
         rates = rates_hz(scenario)
-        self.client = VehicleClient(target_system=section.system_id, rates_hz=rates)
+        self.client = NativeClient(target_system=section.system_id, rates_hz=rates)
         self.mock.intervals.only(*rates)
         self._clock = clock
         self._weather = weather_of(scenario) if scenario.fly_in_wind else None

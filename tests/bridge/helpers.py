@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
@@ -74,7 +74,7 @@ class Pair:
     mock: MockAutopilot
     up: MemoryLink = field(default_factory=MemoryLink)
     down: MemoryLink = field(default_factory=MemoryLink)
-    client: VehicleClient = field(default_factory=VehicleClient)
+    client: NativeClient = field(default_factory=NativeClient)
     events: list[ClientEvent] = field(default_factory=list)
     now_us: int = 0
     mock_alive: bool = True

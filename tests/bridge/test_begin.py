@@ -11,7 +11,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, stack_named
-from autopilot_bridge.vehicle.mission_activation import Begin, Onboard
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
@@ -134,10 +134,10 @@ def current(seq: int, plan_id: int = 77, state: int = 3, total: int = 9) -> Mess
     return heard
 
 
-def begun(stack: Stack, seq: int = 0, before: Onboard | None = None) -> Begin:
+def begun(stack: Stack, seq: int = 0, before: Onboard | None = None) -> MissionActivation:
     plan_id = 77 if stack is PX4 else None
     before = before or Onboard(5, 66 if stack is PX4 else None, False)
-    return Begin(ADDRESS, seq, seq, 9, plan_id, before, TransferTiming())
+    return MissionActivation(ADDRESS, seq, seq, 9, plan_id, before, TransferTiming())
 
 
 def acknowledged(result: int) -> Message:

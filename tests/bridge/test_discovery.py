@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
-from autopilot_bridge.clients.shared_link import Fleet, FleetEvent, FleetLink, VehicleKey
+from autopilot_bridge.clients.native import NativeClient
+from autopilot_bridge.clients.shared_link import Fleet, FleetEvent, SharedLink, VehicleKey
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.mock_group import Fleet as Mocks
+from autopilot_bridge.mock.mock_group import MockGroup
 from autopilot_bridge.stacks.stacks import STACKS, stack_named, stack_of
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
@@ -38,14 +38,14 @@ class Air:
     def __init__(self, **remotes: list[MockAutopilot]) -> None:
         """``remotes`` are named ``link_remote``."""
         self.fleet = Fleet()
-        self.remotes: dict[tuple[str, str], tuple[Mocks, MemoryLink, MemoryLink]] = {}
+        self.remotes: dict[tuple[str, str], tuple[MockGroup, MemoryLink, MemoryLink]] = {}
         self.events: list[FleetEvent] = []
         self.now_us = 0
         for name, mocks in remotes.items():
             link, _, remote = name.partition("_")
             if link not in self.fleet.links:
-                self.fleet.add(FleetLink(link))
-            self.remotes[link, remote] = (Mocks(mocks), MemoryLink(), MemoryLink())
+                self.fleet.add(SharedLink(link))
+            self.remotes[link, remote] = (MockGroup(mocks), MemoryLink(), MemoryLink())
 
     def run_for(self, seconds: float) -> None:
         end_us = self.now_us + round(seconds * SECOND)
@@ -107,7 +107,7 @@ def test_all_four_kinds_are_found_on_one_link() -> None:
 def test_only_autopilots_of_aircraft_are_vehicles(
     component: int, autopilot: int, mav_type: int
 ) -> None:
-    link = FleetLink("a")
+    link = SharedLink("a")
     link.receive_data(heartbeat(9, component, autopilot, mav_type), 0)
     assert link.clients == {}
     link.receive_data(heartbeat(9, 1, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_HEXAROTOR), 0)
@@ -194,7 +194,7 @@ def test_one_heartbeat_a_second_for_the_whole_link() -> None:
     air = Air(a_1=[mock_of(PX4, system_id=n) for n in range(1, 6)])
     air.run_for(10.0)
     heard: list[str] = []
-    air.remotes["a", "1"] = (Mocks([]), Tap(heard), MemoryLink(loss=1.0))
+    air.remotes["a", "1"] = (MockGroup([]), Tap(heard), MemoryLink(loss=1.0))
     air.run_for(2.0)
     assert heard.count("HEARTBEAT") == 2
 
@@ -209,10 +209,10 @@ class Tap(MemoryLink):
 
 
 def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
-    link = FleetLink("a")
+    link = SharedLink("a")
     timers, handled = [5 * SECOND, 7 * SECOND, 5 * SECOND], []
 
-    class Fickle(VehicleClient):
+    class Fickle(NativeClient):
         def next_timer(self) -> int:
             return timers.pop(0) if timers else 9 * SECOND
 
@@ -233,16 +233,16 @@ def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
 
 def test_links_need_different_names() -> None:
     fleet = Fleet()
-    fleet.add(FleetLink("a"))
+    fleet.add(SharedLink("a"))
     with pytest.raises(BridgeError, match="'a' is there already"):
-        fleet.add(FleetLink("a"))
+        fleet.add(SharedLink("a"))
 
 
 def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
     port = free_port()
 
     async def run() -> list[FleetEvent]:
-        link = FleetLink("udp")
+        link = SharedLink("udp")
         events: list[FleetEvent] = []
         mocks = [mock_of(PX4), mock_of(PX4)]
         async with (
@@ -284,7 +284,7 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
         )
 
     async def run() -> None:
-        link = FleetLink("udp")
+        link = SharedLink("udp")
         async with (
             Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as here,
             Connection(f"udpout:127.0.0.1:{port}", spy(1), clock_us),
@@ -302,7 +302,7 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
 
 def test_each_of_250_vehicles_has_its_own_client_and_events() -> None:
     """Ten seconds of traffic; ``benchmarks.streaming`` measures the share of a core."""
-    link = FleetLink("a")
+    link = SharedLink("a")
     mock = mock_of(PX4)
     traffic: list[tuple[int, Any]] = []
     for now_us in range(0, 12 * SECOND, 125_000):

@@ -1,4 +1,4 @@
-"""Drops by order: each release once, at its time or not at all; what comes back."""
+"""DropSender by order: each release once, at its time or not at all; what comes back."""
 
 import math
 from dataclasses import replace

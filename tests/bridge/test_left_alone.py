@@ -11,7 +11,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
-from autopilot_bridge.vehicle.commanded_modes import AskedModes
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
@@ -179,7 +179,7 @@ def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
 
 
 def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_later() -> None:
-    asked = AskedModes()
+    asked = CommandedModes()
     asked.ask((10,), 0)
     assert asked.has(10, 9 * SECOND)
     asked.ask((12,), 1 * SECOND)

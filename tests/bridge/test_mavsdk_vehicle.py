@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from autopilot_bridge.clients.mavsdk import MavsdkVehicle
+from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.mavsdk_library import judged, library
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, MissionItem
@@ -35,7 +35,7 @@ def clock_us() -> int:
 class Seat:
     """Where one vehicle's events are waited for."""
 
-    def __init__(self, vehicle: MavsdkVehicle) -> None:
+    def __init__(self, vehicle: MavsdkClient) -> None:
         self.vehicle = vehicle
         self.seen: list[events.ClientEvent] = []
         self._looked_at = 0
@@ -68,7 +68,7 @@ class Seat:
 
 @asynccontextmanager
 async def seat(port: int, link: str = "udpin") -> AsyncIterator[Seat]:
-    async with MavsdkVehicle(f"{link}:127.0.0.1:{port}", 1, clock_us) as vehicle:
+    async with MavsdkClient(f"{link}:127.0.0.1:{port}", 1, clock_us) as vehicle:
         yield Seat(vehicle)
 
 
@@ -234,7 +234,7 @@ def test_a_missing_package_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPat
 
 
 def test_orbits_and_speeds_are_refused_in_words() -> None:
-    vehicle = MavsdkVehicle("udpin:127.0.0.1:14999", 1, clock_us)
+    vehicle = MavsdkClient("udpin:127.0.0.1:14999", 1, clock_us)
     vehicle.orbit(36.0, -84.0, 500.0, 100.0, 5)
     vehicle.change_speed(12.0, 6)
     for command in ("orbit", "change speed"):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
@@ -319,7 +319,7 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
 
 @pytest.mark.parametrize(("key", "accepted"), [(KEY, True), (OTHER_KEY, False)])
 def test_a_mission_goes_up_between_two_who_share_a_key(key: Key, accepted: bool) -> None:
-    mock, client = mock_of(stack_named("px4", "plane")), VehicleClient()
+    mock, client = mock_of(stack_named("px4", "plane")), NativeClient()
 
     async def exchange() -> None:
         port = free_port()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.mock.kinematics import Wind
 from benchmarks.burn_frames import SIDE_M, place, small_burn
 from firemodel.landscape.default import jacksboro
@@ -200,7 +200,7 @@ def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
     assert verify(burn.path).difference is None
 
 
-def slow_down(client: VehicleClient, begin_us: int, share: float) -> None:
+def slow_down(client: NativeClient, begin_us: int, share: float) -> None:
     """From now on the autopilot's time since boot runs at a share of its speed, frame by frame."""
     wire, taken = mavlink.MAVLink(None), client.receive_data
 

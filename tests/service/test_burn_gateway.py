@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.mock.fault_injection import Troubled
+from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
@@ -164,8 +164,8 @@ def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
 def test_a_mock_in_trouble_tells_of_its_battery_and_its_fix(stack: str) -> None:
     mock = mock_of(stack_named(stack, "copter"), battery_minutes=30.0)
-    troubled = Troubled(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
-    client = VehicleClient(rates_hz=rates_hz(burn()))
+    troubled = FaultyMock(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
+    client = NativeClient(rates_hz=rates_hz(burn()))
     gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO)
     told: list[tuple[float, VehicleEvent]] = []
     for now_us in range(0, 30 * SECOND, 25_000):

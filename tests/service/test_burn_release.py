@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from autopilot_bridge.clients.native import VehicleClient
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import takeoff, waypoint
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
@@ -159,7 +159,7 @@ def test_spheres_of_a_flown_line_lie_where_they_were_planned(seed: int) -> None:
     # A copter on its mission in wind; telemetry and orders 50 ms under way, a tenth of them lost.
     wind = Wind(from_deg=300.0, speed_m_s=5.0)
     mock = mock_of(stack_named("ardupilot", "copter"), airspeed_m_s=5.0, wind=wind)
-    pair = Pair(mock, client=VehicleClient(rates_hz=BURN_RATES_HZ))
+    pair = Pair(mock, client=NativeClient(rates_hz=BURN_RATES_HZ))
     pair.run_for(4.0)
     north = (HOME[0] + 0.0027, HOME[1])
     items = (takeoff(*HOME[:2], 315.0), waypoint(*north, 315.0))
