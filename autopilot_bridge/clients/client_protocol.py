@@ -27,35 +27,8 @@ class VehicleClient(Protocol):
     def clear(self, now_us: int) -> int:
         """Remove the mission."""
 
-    def start_mission(self, now_us: int) -> object:
-        """Arm where needed and fly the mission."""
-
-    def hold(self, now_us: int) -> object:
-        """Loiter here."""
-
-    def return_home(self, now_us: int) -> object:
-        """Fly to where it took off."""
-
-    def orbit(
-        self,
-        lat_deg: float,
-        lon_deg: float,
-        altitude_amsl_m: float,
-        radius_m: float,
-        now_us: int,
-    ) -> object:
-        """Circle a place, clockwise with a positive radius."""
-
-    def change_speed(self, speed_m_s: float, now_us: int) -> object:
-        """Airspeed of planes, ground speed of multirotors."""
-
-    def set_return_height(self, height_m: float, now_us: int) -> object:
-        """How high above home returns of a multirotor lead at least."""
-
-    def climb_and_hold(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
-    ) -> object:
-        """Leave what is flown, climb at a place and hold there."""
+    def command(self, name: str, now_us: int, *arguments: float | str) -> int:
+        """Carry out a command of ``orders.ORDERS``; CommandFinished has the outcome."""
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
         """Let go of one thing now; DropFinished with the id tells how it went."""

@@ -55,7 +55,7 @@ from autopilot_bridge.vehicle.message_rates import rate_requests
 from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
-from autopilot_bridge.vehicle.orders import Dropper
+from autopilot_bridge.vehicle.orders import Dropper, OrderContext, order_named
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
 from autopilot_bridge.vehicle.transfer_queue import LAST_NAV, StartItem
 
@@ -109,8 +109,9 @@ class MavsdkClient:
         self._events: deque[ClientEvent] = deque()
         self._waiting: list[Job] = []
         self._next_id = 1
+        self._last_command = 0
         self._asked = asyncio.Event()
-        self._commands: asyncio.Queue[tuple[str, tuple[Step, ...]]] = asyncio.Queue()
+        self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
         self._begin: MissionActivation | None = None  # under way
         self._commanded_modes = CommandedModes()
         self._taken: list[str] = []  # why autopilot or pilot took over, each time
@@ -161,41 +162,20 @@ class MavsdkClient:
         """Remove the mission."""
         return self._add(Job(0, "clear"))
 
-    def start_mission(self, now_us: int) -> None:
-        """Fly the mission: arm and change mode where needed; outcome as CommandFinished."""
-        stack = self._known_stack()
-        flying = (stack.set_mode(stack.mission_mode),)
-        self._commands.put_nowait(("start mission", flying if self._monitor.armed else stack.start))
+    def command(self, name: str, now_us: int, *arguments: float | str) -> int:
+        """Carry out a command of ``orders.ORDERS``; CommandFinished has the outcome.
 
-    def hold(self, now_us: int) -> None:
-        """Loiter here; outcome as CommandFinished."""
-        stack = self._known_stack()
-        self._commands.put_nowait(("hold", (stack.set_mode(stack.hold_mode),)))
-
-    def return_home(self, now_us: int) -> None:
-        """Return to where it took off; outcome as CommandFinished."""
-        stack = self._known_stack()
-        self._commands.put_nowait(("return", (stack.set_mode(stack.rtl_mode),)))
-
-    def orbit(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float, now_us: int
-    ) -> None:
-        """Not done through MAVSDK; outcome as CommandFinished."""
-        self._tell(CommandFinished(now_us, "orbit", False, NO_ORDER))
-
-    def change_speed(self, speed_m_s: float, now_us: int) -> None:
-        """Not done through MAVSDK; outcome as CommandFinished."""
-        self._tell(CommandFinished(now_us, "change speed", False, NO_ORDER))
-
-    def set_return_height(self, height_m: float, now_us: int) -> None:
-        """Not done through MAVSDK; outcome as CommandFinished."""
-        self._tell(CommandFinished(now_us, "return height", False, NO_ORDER))
-
-    def climb_and_hold(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
-    ) -> None:
-        """Not done through MAVSDK; outcome as CommandFinished."""
-        self._tell(CommandFinished(now_us, "climb and hold", False, NO_ORDER))
+        One that cannot be sent through MAVSDK ends as not accepted.
+        """
+        steps = order_named(name).through_mavsdk
+        self._last_command += 1
+        if steps is None:
+            finished = CommandFinished(now_us, name, False, NO_ORDER, self._last_command)
+            self._tell(finished)
+        else:
+            context = OrderContext(self._known_stack(), self._monitor.armed)
+            self._commands.put_nowait((self._last_command, name, steps(context, *arguments)))
+        return self._last_command
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
         """Not done through MAVSDK; outcome as DropFinished."""
@@ -392,11 +372,11 @@ class MavsdkClient:
 
     async def _command_all(self) -> None:
         while True:
-            name, steps = await self._commands.get()
+            command_id, name, steps = await self._commands.get()
             accepted, reason = False, NOT_FOUND
             if await self._found():
                 accepted, reason = await self._steps(steps)
-            self._tell(CommandFinished(self._clock(), name, accepted, reason))
+            self._tell(CommandFinished(self._clock(), name, accepted, reason, command_id))
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
         """Commands one after another until one is refused; MAVSDK repeats them.

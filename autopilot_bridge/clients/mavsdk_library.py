@@ -5,7 +5,6 @@ import json
 import logging
 from typing import Any, NamedTuple
 
-from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, MissionItem, jumps_moved
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.read_back import same_as_sent
@@ -27,17 +26,12 @@ class Library(NamedTuple):
 
 @functools.cache
 def library() -> Library:
-    """Import MAVSDK; its log goes to Python's. Raises BridgeError where it is not installed."""
-    try:
-        import mavsdk
-        import mavsdk.asyncio
-        import mavsdk.asyncio.plugins.mavlink_direct as direct
-        import mavsdk.asyncio.plugins.mission_raw as missions
-        from mavsdk.logging import LogLevel, log_subscribe
-    except ImportError as error:
-        raise BridgeError(
-            f"backend mavsdk: {error}; install it: pip install 'mission-service[mavsdk]'"
-        ) from None
+    """Import MAVSDK; its log goes to Python's."""
+    import mavsdk
+    import mavsdk.asyncio
+    import mavsdk.asyncio.plugins.mavlink_direct as direct
+    import mavsdk.asyncio.plugins.mission_raw as missions
+    from mavsdk.logging import LogLevel, log_subscribe
 
     def log(level: int, message: str, file: str | None, line: int) -> bool:
         if level >= LogLevel.ERROR:

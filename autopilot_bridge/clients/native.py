@@ -27,7 +27,7 @@ from autopilot_bridge.vehicle.client_events import (
 from autopilot_bridge.vehicle.command_queue import CommandQueue, ParameterQueue
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes
 from autopilot_bridge.vehicle.drop_sender import DropSender
-from autopilot_bridge.vehicle.message_rates import RATES_HZ, MessageRates, RatesHz
+from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, MessageRates, RatesHz
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.statustext import StatustextAssembler
@@ -35,7 +35,6 @@ from autopilot_bridge.vehicle.transfer_queue import Job, StartItem, TransferQueu
 
 HEARTBEAT_EVERY_US = 1_000_000
 NEVER_US = 1 << 62
-AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # what must not wait for a slow retry
 
 
 class NativeClient:
@@ -48,7 +47,7 @@ class NativeClient:
         target_system: int | None = 1,
         heartbeat_timeout_us: int = 3_000_000,
         timing: TransferTiming | None = None,
-        rates_hz: RatesHz = RATES_HZ,
+        rates_hz: RatesHz = ALL_RATES_HZ,
         shared: list[Message] | None = None,
         most_speed_m_s: float | None = None,
     ) -> None:
@@ -139,63 +138,24 @@ class NativeClient:
         self._send(*self._jobs.cancel(transfer_id, self._known_stack(), now_us))
         self._go_on(now_us)
 
-    # Orders; outcome as CommandFinished with the id. They are carried out one after another, but
-    # hold, climb and hold, return, land and disarm take the place of all that is not ended.
+    def command(self, name: str, now_us: int, *arguments: float | str) -> int:
+        """Carry out a command of ``orders.ORDERS``; CommandFinished with the id has the outcome.
 
-    def arm(self, now_us: int) -> int:
-        """Arm, with the autopilot's checks."""
-        return self._order("arm", orders.arm(self._known_stack()), now_us)
-
-    def disarm(self, now_us: int) -> int:
-        """Disarm; refused in the air."""
-        return self._order("disarm", orders.disarm(self._known_stack()), now_us, urgent=True)
-
-    def takeoff(self, height_m: float, now_us: int) -> int:
-        """Arm, take off and hold so high above the ground; sets ArduPlane's TKOFF_ALT."""
-        stack, here = self._known_stack(), self.position
-        if here is None:
-            raise BridgeError("the vehicle has told no position yet; wait for Position")
-        return self._order("takeoff", orders.takeoff(stack, height_m, here.altitude_amsl_m), now_us)
-
-    def start_mission(self, now_us: int) -> int:
-        """Fly the mission: arm and change mode where needed."""
-        steps = orders.start_mission(self._known_stack(), self.armed)
-        return self._order("start mission", steps, now_us)
-
-    def hold(self, now_us: int) -> int:
-        """Pause: loiter here."""
-        return self._order("hold", orders.pause(self._known_stack()), now_us, urgent=True)
-
-    def resume(self, now_us: int) -> int:
-        """Go on with the mission where it was left."""
-        return self._order("resume", orders.resume(self._known_stack()), now_us)
-
-    def return_home(self, now_us: int) -> int:
-        """Return to the launch place."""
-        return self._order("return", orders.return_home(self._known_stack()), now_us, urgent=True)
-
-    def set_return_height(self, height_m: float, now_us: int) -> int:
-        """How high above home returns of a multirotor lead at least; sets its parameters."""
-        steps = orders.return_height(self._known_stack(), height_m)
-        return self._order("return height", steps, now_us)
-
-    def land(self, now_us: int) -> int:
-        """Land here; ArduPlane by the landing of its mission."""
-        return self._order("land", orders.land(self._known_stack()), now_us, urgent=True)
-
-    def reposition(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
-    ) -> int:
-        """Fly to a place and hold there."""
-        steps = orders.reposition(self._known_stack(), lat_deg, lon_deg, altitude_amsl_m)
-        return self._order("reposition", steps, now_us)
-
-    def climb_and_hold(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
-    ) -> int:
-        """Leave what is flown, climb at a place and hold there; repeated often until answered."""
-        steps = orders.climb_and_hold(self._known_stack(), lat_deg, lon_deg, altitude_amsl_m)
-        return self._order("climb and hold", steps, now_us, urgent=True, timing=AT_ONCE)
+        Commands run one after another; an urgent one ends all others first. Raises BridgeError for
+        arguments out of range and for what the stack does not have.
+        """
+        order, stack, here = orders.order_named(name), self._known_stack(), self.position
+        altitude_m = None if here is None else here.altitude_amsl_m
+        mode = stack.mode_name(self.custom_mode)
+        steps = order.steps(orders.OrderContext(stack, self.armed, mode, altitude_m), *arguments)
+        if order.urgent:
+            self._drops.withdraw(self._outgoing, f"{name} took its place", now_us)
+            self._jobs.leave_mode()
+        command_id = self._commands.add(
+            name, steps, self._target(), stack, order.urgent, now_us, order.timing
+        )
+        self._send(*self._commands.begin_next(now_us))
+        return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
         """Let go of one thing now; DropFinished with the id tells how it went.
@@ -209,48 +169,6 @@ class NativeClient:
         )
         self._send(*messages)
         return drop_id
-
-    def orbit(
-        self,
-        lat_deg: float,
-        lon_deg: float,
-        altitude_amsl_m: float,
-        radius_m: float,
-        now_us: int,
-        speed_m_s: float | None = None,
-    ) -> int:
-        """Circle a place, clockwise with a positive radius."""
-        place = (lat_deg, lon_deg, altitude_amsl_m)
-        steps = orders.orbit(self._known_stack(), *place, radius_m, speed_m_s)
-        return self._order("orbit", steps, now_us)
-
-    def change_speed(self, speed_m_s: float, now_us: int) -> int:
-        """Airspeed of planes, ground speed of multirotors."""
-        stack = self._known_stack()
-        orbiting = stack.mode_name(self.custom_mode) == "orbit"
-        steps = orders.change_speed(stack, speed_m_s, orbiting)
-        return self._order("change speed", steps, now_us)
-
-    def set_mode(self, name: str, now_us: int) -> int:
-        """Change to a mode of ``Stack.modes``."""
-        return self._order(f"mode {name}", orders.set_mode(self._known_stack(), name), now_us)
-
-    def _order(
-        self,
-        name: str,
-        steps: orders.Steps,
-        now_us: int,
-        urgent: bool = False,
-        timing: TransferTiming | None = None,
-    ) -> int:
-        if urgent:
-            self._drops.withdraw(self._outgoing, f"{name} took its place", now_us)
-            self._jobs.leave_mode()
-        command_id = self._commands.add(
-            name, steps, self._target(), self._known_stack(), urgent, now_us, timing
-        )
-        self._send(*self._commands.begin_next(now_us))
-        return command_id
 
     # Parameters; outcome as ParametersFinished with the id.
 

@@ -16,7 +16,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_of
 from autopilot_bridge.vehicle.client_events import ClientEvent
-from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
+from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
 from autopilot_bridge.vehicle.telemetry import MESSAGES
@@ -55,7 +55,7 @@ class SharedLink:
         component_id: int = 190,
         heartbeat_timeout_us: int = HEARTBEAT_TIMEOUT_US,
         timing: TransferTiming | None = None,
-        rates_hz: RatesHz = RATES_HZ,
+        rates_hz: RatesHz = ALL_RATES_HZ,
         expects: bool = False,
         signed: bool = False,
     ) -> None:

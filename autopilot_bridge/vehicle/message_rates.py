@@ -17,7 +17,8 @@ from autopilot_bridge.stacks.stacks import Stack
 
 RatesHz = Mapping[int, float]
 
-RATES_HZ: RatesHz = {
+# All messages that a client reports: for command-line transfers, MAVSDK and the bridge by itself.
+ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
@@ -30,6 +31,29 @@ RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+}
+# What a run uses: no other message is requested, and none is switched off for other stations.
+RATES_HZ: RatesHz = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_WIND: 0.2,
+    mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,
+    # Reports of failures must arrive within two seconds.
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+}
+# For drops along a path: at 5 m/s a position every half metre.
+DROP_RATES_HZ: RatesHz = {
+    **RATES_HZ,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
 }
 # Read: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
 _OF_THE_OTHER_STACK = {
@@ -50,14 +74,14 @@ LOOK_AFTER_US = 4_000_000  # at least; whether all arrives
 ROUNDS = 3  # in a row for the same messages
 
 
-def rates_for(stack: Stack, rates_hz: RatesHz = RATES_HZ) -> dict[int, float]:
+def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
     """The rates without what the stack does not have."""
     absent = _OF_THE_OTHER_STACK[stack.name]
     return {key: hz for key, hz in rates_hz.items() if key not in absent}
 
 
 def rate_requests(stack: Stack, target: tuple[int, int]) -> list[Message]:
-    """What asks for ``RATES_HZ`` once; nobody waits for an answer."""
+    """Requests for ``ALL_RATES_HZ``, sent once; their acknowledgements are not awaited."""
     return [_request(target, key, hz, 0) for key, hz in rates_for(stack).items()]
 
 

@@ -26,7 +26,7 @@ def flying(stack: Stack, **more: Any) -> Pair:
     pair = Pair(mock_of(stack), **more)
     pair.run_for(1.0)
     pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(6)), pair.now_us))
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(45.0)
     assert pair.mock.flight.mode == "mission"
     assert pair.mock.flight.airborne
@@ -62,7 +62,7 @@ def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
         rng = Random(seed)
         pair = flying(stack)
         if loiters:
-            pair.client.hold(pair.now_us)
+            pair.client.command("hold", pair.now_us)
             pair.run_for(3.0)
         new = near(pair, rng.randint(3, 12))
         if rng.random() < 0.5:
@@ -115,7 +115,7 @@ def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bo
     """Seen on PX4 1.17 in LOITER: acknowledged, "Mission rejected" in its log, told as accepted."""
     pair = flying(PX4)
     if loiters:
-        pair.client.hold(pair.now_us)
+        pair.client.command("hold", pair.now_us)
         pair.run_for(3.0)
     pair.mock.parameters.change("MIS_TKO_LAND_REQ", 2)
     result = pair.result_of(pair.client.upload(line_of(6, first=2), pair.now_us))

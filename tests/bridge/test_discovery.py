@@ -182,7 +182,7 @@ def test_orders_go_to_the_vehicle_they_are_for() -> None:
     mocks = [mock_of(COPTER, system_id=n) for n in (1, 2, 3)]
     air = Air(a_1=mocks)
     air.run_for(4.0)
-    command_id = air.fleet.client(VehicleKey("a", 2)).takeoff(25.0, air.now_us)
+    command_id = air.fleet.client(VehicleKey("a", 2)).command("takeoff", air.now_us, 25.0)
     air.run_for(20.0)
     assert [(e.command_id, e.accepted) for e in air.of(CommandFinished, 2)] == [(command_id, True)]
     assert [mock.flight.airborne for mock in mocks] == [False, True, False]

@@ -75,7 +75,7 @@ def recorded(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     pair = Pair(mock_of(stack_named(request.param, "plane")), up=up, down=down)
     pair.run_for(3.0)
     assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(30.0)
     pair.mock_alive = False
     pair.run_for(5.0)

@@ -86,14 +86,14 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
         async with seat(port) as here:
             vehicle = here.vehicle
             with pytest.raises(BridgeError, match="no autopilot was heard"):
-                vehicle.start_mission(clock_us())
+                vehicle.command("start mission", clock_us())
             connected = await here.next(events.Connected)
             assert (connected.stack.name, connected.stack.vehicle) == (name, "plane")
             first, second = short_mission(), short_mission(legs=5)
             assert (await here.transfer(vehicle.upload(first, clock_us()))).reason == "accepted"
             read = await here.transfer(vehicle.download(clock_us()))
             assert read.items == read_back(first, name)
-            vehicle.start_mission(clock_us())
+            vehicle.command("start mission", clock_us())
             assert (await here.next(events.CommandFinished)).accepted
             await here.at_item(2)
             assert vehicle.in_mission
@@ -120,7 +120,7 @@ async def flies_and_is_sent_elsewhere(name: str) -> None:
                 assert (result.outcome, result.holds) == ("rejected", "the old one")
             read = await here.transfer(vehicle.download(clock_us()))
             assert read.items == read_back(second, name)
-            vehicle.return_home(clock_us())
+            vehicle.command("return", clock_us())
             assert (await here.next(events.CommandFinished)).accepted
             assert (await here.transfer(vehicle.clear(clock_us()))).reason == "accepted"
             assert (await here.transfer(vehicle.download(clock_us()))).items == ()
@@ -235,8 +235,8 @@ def test_a_missing_package_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPat
 
 def test_orbits_and_speeds_are_refused_in_words() -> None:
     vehicle = MavsdkClient("udpin:127.0.0.1:14999", 1, clock_us)
-    vehicle.orbit(36.0, -84.0, 500.0, 100.0, 5)
-    vehicle.change_speed(12.0, 6)
+    vehicle.command("orbit", 5, 36.0, -84.0, 500.0, 100.0)
+    vehicle.command("change speed", 6, 12.0)
     for command in ("orbit", "change speed"):
         told = vehicle.next_event()
         assert isinstance(told, events.CommandFinished)

@@ -22,7 +22,7 @@ from autopilot_bridge.vehicle.client_events import (
     Speed,
     Wind,
 )
-from autopilot_bridge.vehicle.message_rates import RATES_HZ
+from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ
 from autopilot_bridge.vehicle.telemetry import (
     Telemetry,
     battery,
@@ -144,7 +144,7 @@ def test_a_vehicle_tells_all_at_the_rates_asked_for(stack: Stack, loss: float) -
     mock = mock_of(stack, wind=Breeze(240.0, 5.0))
     pair = Pair(mock, up=MemoryLink(loss=loss, seed=5), down=MemoryLink(loss=loss / 3, seed=6))
     pair.run_for(5.0)
-    pair.client.takeoff(30.0, pair.now_us)
+    pair.client.command("takeoff", pair.now_us, 30.0)
     pair.run_for(60.0)
     since_us = pair.now_us
     pair.down = MemoryLink()
@@ -202,7 +202,7 @@ def test_asking_for_rates_ends_where_nobody_answers() -> None:
     pair.up = Deaf()
     pair.run_for(120.0)
     before = len(asked)
-    assert len(RATES_HZ) < before < 120
+    assert len(ALL_RATES_HZ) < before < 120
     pair.run_for(60.0)
     assert len(asked) == before
 

@@ -133,7 +133,7 @@ def flown_with(stack: str, *faults: str, vehicle: str = "plane", until_s: float 
     pair = Pair(FaultyMock(mock, parse_faults(faults)))  # type: ignore[arg-type]
     pair.run_for(2.0)
     assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run(round(until_s * SECOND))
     return pair
 
@@ -197,6 +197,6 @@ def test_a_copter_that_loses_its_position_tells_that_it_lands(stack: str) -> Non
 
 def test_px4_is_out_of_its_failsafe_when_a_person_orders_another_mode() -> None:
     pair = flown_with("px4", "battery-low@40")
-    pair.client.hold(pair.now_us)
+    pair.client.command("hold", pair.now_us)
     pair.run_for(3.0)
     assert pair.of(SystemState)[-1].state == "active"

@@ -308,11 +308,13 @@ def test_a_low_battery_sends_it_home_at_the_safe_height(burn: Burn) -> None:
 def test_a_return_by_hand_leaves_no_drop_behind(burn: Burn) -> None:
     burn.until_dropping()
     dropped = burn.dropped
-    burn.rig.client.return_home(burn.simulation.link_us)
+    burn.rig.client.command("return", burn.simulation.link_us)
     burn.run(10.0)
     assert burn.dropped == dropped
     assert burn.leader.approvals.approval is None
-    burn.rig.client.resume(burn.simulation.link_us)  # the mission on board goes on: without drops
+    burn.rig.client.command(
+        "resume", burn.simulation.link_us
+    )  # the mission on board goes on: without drops
     burn.crew_is_there = False
     burn.run(60.0)
     assert burn.dropped == dropped

@@ -148,7 +148,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     points = plan_points(LINE[:-1], landscape)[:-1]  # the last climb is the mission's own
     items = mission_items(points, 5.0, vehicle, BURN, True)
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     low, speeds = [], []
     climbs = []
     last = len(items) - (0 if mock.stack.item_0_is_home else 1)
