@@ -6,7 +6,7 @@ from autopilot_bridge.items import Items
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.transfer_queue import StartItem
+from autopilot_bridge.vehicle.transfer_states import StartItem
 
 
 class VehicleClient(Protocol):

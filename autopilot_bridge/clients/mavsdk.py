@@ -57,7 +57,8 @@ from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.orders import Dropper, OrderContext, order_named
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
-from autopilot_bridge.vehicle.transfer_queue import LAST_NAV, StartItem
+from autopilot_bridge.vehicle.transfer_queue import LAST_NAV
+from autopilot_bridge.vehicle.transfer_states import StartItem
 
 LOOK_EVERY_S = 0.05
 ANSWER_S = 1.5

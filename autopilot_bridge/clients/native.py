@@ -31,7 +31,8 @@ from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, MessageRates, R
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.statustext import StatustextAssembler
-from autopilot_bridge.vehicle.transfer_queue import Job, StartItem, TransferQueue, VehicleState
+from autopilot_bridge.vehicle.transfer_queue import TransferQueue
+from autopilot_bridge.vehicle.transfer_states import Job, StartItem, VehicleState
 
 HEARTBEAT_EVERY_US = 1_000_000
 NEVER_US = 1 << 62
@@ -322,6 +323,10 @@ class NativeClient:
         )
         self._send(*self._jobs.step(state, now_us))
         self._send(*self._jobs.begin_next(state, now_us))
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        self._jobs.validate_state()
 
     def _report(self, job: Job, result: TransferResult, now_us: int) -> None:
         ended = TransferFinished(now_us, job.transfer_id, job.action, result, job.kind)

@@ -1,20 +1,15 @@
 """Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
 
-upload: file -> read the file back -> [begin -> [cut off the old tail -> read it back]],
-        where the autopilot takes whole files, or else
-        [hold] -> items -> [read back] -> begin -> [fly on]
-download: file, or else items
-clear: itself
+``transfer_states.py`` has the phases of a transfer and the table of their order.
 
-It holds where the autopilot would otherwise fly a list that is half overwritten. It reads back if a
-check is requested, and to report what the vehicle holds where the upload's end does not show it. If
-a failsafe or a pilot by radio takes over meanwhile, the mode is not changed, and a mission that
-would need a command is not begun.
+A transfer holds where the autopilot would otherwise fly a list that is half overwritten. It reads
+back if a check is requested, and to report what the vehicle holds where the upload's end does not
+show it. If a failsafe or a pilot by radio takes over meanwhile, the mode is not changed, and a
+mission that would need a command is not started.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from dataclasses import replace
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_ERROR
 
@@ -28,7 +23,6 @@ from autopilot_bridge.missions.transfer import (
     MISSION_TYPES,
     Address,
     Holds,
-    Kind,
     TransferResult,
     TransferTiming,
 )
@@ -38,66 +32,14 @@ from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes
 from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from autopilot_bridge.vehicle.mode_change import ModeChange
+from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
 
-NOTHING = Onboard(None, None, False)
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
 LAST_NAV = 95  # MAV_CMD_NAV_LAST; what comes behind is done on the way
 # Behind these a vehicle never gets by itself: loiter without end, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
-StartItem = Literal["restart", "keep"] | int
-Transfer = (
-    MissionUpload
-    | MissionDownload
-    | MissionClear
-    | MissionActivation
-    | ModeChange
-    | Truncate
-    | FtpUpload
-    | FtpDownload
-)
-
-
-class VehicleState(NamedTuple):
-    """What is known of the vehicle."""
-
-    stack: Stack
-    target: tuple[int, int]
-    current: int | None  # MISSION_CURRENT.seq
-    total: int | None  # MISSION_CURRENT.total, home included
-    armed: bool
-    custom_mode: int
-    plan_id: int | None = None  # MISSION_CURRENT.mission_id
-    unfit: bool = False  # the mission on board is none to fly
-
-    @property
-    def in_mission(self) -> bool:
-        """Whether it flies its mission."""
-        return self.armed and self.custom_mode == self.stack.mission_mode
-
-
-@dataclass
-class Job:
-    """A transfer asked for: what is under way for it, and what it needs to end well."""
-
-    transfer_id: int
-    action: Literal["upload", "download", "clear"]
-    kind: Kind
-    items: tuple[MissionItem, ...] = ()
-    begin: StartItem = "restart"  # which item of a new mission is flown next
-    check: bool = False
-    holds_first: bool = False  # rather than fly a list that is being overwritten
-    by_file: bool = True  # where the autopilot takes files
-    under_way: Transfer | None = None
-    wire_items: tuple[MissionItem, ...] = ()
-    hidden: int = 0  # items the user does not know of: ArduPilot's home
-    shorter: bool = False  # than a mission being flown: a file leaves that one's tail
-    old_tail: bool = False  # old items still stand behind the new ones of a file
-    paused: bool = False  # it holds because of this job
-    uploaded: TransferResult | None = None  # how the upload itself ended
-    before: Onboard = NOTHING
-    looked: bool = False  # it was read back after it should have begun
-    taken: str = ""  # why the mode is not changed any more; "" if it may be
-    cancelled: bool = False
+Step = tuple[Phase, Transfer]
+Following = Step | TransferResult
 
 
 class TransferQueue:
@@ -182,40 +124,50 @@ class TransferQueue:
         job.before = Onboard(state.current, state.plan_id, state.unfit)
         job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
         job.wire_items = (*job.items[: job.hidden], *jumps_moved(job.items, job.hidden))
-        return self._begin(job, self._first(job, state), now_us)
+        return self._begin(job, *self._first(job, state), now_us)
 
-    def _first(self, job: Job, state: VehicleState) -> Transfer:
+    def _first(self, job: Job, state: VehicleState) -> Step:
         address = self._address(job, state)
         if job.action == "clear":
-            return MissionClear(address, self._timing)
+            return Phase.CLEARING, MissionClear(address, self._timing)
         by_file = job.by_file and state.stack.mission_files
         if job.action == "download":
-            return self._read_file(address) if by_file else MissionDownload(address, self._timing)
+            return self._read_file(address) if by_file else self._read_items(address)
         flying = job.kind == "mission" and state.in_mission
         held = state.stack.most_items if state.total is None else state.total
         job.shorter = leaves_old_tail(flying, held, len(job.wire_items))
         if by_file and job.items and (not job.shorter or job.items[-1].command in LAST_FOR_GOOD):
             most, self._session = state.stack.most_items, next_session(self._session)
-            return FtpUpload(address, job.wire_items, most, self._session, self._timing)
+            upload = FtpUpload(address, job.wire_items, most, self._session, self._timing)
+            return Phase.WRITING_FILE, upload
         return self._by_items(job, state)
 
-    def _by_items(self, job: Job, state: VehicleState) -> Transfer:
-        address = self._address(job, state)
+    def _by_items(self, job: Job, state: VehicleState) -> Step:
+        stack = state.stack
         job.paused = job.holds_first and job.kind == "mission" and state.in_mission
-        if job.paused and not state.stack.atomic_upload:
-            stack = state.stack
-            return ModeChange(address, stack, stack.mission_mode, stack.hold_mode, self._timing)
-        job.paused = False
-        return self._upload(job, address, state.stack)
+        job.paused = job.paused and not stack.atomic_upload
+        if job.paused:
+            return Phase.HOLDING, self._mode_change(job, state, stack.mission_mode, stack.hold_mode)
+        return self._send_items(job, state)
 
-    def _upload(self, job: Job, address: Address, stack: Stack) -> MissionUpload:
-        first, ahead = self._seq(job), stack.items_ahead
+    def _mode_change(self, job: Job, state: VehicleState, before: int, wanted: int) -> ModeChange:
+        return ModeChange(self._address(job, state), state.stack, before, wanted, self._timing)
+
+    def _send_items(self, job: Job, state: VehicleState) -> Step:
+        stack = state.stack
         plan_id = mission_id_of(job.wire_items, stack)
-        return MissionUpload(address, job.wire_items, first, self._timing, ahead, plan_id)
+        upload = MissionUpload(
+            *(self._address(job, state), job.wire_items, self._seq(job), self._timing),
+            *(stack.items_ahead, plan_id),
+        )
+        return Phase.SENDING_ITEMS, upload
 
-    def _read_file(self, address: Address) -> Transfer:
+    def _read_file(self, address: Address) -> Step:
         self._session = next_session(self._session)
-        return FtpDownload(address, self._session, self._timing)
+        return Phase.READING_FILE, FtpDownload(address, self._session, self._timing)
+
+    def _read_items(self, address: Address) -> Step:
+        return Phase.READING_ITEMS, MissionDownload(address, self._timing)
 
     def _address(self, job: Job, state: VehicleState) -> Address:
         return Address(self._own, state.target, MISSION_TYPES[job.kind])
@@ -224,8 +176,8 @@ class TransferQueue:
         assert isinstance(job.begin, int)
         return job.hidden + job.begin
 
-    def _begin(self, job: Job, transfer: Transfer, now_us: int) -> list[Message]:
-        job.under_way = transfer
+    def _begin(self, job: Job, phase: Phase, transfer: Transfer, now_us: int) -> list[Message]:
+        job.enter(phase, transfer)
         return transfer.start(now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
@@ -256,58 +208,68 @@ class TransferQueue:
             return []
         if isinstance(job.under_way, FtpUpload | FtpDownload):
             self._session = job.under_way.session  # it may have taken others
-        following = self._after(job, job.under_way, job.under_way.result, state)
+        following = _AFTER[job.action, job.phase](self, job, job.under_way.result, state)
         if not isinstance(following, TransferResult):
-            return self._begin(job, following, now_us)
+            return self._begin(job, *following, now_us)
         self._job = None
+        job.enter(Phase.ENDED)
         if job.cancelled and following.outcome in ("failed", "unknown", "rejected"):
             following = replace(following, outcome="cancelled")
         self._report(job, following, now_us)
         return []
 
-    def _after(
-        self, job: Job, ended: Transfer, result: TransferResult, state: VehicleState
-    ) -> Transfer | TransferResult:
-        """The next part of a job, or its result."""
-        stack = state.stack
-        if job.action == "download" and result.items is not None:
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        assert all(job.phase is Phase.QUEUED for job in self._queue)
+        if self._job is not None:
+            assert self._job.phase not in (Phase.QUEUED, Phase.ENDED), self._job
+        jobs = [*self._queue, *([] if self._job is None else [self._job])]
+        assert len({job.transfer_id for job in jobs}) == len(jobs)
+        for job in jobs:
+            job.validate_state()
+
+    # What follows each phase, by its result: the next phase, or the result of the transfer. -----
+
+    def _after_clearing(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        return result
+
+    def _after_download(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.items is not None:
             return replace(result, items=users_items(job, result.items))
-        if job.action == "download" and isinstance(ended, FtpDownload) and not job.cancelled:
-            return MissionDownload(self._address(job, state), self._timing)
-        if job.action != "upload":
-            return result
-        address = self._address(job, state)
-        if isinstance(ended, ModeChange):
-            return self._after_mode(job, result, address, stack)
-        if isinstance(ended, MissionActivation):
-            return self._after_begin(job, ended, result, address, stack)
-        if isinstance(ended, Truncate):
-            return self._read_file(address)
-        if isinstance(ended, FtpUpload):
-            if result.outcome == "rejected" and not job.cancelled:
-                return self._by_items(job, state)
-            job.uploaded = result
-            return self._read_file(address)
-        if isinstance(ended, FtpDownload):
-            return self._after_file(job, result, state)
-        if isinstance(ended, MissionUpload):
-            job.uploaded = result
-            holds = held_after(ended, result, stack)
-            if result.outcome == "accepted" and not job.check:
-                return self._begun(job, address, state)
-            if result.outcome == "accepted" or holds in ("one of both", "not known"):
-                return MissionDownload(address, self._timing)  # never guess: read it back
-            return replace(result, holds=holds)
+        if job.phase is Phase.READING_FILE and not job.cancelled:
+            return self._read_items(self._address(job, state))
+        return result
+
+    def _after_writing(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.outcome == "rejected" and not job.cancelled:
+            return self._by_items(job, state)
+        job.uploaded = result
+        return self._read_file(self._address(job, state))
+
+    def _after_cutting(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        return self._read_file(self._address(job, state))
+
+    def _after_sending(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        assert isinstance(job.under_way, MissionUpload)
+        job.uploaded = result
+        holds = held_after(job.under_way, result, state.stack)
+        if result.outcome == "accepted" and not job.check:
+            return self._begun(job, state)
+        if result.outcome == "accepted" or holds in ("one of both", "not known"):
+            return self._read_items(self._address(job, state))  # never guess: read it back
+        return replace(result, holds=holds)
+
+    def _after_reading(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        stack = state.stack
         assert job.uploaded is not None
         if result.items is None:  # nothing can be read either
-            words = f"{job.uploaded.reason}; and reading it back: {result.reason}"
-            outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
-            holds = "one of both" if stack.atomic_upload else "not known"
-            return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
+            return _unread(
+                job.uploaded, result, "one of both" if stack.atomic_upload else "not known"
+            )
         if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
-            return self._begun(job, address, state)
+            return self._begun(job, state)
         read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
@@ -315,53 +277,46 @@ class TransferQueue:
             return TransferResult("failed", words, items=read, holds=read_holds)
         return replace(job.uploaded, items=read, holds=read_holds)
 
-    def _after_file(
-        self, job: Job, read: TransferResult, state: VehicleState
-    ) -> Transfer | TransferResult:
+    def _after_file(self, job: Job, read: TransferResult, state: VehicleState) -> Following:
         """After a file was written and read back."""
         assert job.uploaded is not None
         untouched = job.uploaded.outcome == "failed"
         if read.items is None:
-            words = f"{job.uploaded.reason}; and reading it back: {read.reason}"
-            outcome = "unknown" if job.uploaded.outcome == "accepted" else job.uploaded.outcome
             # A shorter file may stand before the old tail, which is neither of both.
             doubtful: Holds = "not known" if job.shorter else "one of both"
-            holds: Holds = "the old one" if untouched else doubtful
-            return replace(job.uploaded, outcome=outcome, reason=words, items=None, holds=holds)
+            return _unread(job.uploaded, read, "the old one" if untouched else doubtful)
         mission_type = MISSION_TYPES[job.kind]
         if same_mission(job.wire_items, read.items, state.stack, mission_type):
             if job.old_tail:  # cut off by now, and the new mission has begun
                 return accepted(job)
-            return self._begun(job, self._address(job, state), state)
+            return self._begun(job, state)
         to_go_on = not untouched and not job.cancelled
         begun = read.items[: len(job.wire_items)]
         longer = job.kind == "mission" and same_mission(job.wire_items, begun, state.stack)
         if to_go_on and longer and not job.old_tail:
             job.old_tail = True
-            return self._begun(job, self._address(job, state), state)
+            return self._begun(job, state)
         if to_go_on:  # not applied, or in part: a command it does not know
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, state)
-        holds = "the old one" if untouched else "a mixture"
+        holds: Holds = "the old one" if untouched else "a mixture"
         read_items = users_items(job, read.items)
         return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)
 
-    def _after_mode(
-        self, job: Job, result: TransferResult, address: Address, stack: Stack
-    ) -> Transfer | TransferResult:
-        """After the hold before an upload, or after flying on."""
-        if job.uploaded is None:
-            if result.outcome == "accepted":
-                return self._upload(job, address, stack)
-            words = f"it would not hold for the upload: {result.reason}"
-            return replace(result, reason=words, holds="the old one")
+    def _after_hold(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.outcome == "accepted":
+            return self._send_items(job, state)
+        words = f"it would not hold for the upload: {result.reason}"
+        return replace(result, reason=words, holds="the old one")
+
+    def _after_resume(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         if result.outcome == "accepted" or job.taken:
             return accepted(job)
         words = f"the vehicle holds the mission but did not fly on: {result.reason}"
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
-    def _begun(self, job: Job, address: Address, state: VehicleState) -> Transfer | TransferResult:
-        """The step that begins the mission on board."""
+    def _begun(self, job: Job, state: VehicleState) -> Following:
+        """Start the mission on board."""
         if job.kind != "mission" or not job.items or job.looked:
             return accepted(job)
         if job.taken and not state.stack.atomic_upload:
@@ -370,26 +325,23 @@ class TransferQueue:
         later = range(seq, len(job.wire_items))
         shown = next((at for at in later if job.wire_items[at].command <= LAST_NAV), seq)
         before = job.before._replace(seq=state.current)
-        count = len(job.wire_items)
-        return MissionActivation(address, seq, shown, count, plan_id, before, self._timing)
+        address, count = self._address(job, state), len(job.wire_items)
+        start = MissionActivation(address, seq, shown, count, plan_id, before, self._timing)
+        return Phase.STARTING, start
 
-    def _after_begin(
-        self,
-        job: Job,
-        ended: MissionActivation,
-        result: TransferResult,
-        address: Address,
-        stack: Stack,
-    ) -> Transfer | TransferResult:
-        if ended.other_list and not job.cancelled:  # never guess: read it back
+    def _after_start(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        assert isinstance(job.under_way, MissionActivation)
+        stack, address = state.stack, self._address(job, state)
+        if job.under_way.other_list and not job.cancelled:  # never guess: read it back
             job.looked = True
-            return MissionDownload(address, self._timing)
+            return self._read_items(address)
         if result.outcome != "accepted":
             return self._not_begun(job, result)
         if job.old_tail:
-            return Truncate(address, len(job.wire_items), self._timing)
+            return Phase.CUTTING_TAIL, Truncate(address, len(job.wire_items), self._timing)
         if job.paused and not job.taken:
-            return ModeChange(address, stack, stack.hold_mode, stack.mission_mode, self._timing)
+            change = self._mode_change(job, state, stack.hold_mode, stack.mission_mode)
+            return Phase.RESUMING, change
         return accepted(job)
 
     def _not_begun(self, job: Job, result: TransferResult) -> TransferResult:
@@ -402,6 +354,30 @@ class TransferQueue:
             return replace(result, reason=words, items=job.items, holds="the new one")
         words = f"the vehicle holds the mission but did not begin it: {result.reason}"
         return TransferResult(result.outcome, words, items=job.items, holds="the new one")
+
+
+_AFTER: dict[
+    tuple[Action, Phase], Callable[[TransferQueue, Job, TransferResult, VehicleState], Following]
+] = {
+    ("clear", Phase.CLEARING): TransferQueue._after_clearing,
+    ("download", Phase.READING_FILE): TransferQueue._after_download,
+    ("download", Phase.READING_ITEMS): TransferQueue._after_download,
+    ("upload", Phase.WRITING_FILE): TransferQueue._after_writing,
+    ("upload", Phase.READING_FILE): TransferQueue._after_file,
+    ("upload", Phase.CUTTING_TAIL): TransferQueue._after_cutting,
+    ("upload", Phase.HOLDING): TransferQueue._after_hold,
+    ("upload", Phase.SENDING_ITEMS): TransferQueue._after_sending,
+    ("upload", Phase.READING_ITEMS): TransferQueue._after_reading,
+    ("upload", Phase.STARTING): TransferQueue._after_start,
+    ("upload", Phase.RESUMING): TransferQueue._after_resume,
+}
+
+
+def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> TransferResult:
+    """The result of an upload that could not be read back."""
+    words = f"{uploaded.reason}; and reading it back: {read.reason}"
+    outcome = "unknown" if uploaded.outcome == "accepted" else uploaded.outcome
+    return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
 
 
 def lacks(job: Job) -> str:

@@ -109,6 +109,7 @@ class Pair:
             self.events.append(event)
         for datagram in self.client.data_to_send():
             self.up.send(datagram, now_us)
+        self.client.validate_state()
 
     def run_for(self, seconds: float) -> None:
         self.run(self.now_us + round(seconds * SECOND))

@@ -9,7 +9,7 @@ from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.transfer_queue import StartItem
+from autopilot_bridge.vehicle.transfer_states import StartItem
 
 # What a log tells that a core lives on. Items are those of the mission that was flown, so they say
 # nothing of the ones that the core would have sent.
