@@ -17,6 +17,7 @@ from contextlib import AsyncExitStack
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import TransferFinished
@@ -34,10 +35,8 @@ async def fly(ports: list[int]) -> None:
             stack = stack_named("px4" if index % 2 == 0 else "ardupilot", "plane")
             mock = MockAutopilot(
                 stack,
+                LocalFrame(36.3, -84.2, 300.0),
                 system_id=index + 1,
-                home_lat_deg=36.3,
-                home_lon_deg=-84.2,
-                home_altitude_amsl_m=300.0,
             )
             if stack.name == "px4":  # these lines have no landing
                 mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)

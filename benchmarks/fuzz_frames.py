@@ -31,6 +31,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import V2, Framer, checksum, field_at, message_id_of
 from autopilot_bridge.links.signing import Key, Signing, Timestamps
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 
@@ -221,7 +222,10 @@ def transfer_part(chance: random.Random, count: int, report: Report) -> None:
 
 def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> str:
     """How one upload ended; raises AssertionError when it does not end."""
-    mock = MockAutopilot(stack, home_lat_deg=36.3, home_lon_deg=-84.2, home_altitude_amsl_m=300.0)
+    mock = MockAutopilot(
+        stack,
+        LocalFrame(36.3, -84.2, 300.0),
+    )
     client, now_us, transfer_id = NativeClient(), 0, None
     last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
     while now_us < MOST_VIRTUAL_S * 1e6:

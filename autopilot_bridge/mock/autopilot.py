@@ -41,27 +41,25 @@ class MockAutopilot:
     def __init__(
         self,
         stack: Stack,
+        home: LocalFrame,
         *,
         system_id: int = 1,
-        home_lat_deg: float,
-        home_lon_deg: float,
-        home_altitude_amsl_m: float,
         airspeed_m_s: float = 18.0,
         wind: Wind = CALM,
         terrain: Terrain | None = None,
         battery_minutes: float | None = None,
     ) -> None:
         self.stack = stack
-        frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         limits = replace(
             LIMITS.get((stack.name, stack.vehicle), Limits()), airspeed_m_s=airspeed_m_s
         )
-        self.flight = FlightModel(stack, frame, limits, wind, terrain)
+        self.flight = FlightModel(stack, home, limits, wind, terrain)
         if battery_minutes is not None:
             self.flight.battery = Battery(100.0, battery_minutes * 60.0)
-        home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         server = ArduPilotServer if stack.item_0_is_home else Px4Server
-        self.missions: MissionServer = server(stack, home)
+        self.missions: MissionServer = server(
+            stack, waypoint(home.lat_deg, home.lon_deg, home.altitude_m)
+        )
         self.missions.flying_mission = self._flying_mission
         self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)

@@ -69,6 +69,9 @@ def asked_of(message: Message) -> Asked:
     )
 
 
+Handler = Callable[[Asked, FlightModel, float], int]  # the MAV_RESULT
+
+
 class CommandServer:
     """Obeys commands; what is to be told besides the acknowledgement goes to ``tell``."""
 
@@ -87,6 +90,7 @@ class CommandServer:
         self._tell = tell
         self._px4 = stack.name == "px4"
         self._plane = stack.vehicle == "plane"
+        self._handlers = self._handlers_of_stack()
 
     def obey(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         """Do it; the MAV_RESULT. Another mode by order ends PX4's failsafe."""
@@ -97,43 +101,46 @@ class CommandServer:
         return result
 
     def _obey(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        first = asked.params[0]
-        match asked.command:
-            case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-                return self._arm(first > 0.5, flight)
-            case mavlink.MAV_CMD_DO_SET_MODE:
-                return self._set_mode(asked, flight, now_s)
-            case mavlink.MAV_CMD_DO_SET_MISSION_CURRENT if self._stack.item_0_is_home:
-                return ACCEPTED if 0 <= first < len(flight.items) else DENIED
-            case mavlink.MAV_CMD_MISSION_START:
-                return self._change(flight, "mission", now_s)
-            case mavlink.MAV_CMD_NAV_TAKEOFF:
-                return self._takeoff(asked, flight, now_s)
-            case mavlink.MAV_CMD_NAV_LAND if self._px4 or not self._plane:
-                return self._change(flight, "land", now_s)
-            case mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-                return self._change(flight, "rtl", now_s)
-            case mavlink.MAV_CMD_DO_LAND_START if not self._px4:
-                return self._land_start(flight, now_s)
-            case mavlink.MAV_CMD_DO_REPOSITION:
-                return self._reposition(asked, flight, now_s)
-            case mavlink.MAV_CMD_DO_ORBIT if self._px4:
-                return self._orbit(asked, flight, now_s)
-            case mavlink.MAV_CMD_DO_CHANGE_SPEED:
-                return self._change_speed(asked, flight)
-            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-                return self._set_interval(int(first), asked.params[1])
-            case mavlink.MAV_CMD_REQUEST_MESSAGE:
-                return ACCEPTED
-            case command if command in rules_of(self._stack).bare:
-                place = (asked.lat_deg, asked.lon_deg, asked.z)
-                done = flight.payload.obey(command, (*asked.params, *place), round(now_s * 1e6))
-                servo = command == mavlink.MAV_CMD_DO_SET_SERVO
-                return ACCEPTED if done else FAILED if servo else UNSUPPORTED
-            case _:
-                return UNSUPPORTED
+        handler = self._handlers.get(asked.command)
+        if handler is not None:
+            return handler(asked, flight, now_s)
+        if asked.command not in rules_of(self._stack).bare:
+            return UNSUPPORTED
+        params = (*asked.params, asked.lat_deg, asked.lon_deg, asked.z)
+        done = flight.payload.obey(asked.command, params, round(now_s * 1e6))
+        servo = asked.command == mavlink.MAV_CMD_DO_SET_SERVO
+        return ACCEPTED if done else FAILED if servo else UNSUPPORTED
 
-    def _arm(self, arm: bool, flight: FlightModel) -> int:
+    def _handlers_of_stack(self) -> dict[int, Handler]:
+        """The handler of each MAV_CMD; those that only switch an output are the payload's."""
+        handlers: dict[int, Handler] = {
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
+            mavlink.MAV_CMD_MISSION_START: self._change_to("mission"),
+            mavlink.MAV_CMD_NAV_TAKEOFF: self._takeoff,
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._change_to("rtl"),
+            mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda asked, flight, now_s: ACCEPTED,
+        }
+        if self._px4:
+            handlers[mavlink.MAV_CMD_DO_ORBIT] = self._orbit
+        else:
+            handlers[mavlink.MAV_CMD_DO_SET_MISSION_CURRENT] = self._set_current
+            handlers[mavlink.MAV_CMD_DO_LAND_START] = self._land_start
+        if self._px4 or not self._plane:
+            handlers[mavlink.MAV_CMD_NAV_LAND] = self._change_to("land")
+        return handlers
+
+    def _change_to(self, mode: Mode) -> Handler:
+        return lambda asked, flight, now_s: self._change(flight, mode, now_s)
+
+    def _set_current(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
+        return ACCEPTED if 0 <= asked.params[0] < len(flight.items) else DENIED
+
+    def _arm(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
+        arm = asked.params[0] > 0.5
         if not arm and flight.airborne:
             return DENIED
         copter_auto = not self._px4 and not self._plane and flight.mode == "mission"
@@ -190,7 +197,7 @@ class CommandServer:
         flight.fly_around(_here(flight), flight.frame.altitude_m + asked.z, DEFAULT_RADIUS_M)
         return ACCEPTED
 
-    def _land_start(self, flight: FlightModel, now_s: float) -> int:
+    def _land_start(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         commands = [item.command for item in flight.items]
         if not self._plane or mavlink.MAV_CMD_DO_LAND_START not in commands:
             self._tell(text(4, "Unable to start landing sequence"))
@@ -248,7 +255,7 @@ class CommandServer:
             flight.fly_around(place, altitude_m, signed_m)
         return ACCEPTED
 
-    def _change_speed(self, asked: Asked, flight: FlightModel) -> int:
+    def _change_speed(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
         kind, speed_m_s = asked.params[:2]
         if self._px4:
             if speed_m_s > 0.0:
@@ -269,7 +276,8 @@ class CommandServer:
     def _set_speed(self, flight: FlightModel, speed_m_s: float) -> None:
         flight.limits = replace(flight.limits, airspeed_m_s=speed_m_s)
 
-    def _set_interval(self, message_id: int, interval_us: float) -> int:
+    def _set_interval(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
+        message_id, interval_us = int(asked.params[0]), asked.params[1]
         if not self._intervals.knows(message_id):
             return ACCEPTED if message_id in mavlink.mavlink_map else FAILED
         self._intervals.set(message_id, interval_us)

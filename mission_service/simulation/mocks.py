@@ -15,6 +15,7 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.mock_group import MockGroup
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
@@ -51,10 +52,8 @@ class Surroundings:
             )
         mock = MockAutopilot(
             stack_named(stack, kind),
+            LocalFrame(lat_deg, lon_deg, altitude_m),
             system_id=system_id,
-            home_lat_deg=lat_deg,
-            home_lon_deg=lon_deg,
-            home_altitude_amsl_m=altitude_m,
             wind=self.wind,
             terrain=None if ground_m is None else lambda lat_deg, lon_deg: ground_m,
             battery_minutes=self.battery_minutes,

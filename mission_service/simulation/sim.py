@@ -8,6 +8,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
@@ -42,13 +43,10 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
     """The mock autopilot of a vehicle, standing at its home."""
-    home_lat_deg, home_lon_deg, home_altitude_amsl_m = home_of(section, landscape)
     return MockAutopilot(
         stack_named(section.stack, section.kind),
+        LocalFrame(*home_of(section, landscape)),
         system_id=section.system_id,
-        home_lat_deg=home_lat_deg,
-        home_lon_deg=home_lon_deg,
-        home_altitude_amsl_m=home_altitude_amsl_m,
         airspeed_m_s=section.airspeed_m_s,
     )
 

@@ -11,6 +11,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ClientEvent, TransferFinished
 
@@ -22,9 +23,7 @@ def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopil
     """A mock; the lines flown here have no landing, so a PX4 plane is set not to ask for one."""
     mock = MockAutopilot(
         stack,
-        home_lat_deg=HOME[0],
-        home_lon_deg=HOME[1],
-        home_altitude_amsl_m=HOME[2],
+        LocalFrame(HOME[0], HOME[1], HOME[2]),
         **more,
     )
     if stack.name == "px4":

@@ -13,6 +13,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.mock_group import MockGroup
 from autopilot_bridge.stacks.stacks import STACKS, stack_named, stack_of
 from autopilot_bridge.vehicle.client_events import (
@@ -275,13 +276,7 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
             super().receive_data(data, now_us)
 
     def spy(system_id: int) -> Spy:
-        return Spy(
-            PX4,
-            system_id=system_id,
-            home_lat_deg=36.3,
-            home_lon_deg=-84.2,
-            home_altitude_amsl_m=300.0,
-        )
+        return Spy(PX4, LocalFrame(36.3, -84.2, 300.0), system_id=system_id)
 
     async def run() -> None:
         link = SharedLink("udp")
