@@ -121,8 +121,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
     """The mocks' own process: for every line that comes in, one goes out."""
     import asyncio
 
-    from autopilot_bridge.mock.mock_group import MockGroup
-    from autopilot_bridge.mock.serving import serve
+    from autopilot_bridge.mock.serving import MockGroup, serve
     from mission_service.fire.setup import landscape_of
     from mission_service.runtime.clocks import clock_us
     from mission_service.simulation.sim import mock_of

@@ -20,8 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.mock_group import MockGroup
-from autopilot_bridge.mock.serving import serve
+from autopilot_bridge.mock.serving import MockGroup, serve
 from benchmarks.link_shared import clock_us
 from mission_service.simulation.mocks import Surroundings, from_scenario
 

@@ -13,7 +13,6 @@ import json
 from collections import deque
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -49,7 +48,7 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message
+from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.message_rates import rate_requests
 from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
@@ -217,12 +216,7 @@ class MavsdkClient:
             self._tasks.append(task)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *error: object) -> None:
         for task in self._tasks:
             task.cancel()
         # MAVSDK must not go while a call is in it: that call would never return.
@@ -233,7 +227,7 @@ class MavsdkClient:
             await self._missions.cancel_mission_download()
             await asyncio.wait(self._calls, timeout=LEAVE_S)
         self._mavsdk.destroy()
-        await self._connection.__aexit__(kind, error, trace)
+        await self._connection.__aexit__(*error)
 
     async def wait(self) -> None:
         """Return when there may be events; raises what went wrong with the link or here."""
@@ -398,7 +392,7 @@ class MavsdkClient:
                 return False, f"command {command} was not answered (MAVSDK: {NO_ANSWER})"
             result = json.loads(ack.fields_json)["result"]
             if result != mavlink.MAV_RESULT_ACCEPTED:
-                return False, f"command {command} {RESULTS.get(result, f'MAV_RESULT {result}')}"
+                return False, f"command {command} {result_words(result)}"
         return True, "accepted"
 
     async def _change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:

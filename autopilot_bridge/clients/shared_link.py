@@ -1,13 +1,12 @@
-"""Many vehicles on one or many links, sans-IO: found by their heartbeats, a client for each.
+"""Many vehicles on one link, sans-IO: found by their heartbeats, a client for each.
 
-Each link is a peer of a connection; what comes in is decoded once and handed to the client of the
-system that sent it. A vehicle is a link and a system id: the same id on two links is two vehicles.
+The link is a peer of a connection; messages are decoded once and go to the client of the system
+that sent them. A vehicle is a link and a system id: the same id on two links is two vehicles.
 Which remote of a link a vehicle's messages are taken from: ``remote_binding.py``.
 """
 
 import heapq
 from collections import deque
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, NativeClient, gcs_heartbeat
@@ -207,39 +206,3 @@ def is_of_autopilot(message: Message) -> bool:
     """Whether it is a HEARTBEAT of an autopilot of a kind that is known."""
     kind: str = message.get_type()
     return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None
-
-
-class Fleet:
-    """All links and their vehicles."""
-
-    def __init__(self) -> None:
-        self.links: dict[str, SharedLink] = {}
-
-    def add(self, link: SharedLink) -> SharedLink:
-        """Take up a link; its name must be new."""
-        if link.name in self.links:
-            raise BridgeError(f"link {link.name!r} is there already; links need different names")
-        self.links[link.name] = link
-        return link
-
-    @property
-    def vehicles(self) -> dict[VehicleKey, NativeClient]:
-        """All that were heard, in order of link and system id."""
-        return {
-            VehicleKey(name, system): link.clients[system]
-            for name, link in self.links.items()
-            for system in sorted(link.clients)
-        }
-
-    def client(self, vehicle: VehicleKey) -> NativeClient:
-        """The client of a vehicle; BridgeError when it was not heard."""
-        link = self.links.get(vehicle.link)
-        if link is None or vehicle.system_id not in link.clients:
-            raise BridgeError(f"vehicle {vehicle} was not heard")
-        return link.clients[vehicle.system_id]
-
-    def events(self) -> Iterator[FleetEvent]:
-        """What happened since the last call, link by link."""
-        for link in self.links.values():
-            while (event := link.next_event()) is not None:
-                yield event

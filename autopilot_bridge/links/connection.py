@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from autopilot_bridge.links.codec import Codec
@@ -85,12 +84,7 @@ class Connection:
         self._wake()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *error: object) -> None:
         self._open = False
         if self._timer is not None:
             self._timer.cancel()

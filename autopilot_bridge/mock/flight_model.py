@@ -79,6 +79,7 @@ class FlightModel(Body):
     orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
+    _powered: Limits = field(init=False)  # the limits while the engine runs
     _return_amsl_m: float = field(init=False)
     _disarm_at_s: float = math.inf
     _fix_s: float = 0.0  # when there last was one
@@ -93,6 +94,7 @@ class FlightModel(Body):
         self.texts = self.payload.texts
         self._hold_at = (0.0, 0.0, self.frame.altitude_m)
         self._cruise_m_s = self.limits.airspeed_m_s
+        self._powered = self.limits
         self._return_amsl_m = self.frame.altitude_m
 
     def rebooted(self) -> "FlightModel":
@@ -104,6 +106,8 @@ class FlightModel(Body):
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
         fresh.airborne, fresh.crashed = self.airborne, self.crashed
         fresh.fence, fresh.engine_failed = self.fence, self.engine_failed
+        if self.engine_failed:
+            fresh._powered = replace(self._powered, airspeed_m_s=self._cruise_m_s)
         fresh._stood_amsl_m = self._stood_amsl_m
         fresh.payload.outputs = self.payload.outputs
         return fresh
@@ -166,9 +170,12 @@ class FlightModel(Body):
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
-        climb_m_s = -GLIDES_AT_M_S if failed else Limits().climb_m_s
-        airspeed_m_s = self.limits.airspeed_m_s * (GLIDES_BY if failed else 1.0 / GLIDES_BY)
-        self.limits = replace(self.limits, climb_m_s=climb_m_s, airspeed_m_s=airspeed_m_s)
+        if failed:
+            self._powered = self.limits
+            glide_m_s = self.limits.airspeed_m_s * GLIDES_BY
+            self.limits = replace(self.limits, climb_m_s=-GLIDES_AT_M_S, airspeed_m_s=glide_m_s)
+        else:
+            self.limits = self._powered
 
     def change_cruise(self, airspeed_m_s: float) -> None:
         """What it flies unless told otherwise."""

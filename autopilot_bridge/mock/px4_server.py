@@ -31,13 +31,15 @@ from autopilot_bridge.mock.mission_server import (
     item_out,
     text,
 )
-from autopilot_bridge.mock.px4_feasibility import (
+from autopilot_bridge.mock.px4_items import (
+    FLOAT_FRAMES,
+    checksum,
     first_outside,
+    judge,
     lacking,
     shapes_of,
     usable,
 )
-from autopilot_bridge.mock.px4_items import FLOAT_FRAMES, checksum, judge
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENTS = (0, 1, 190)  # all, the autopilot, the "mission planner"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.missions.transfer import TransferTiming
+from autopilot_bridge.missions.transfer import TransferTiming, is_for
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.parameters import ParameterSet
 
@@ -24,6 +24,13 @@ RESULTS = {
     9: "not supported in this frame",
     10: "denied: another station is in control",
 }
+
+
+def result_words(result: int) -> str:
+    """A MAV_RESULT in words."""
+    return RESULTS.get(result, f"MAV_RESULT {result}")
+
+
 # A refusal's reason may come as a text a moment after it (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
@@ -166,16 +173,14 @@ class CommandSequence:
     def _acknowledged(self, message: Message, now_us: int) -> list[Message]:
         step = self._steps[self._index]
         assert isinstance(step, Step)
-        ours = message.target_system in (0, self._own[0])
-        ours &= message.target_component in (0, self._own[1])
-        if not ours or message.command != step.command:
+        if not is_for(message, self._own) or message.command != step.command:
             return []
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
             self._working = True
             self._deadline_us = now_us + WORKING_FOR_US
             return []
         if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            words = RESULTS.get(message.result, f"MAV_RESULT {message.result}")
+            words = result_words(message.result)
             self._refusal = f"{command_name(step.command)} {words}"
             if self._tries:
                 self._refusal += " when repeated; it may have been taken before"

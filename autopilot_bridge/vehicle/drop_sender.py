@@ -16,7 +16,7 @@ from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.client_events import DropFinished, DropOutcome
-from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message, command_name
+from autopilot_bridge.vehicle.command_sequence import command_message, command_name, result_words
 from autopilot_bridge.vehicle.orders import Dropper, drop
 
 FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
@@ -127,7 +127,7 @@ class DropSender:
         if result in TAKEN:
             self._end(pulse, "done", "accepted", now_us)
         elif result not in (CANCELLED, ALREADY_DOING_IT):
-            words = RESULTS.get(result, f"MAV_RESULT {result}")
+            words = result_words(result)
             self._end(pulse, "refused", f"{command_name(pulse.command)} {words}", now_us)
 
     def next_timer(self) -> int | None:

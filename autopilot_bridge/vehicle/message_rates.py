@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.transfer import is_for
 from autopilot_bridge.stacks.stacks import Stack
 
 RatesHz = Mapping[int, float]
@@ -141,9 +142,7 @@ class MessageRates:
             self._arrived.add(message_id)
         if message_id != mavlink.MAVLINK_MSG_ID_COMMAND_ACK or message.command != SET_INTERVAL:
             return []
-        ours = message.target_system in (0, self._own[0])
-        ours &= message.target_component in (0, self._own[1])
-        return self._next(now_us) if ours and self._waiting else []
+        return self._next(now_us) if is_for(message, self._own) and self._waiting else []
 
     def _next(self, now_us: int) -> list[Message]:
         self._waiting.pop(0)

@@ -25,9 +25,15 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.missions.transfer import (
+    Address,
+    Exchange,
+    TransferResult,
+    TransferTiming,
+    is_for,
+)
 from autopilot_bridge.stacks.stacks import Step
-from autopilot_bridge.vehicle.command_sequence import RESULTS, command_message
+from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 
 SETTLED_US = 300_000  # PX4 looks at a new mission after it has acknowledged it (seen: 60 ms)
 UNFIT_FOR_US = 1_000_000
@@ -45,7 +51,7 @@ class Onboard(NamedTuple):
     unfit: bool
 
 
-class MissionActivation:
+class MissionActivation(Exchange):
     """Waits for proof that a new mission is current; commands the vehicle to it where needed.
 
     ``seq`` of ``count`` items on the wire is the one to begin with, and ``shown`` the number that
@@ -63,21 +69,19 @@ class MissionActivation:
         before: Onboard,
         timing: TransferTiming,
     ) -> None:
-        self.result: TransferResult | None = None
+        super().__init__(address, timing)
         self.other_list = False  # the vehicle showed the id of another list
-        self._address = address
         self._seq = seq
         self._shown = shown
         self._count = count
         self._plan_id = plan_id
         self._before = before
-        self._timing = timing
         same_list = plan_id is not None and before.plan_id == plan_id
         self._asks = plan_id is None or (same_list and before.seq != seq)
         # PX4 does not report again that a list is fit if it is begun elsewhere than at 0 (read:
         # 1.17 ``update_mission_state``).
         self._judged = plan_id is not None and not (before.unfit and seq > 0)
-        self._started_us = self._asked_us = self._deadline_us = 0
+        self._started_us = self._asked_us = 0
         self._tries = 0
         self._seen: int | None = None  # the newest number that is younger than the last command
         self._unfit_since_us: int | None = None
@@ -103,7 +107,7 @@ class MissionActivation:
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Look for proof that the mission has begun, or never will."""
-        if (message.get_srcSystem(), message.get_srcComponent()) != self._address.target:
+        if not self._is_from_target(message):
             return []
         match message.get_type():
             case "STATUSTEXT" if message.severity <= mavlink.MAV_SEVERITY_WARNING:
@@ -117,14 +121,12 @@ class MissionActivation:
         return []
 
     def _acknowledged(self, message: Message) -> None:
-        ours = message.target_system in (0, self._address.own[0])
-        ours &= message.target_component in (0, self._address.own[1])
-        if not ours or message.command != SET_CURRENT:
+        if not is_for(message, self._address.own) or message.command != SET_CURRENT:
             return
         if message.result == mavlink.MAV_RESULT_ACCEPTED:
             self.result = TransferResult("accepted", f"item {self._seq} is current")
         elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
-            words = RESULTS.get(message.result, f"MAV_RESULT {message.result}")
+            words = result_words(message.result)
             self.result = TransferResult("failed", f"the command to begin it: {words}{self._said}")
 
     def _shows_list(self, message: Message) -> bool:
@@ -178,15 +180,6 @@ class MissionActivation:
         """Send no command any more: autopilot or pilot took over. Without one, wait on."""
         if self._asks and self.result is None:
             self.result = TransferResult("failed", why)
-
-    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel: send no command any more."""
-        self.result = TransferResult("cancelled", "cancelled")
-        return []
-
-    def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
-        return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Repeat the command if the old item was seen; else wait; give up after ``TRIES``."""

@@ -11,9 +11,9 @@ behind another: a mode that the autopilot selects in between is seen, and not ov
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.missions.transfer import Address, Exchange, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.command_sequence import RESULTS
+from autopilot_bridge.vehicle.command_sequence import result_words
 
 TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
@@ -23,7 +23,7 @@ def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
-class ModeChange:
+class ModeChange(Exchange):
     """Changes the mode, out of ``before`` only; done when a HEARTBEAT shows it."""
 
     def __init__(
@@ -34,15 +34,13 @@ class ModeChange:
         wanted: int,
         timing: TransferTiming,
     ) -> None:
-        self.result: TransferResult | None = None
+        super().__init__(address, timing)
         self.wanted = wanted
-        self._address = address
         self._stack = stack
         self._before = before
-        self._timing = timing
         self._command, self._params, _ = stack.set_mode(wanted)
         self._tries = 0
-        self._again_us = self._deadline_us = 0
+        self._again_us = 0
 
     def start(self, now_us: int) -> list[Message]:
         """Wait for a heartbeat."""
@@ -52,14 +50,14 @@ class ModeChange:
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """A heartbeat in the mode ends it, and so does a refusal."""
-        if (message.get_srcSystem(), message.get_srcComponent()) != self._address.target:
+        if not self._is_from_target(message):
             return []
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return self._heartbeat(message.custom_mode, now_us)
         refused = kind == "COMMAND_ACK" and message.result not in TAKEN
         if refused and message.command == self._command and self._tries:
-            words = RESULTS.get(message.result, f"MAV_RESULT {message.result}")
+            words = result_words(message.result)
             self.result = TransferResult("rejected", f"the change of mode {words}")
         return []
 
@@ -82,15 +80,6 @@ class ModeChange:
         """Send no command any more: the autopilot or a pilot has taken over."""
         if self.result is None:
             self.result = TransferResult("failed", why)
-
-    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel: send no command any more."""
-        self.result = TransferResult("cancelled", "cancelled")
-        return []
-
-    def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
-        return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Give up."""
