@@ -1,1 +1,4 @@
-"""MAVSDK as another client of a vehicle."""
+"""The clients of one vehicle, as peers: our own (``native``) and MAVSDK (``mavsdk``).
+
+``client_protocol`` has what both do; ``shared_link`` decodes once for many vehicles on one link.
+"""

@@ -82,7 +82,20 @@ class Job:
 
 
 class MavsdkClient:
-    """One vehicle on one link while the context is open; both an ``Autopilot`` and its link."""
+    """A ``VehicleClient`` and its link, while the context (``async with``) is open.
+
+    Args:
+        link: The link as users write it; no other vehicle may use it.
+        system_id: The vehicle's MAVLink system id.
+        clock: The link's time in microseconds.
+        tlog: A recording of what is sent and received; the caller closes it.
+        signing: Signs all frames that are sent; frames that do not verify are dropped.
+        link_id: The link id of signatures, 0 to 255.
+        most_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+
+    Raises:
+        BridgeError: The link is not valid, or cannot be opened (on entering the context).
+    """
 
     def __init__(
         self,

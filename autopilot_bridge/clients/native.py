@@ -39,7 +39,19 @@ NEVER_US = 1 << 62
 
 
 class NativeClient:
-    """One vehicle. ``target_system`` None takes the first autopilot heard."""
+    """The ``VehicleClient`` of our own: one vehicle; a peer for a ``Connection``.
+
+    Args:
+        system_id: This station's MAVLink system id.
+        component_id: This station's component id.
+        target_system: The vehicle's system id; None: the first autopilot that sends.
+        heartbeat_timeout_us: Silence after which the link counts as lost.
+        timing: Timeouts and retries of transfers and commands.
+        rates_hz: Message rates to request when the vehicle connects, by message id.
+        shared: The outgoing messages of all clients of one link, whose owner also sends the
+            heartbeats; None: the client has a link of its own.
+        most_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+    """
 
     def __init__(
         self,
@@ -52,12 +64,6 @@ class NativeClient:
         shared: list[Message] | None = None,
         most_speed_m_s: float | None = None,
     ) -> None:
-        """``rates_hz`` (by message id) is asked for when the vehicle is heard, and heard again.
-
-        Positions that it cannot reach at ``most_speed_m_s`` are not used; None: all are.
-
-        ``shared`` is for clients on one link: its owner sends what is put there, and heartbeats.
-        """
         self._own = (system_id, component_id)
         self._target_system = target_system
         self._monitor = VehicleMonitor(heartbeat_timeout_us, most_speed_m_s)

@@ -43,11 +43,19 @@ class RemotesPeer(Protocol):
 
 
 class Connection:
-    """One peer on one link while the context is open.
+    """One peer on one link while the context (``async with``) is open.
 
-    ``clock`` gives the peer's time in microseconds and runs ``rate`` times as fast as real time.
-    What is sent and received is recorded in ``tlog``, which the caller closes. With ``signing``
-    all that is sent is signed, as from ``link_id``, and what does not verify never arrives.
+    Args:
+        link: The link as users write it: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
+        peer: The sans-IO client or mock at this end.
+        clock: The peer's time in microseconds.
+        rate: How many times as fast as real time ``clock`` runs.
+        tlog: A recording of what is sent and received; the caller closes it.
+        signing: Signs all frames that are sent; frames that do not verify are dropped.
+        link_id: The link id of signatures, 0 to 255.
+
+    Raises:
+        BridgeError: The link is not valid, or cannot be opened (on entering the context).
     """
 
     def __init__(

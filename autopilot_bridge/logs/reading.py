@@ -16,7 +16,17 @@ SUFFIXES = (".tlog", ".bin", ".ulg")
 
 
 def open_log(path: Path) -> Log:
-    """By what it begins with, else by its name. Raises BridgeError in one line."""
+    """Open a logged flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
+
+    Args:
+        path: The file; its first bytes decide how it is read, else its name.
+
+    Returns:
+        A reader; ``entries()`` yields events in the file's order, in microseconds of its clock.
+
+    Raises:
+        BridgeError: The file is empty, cannot be read or is no log of these.
+    """
     begin = next(chunks(path), b"")
     if not begin:
         raise BridgeError(f"{path}: is empty")

@@ -35,7 +35,17 @@ MOST_STEPS_AT_ONCE = 4000
 
 
 class MockAutopilot:
-    """One vehicle standing at its home, disarmed."""
+    """One vehicle standing at its home, disarmed; a peer for a ``Connection`` or a ``MemoryLink``.
+
+    Args:
+        stack: The autopilot and the kind of vehicle whose behaviour it has.
+        home: Where it stands.
+        system_id: MAVLink system id, 1 to 255.
+        airspeed_m_s: Cruise speed in m/s.
+        wind: Speed in m/s and direction that it comes from.
+        terrain: Ground in metres AMSL by latitude and longitude; None: flat at home's altitude.
+        battery_minutes: How long a full battery lasts in the air; None: no battery is reported.
+    """
 
     def __init__(
         self,

@@ -37,7 +37,10 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One autopilot on one kind of vehicle."""
+    """One autopilot on one kind of vehicle: what it does differently, as data.
+
+    Get one by ``stack_named``; the comments at the fields say what each means.
+    """
 
     name: str
     vehicle: str
@@ -148,7 +151,18 @@ STACKS = (
 
 
 def stack_named(name: str, vehicle: str) -> Stack:
-    """A stack by its names (``px4`` or ``ardupilot``, ``plane`` or ``copter``)."""
+    """A stack by its names.
+
+    Args:
+        name: ``px4`` or ``ardupilot``.
+        vehicle: ``plane`` or ``copter``.
+
+    Returns:
+        The stack: its modes, limits and procedures as data.
+
+    Raises:
+        BridgeError: There is no such stack.
+    """
     for stack in STACKS:
         if (stack.name, stack.vehicle) == (name, vehicle):
             return stack

@@ -14,15 +14,9 @@ from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ, RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.commands import (
+    ORDER_NAMES,
     AnyCommand,
-    ChangeSpeed,
-    ClimbAndHold,
-    Command,
     Drop,
-    Hold,
-    Orbit,
-    Return,
-    StartMission,
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
@@ -53,15 +47,6 @@ from mission_service.runtime.speed_reports import SpeedReports
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
-# Vehicle commands by the name of the client's; their fields are its arguments, in order.
-ORDERS: dict[type[Command], str] = {
-    StartMission: "start mission",
-    Hold: "hold",
-    Return: "return",
-    Orbit: "orbit",
-    ChangeSpeed: "change speed",
-    ClimbAndHold: "climb and hold",
-}
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 # Texts below this severity, and repetitions of a text within this time, are dropped.
@@ -216,7 +201,7 @@ class Gateway:
                 self._mission_of_transfer[transfer_id] = command.mission_id
             case Drop():
                 self._drop(command, now_us)
-            case _ if (order := ORDERS.get(type(command))) is not None:
+            case _ if (order := ORDER_NAMES.get(type(command))) is not None:
                 _vehicle, *arguments = msgspec.structs.astuple(command)
                 self.client.command(order, now_us, *arguments)
 
