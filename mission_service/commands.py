@@ -166,3 +166,14 @@ AnyCommand = (
     | Withdraw
     | Drop
 )
+
+# Commands that the vehicle's client carries out, by their names in the bridge's table
+# (``autopilot_bridge/vehicle/orders.py``); their fields are its arguments, in order.
+ORDER_NAMES: dict[type[AnyCommand], str] = {
+    StartMission: "start mission",
+    Hold: "hold",
+    Return: "return",
+    Orbit: "orbit",
+    ChangeSpeed: "change speed",
+    ClimbAndHold: "climb and hold",
+}

@@ -6,22 +6,17 @@ from collections.abc import Callable, Iterator
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.autopilot import Autopilot
+from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.rates import RatesHz
 from mission_service.commands import (
+    ORDER_NAMES,
     AnyCommand,
-    ChangeSpeed,
-    ClimbAndHold,
     Drop,
-    Hold,
-    Orbit,
-    Return,
-    StartMission,
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
@@ -53,22 +48,6 @@ from mission_service.runtime.speed_reports import SpeedReports
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
-# The messages that the core needs. Rates of other messages are not changed.
-RATES_HZ = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
-    mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
-    mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
-    # Reports of failures must arrive within two seconds.
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
-    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot's
-    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,  # ArduPilot's
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,  # PX4's
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
-}
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 # Texts below this severity, and repetitions of a text within this time, are dropped.
@@ -150,7 +129,7 @@ class Gateway:
     def __init__(
         self,
         name: str,
-        client: Autopilot,
+        client: VehicleClient,
         clock: MissionClock,
         dropper: Dropper | None = None,
         return_height_m: float | None = None,
@@ -222,24 +201,11 @@ class Gateway:
                 items = as_uploaded(command.items, self.client.stack)
                 transfer_id = self.client.upload(items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
-            case StartMission():
-                self.client.start_mission(now_us)
-            case Hold():
-                self.client.hold(now_us)
-            case Return():
-                self.client.return_home(now_us)
-            case Orbit():
-                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
-                self.client.orbit(*place, command.radius_m, now_us)
-            case ChangeSpeed():
-                self.client.change_speed(command.airspeed_m_s, now_us)
-            case ClimbAndHold():
-                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
-                self.client.climb_and_hold(*place, now_us)
             case Drop():
                 self._drop(command, now_us)
-            case _:  # Decided and Announce are for people
-                pass
+            case _ if (order := ORDER_NAMES.get(type(command))) is not None:
+                _vehicle, *arguments = msgspec.structs.astuple(command)
+                self.client.command(order, now_us, *arguments)
 
     def _drop(self, command: Drop, now_us: int) -> None:
         try:
@@ -299,7 +265,7 @@ class Gateway:
             case bridge.Connected():
                 stack = event.stack
                 if self._return_height_m is not None:
-                    self.client.set_return_height(self._return_height_m, link_us)
+                    self.client.command("return height", link_us, self._return_height_m)
                 self._connected = True
                 if self._recognise is not None:
                     self._reading = self.client.download(link_us)

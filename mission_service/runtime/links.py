@@ -1,7 +1,7 @@
 """The links of a live run: each is opened once, with a client for each of its vehicles.
 
 Vehicles with the same link share it and differ by their system ids. Each vehicle is bound to the
-remote on which it was found (``autopilot_bridge/vehicle/sources.py``).
+remote on which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
 """
 
 import asyncio
@@ -11,12 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from autopilot_bridge.clients.client_protocol import VehicleClient
+from autopilot_bridge.clients.mavsdk import MavsdkClient
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.signing import Signing
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.mavsdk.vehicle import MavsdkVehicle
-from autopilot_bridge.vehicle.autopilot import Autopilot
-from autopilot_bridge.vehicle.fleet import FleetLink
+from autopilot_bridge.links.tlog_writer import Tlog
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario
@@ -48,7 +48,7 @@ class Link:
 
     section: VehicleSection
     gateway: Gateway
-    connection: Connection | MavsdkVehicle  # shared with other vehicles on the same link
+    connection: Connection | MavsdkClient  # shared with other vehicles on the same link
     refusals: Refusals
 
     @property
@@ -127,11 +127,11 @@ def _clients_of(
     tlog: Tlog | None,
     signing: Signing | None,
     link_id: int,
-) -> tuple[Sequence[Autopilot], Connection | MavsdkVehicle]:
+) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
     """The clients of the vehicles of one link, and that link, to be opened."""
     first = sections[0]
     if first.backend == "mavsdk":
-        vehicle = MavsdkVehicle(
+        vehicle = MavsdkClient(
             first.link,
             first.system_id,
             clock_us,
@@ -141,7 +141,7 @@ def _clients_of(
             most_speed_m_s(first, scenario),
         )
         return [vehicle], vehicle
-    link = FleetLink(
+    link = SharedLink(
         first.link, rates_hz=rates_hz(scenario), expects=True, signed=signing is not None
     )
     clients = [

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from mission_service.commands import (
+    ORDER_NAMES,
     AnyCommand,
     ClimbAndHold,
     Hold,
@@ -31,13 +32,7 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
 }
-ANSWERS: dict[str, type[AnyCommand]] = {
-    "start mission": StartMission,
-    "hold": Hold,
-    "return": Return,
-    "orbit": Orbit,
-    "climb and hold": ClimbAndHold,
-}
+ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
 UNANSWERED_S = 60.0  # a command without acknowledgement may change the mode until then
 TAKES_EFFECT_S = 5.0  # after its acknowledgement a command may change the mode until then
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import takeoff, waypoint
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Position
+from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.guidance.burn.release import (
     ImpactPoint,
@@ -19,8 +20,6 @@ from mission_service.guidance.burn.release import (
     impact_point,
     release_decision,
 )
-from mission_service.guidance.burn.way import BURN
-from mission_service.runtime.gateway import RATES_HZ
 from tests.bridge.helpers import HOME, SECOND, Pair, mock_of
 
 VT, DELAY_S = 15.0, 0.2
@@ -143,12 +142,12 @@ def test_spheres_of_a_flown_line_lie_where_they_were_planned(seed: int) -> None:
     # A copter on its mission in wind; telemetry and orders 50 ms under way, a tenth of them lost.
     wind = Wind(from_deg=300.0, speed_m_s=5.0)
     mock = mock_of(stack_named("ardupilot", "copter"), airspeed_m_s=5.0, wind=wind)
-    pair = Pair(mock, client=VehicleClient(rates_hz={**RATES_HZ, **BURN.rates_hz}))
+    pair = Pair(mock, client=NativeClient(rates_hz=DROP_RATES_HZ))
     pair.run_for(4.0)
     north = (HOME[0] + 0.0027, HOME[1])
     items = (takeoff(*HOME[:2], 315.0), waypoint(*north, 315.0))
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(5.0)
     pair.up, pair.down = (MemoryLink(0.1, 50_000, seed=2 * seed + way) for way in (0, 1))
     targets = [(0.0, 30.0 + 15.0 * number) for number in range(14)]

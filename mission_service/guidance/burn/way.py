@@ -1,9 +1,8 @@
 """The way of flying a prescribed burn: a copter drops lines that people approve one by one."""
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper, drop
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.way import WayOfFlying, later
@@ -33,12 +32,7 @@ BURN = WayOfFlying(
     warm_up=later(f"{FOLDER}.warm_up:warm_up"),
     check=_check,
     prescribed=True,
-    rates_hz={
-        # At 5 m/s half a metre: what is dropped is dropped when a position comes.
-        mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-        mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    },
-    return_height_m=later(f"{FOLDER}.mission:return_height_m"),
+    rates_hz=DROP_RATES_HZ,
+    return_height_m=later(f"{FOLDER}.plan_mission:return_height_m"),
     lock=lambda scenario, land: None if scenario.burn is None else INTERLOCK(scenario.burn, land),
 )
