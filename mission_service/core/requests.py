@@ -1,4 +1,4 @@
-"""Requests of operators (control socket, HTTP, MQTT) as events. Pure.
+"""Requests of operators (control socket, HTTP, MQTT) as events, and the table of all. Pure.
 
 Unknown keys are refused: what is not understood is not done in part.
 """

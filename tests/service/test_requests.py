@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from benchmarks.mqtt_schemas import command_file, documents
 from mission_service.cli.main import main
 from mission_service.cli.requests import request as group
+from mission_service.config.sections import PlannerSection
 from mission_service.core.requests import ABORT, ALL_REQUESTS, REPLAY, REQUESTS, accepted_in
 from mission_service.events import TUNED, SettingsTold
 from mission_service.interfaces.api.access.auth import ROLES
@@ -116,6 +117,7 @@ def test_each_is_a_command_of_the_command_line_with_its_keys(name: str) -> None:
 
 def test_settings_are_the_keys_of_their_event_with_its_bounds() -> None:
     assert own_keys("settings") == set(TUNED)
+    assert set(TUNED) <= set(PlannerSection.model_fields)
     for name in TUNED:
         for value in (-1, 1e9):
             with pytest.raises(msgspec.ValidationError):
