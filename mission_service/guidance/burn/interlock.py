@@ -14,14 +14,7 @@ import msgspec
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.commands import (
-    AnyCommand,
-    ClimbAndHold,
-    Drop,
-    Propose,
-    Return,
-    Withdraw,
-)
+from mission_service.commands import AnyCommand, ClimbAndHold, Drop, Propose, Return, Withdraw
 from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Aborted,

@@ -22,11 +22,7 @@ EDGE = 1e-9  # cells; a centre on an edge is in view
 
 
 def changed_cells(
-    grid: MapGrid,
-    footprint: Footprint,
-    arrival_s: Floats,
-    at_s: float,
-    fire: NDArray[np.bool_],
+    grid: MapGrid, footprint: Footprint, arrival_s: Floats, at_s: float, fire: NDArray[np.bool_]
 ) -> tuple[Cells, Cells]:
     """Cells in view whose state on a map is wrong: those that burn, and those that do not.
 
