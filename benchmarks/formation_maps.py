@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.experiments.camera_footprint import changed_cells, mark_seen
+from mission_service.experiments.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.agent_maps import AgentMaps
-from mission_service.guidance.formation.camera_footprint import changed_cells, mark_seen
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import MapMessage, SharedMap
 from mission_service.peer_messages import Digest, FireUpdate

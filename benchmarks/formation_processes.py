@@ -34,12 +34,12 @@ from benchmarks.mosquitto import Mosquitto
 from mission_service.config.scenario import SHIPPED, Scenario, load_scenario, parse_scenario
 from mission_service.core.core import Core
 from mission_service.experiments.formation_world import FormationWorld, Rules, fly
+from mission_service.experiments.monitoring_metrics import MonitoringArea
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.guidance.formation.map_grid import map_grid_of
 from mission_service.guidance.formation.members import settings_of
-from mission_service.guidance.formation.monitoring_metrics import MonitoringArea
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 from mission_service.interfaces.control.client import Control

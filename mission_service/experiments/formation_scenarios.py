@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
+from mission_service.experiments.rollout_kernels import unroll
 from mission_service.experiments.static_placement import coverage, weights_of
 from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.rollout_kernels import unroll
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
+from mission_service.experiments.camera_footprint import Footprint, changed_cells, mark_seen
 from mission_service.experiments.formation_fires import CELL_M
+from mission_service.experiments.monitoring_metrics import MonitoringArea, inaccuracy_cells
+from mission_service.experiments.rvo_kernels import clear_heading_rad, meets_after_s
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
-from mission_service.guidance.formation.camera_footprint import Footprint, changed_cells, mark_seen
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
-from mission_service.guidance.formation.rvo_kernels import clear_heading_rad, meets_after_s
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import AnyMessage, State
 

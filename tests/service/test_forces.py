@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.rollout_kernels import unroll
+from mission_service.experiments.rollout_kernels import unroll
 from mission_service.guidance.formation.settings import Constants, Settings
 from mission_service.guidance.formation.virtual_forces_kernels import (
     NAMES,

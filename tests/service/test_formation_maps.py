@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
 from mission_service.errors import MissionServiceError
+from mission_service.experiments.camera_footprint import mark_seen
+from mission_service.experiments.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.agent_maps import AgentMaps, disc, no_counts
-from mission_service.guidance.formation.camera_footprint import mark_seen
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.monitoring_metrics import MonitoringArea, inaccuracy_cells
 from mission_service.guidance.formation.settings import Settings
 
 ROWS, COLS = 40, 55

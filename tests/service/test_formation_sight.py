@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission_service.guidance.formation.camera_footprint import (
+from mission_service.experiments.camera_footprint import (
     cells_in_view,
     changed_cells,
     mark_seen,

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.camera_footprint import changed_cells
+from mission_service.experiments.camera_footprint import changed_cells
+from mission_service.experiments.monitoring_metrics import inaccuracy_cells
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.monitoring_metrics import inaccuracy_cells
 from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
 from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, cell_checksum
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate

@@ -19,7 +19,6 @@ def compiled():
         module
         for name, module in list(sys.modules.items())
         if name.startswith("mission_service.guidance.formation.")
-        and not name.endswith((".monitoring_metrics", ".camera_footprint"))
     ]
     return {
         f"{module.__name__}.{name}": len(value.signatures)

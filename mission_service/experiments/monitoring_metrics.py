@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.agent_maps import check_cells, disc, no_counts, stamp
-from mission_service.guidance.formation.camera_footprint import (
+from mission_service.experiments.camera_footprint import (
     Footprint,
     first_col_and_end,
     first_row_and_end,
     in_cells,
 )
+from mission_service.guidance.formation.agent_maps import check_cells, disc, no_counts, stamp
 from mission_service.guidance.formation.map_grid import MapGrid
 
 Cells = NDArray[np.int64]
