@@ -170,11 +170,7 @@ class FireMap:
 
 
 def taken_back(
-    row: int,
-    col: int,
-    window: NDArray[np.uint8],
-    centre: tuple[float, float],
-    burned: Floats,
+    row: int, col: int, window: NDArray[np.uint8], centre: tuple[float, float], burned: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Bearings whose outermost burned ground is unburned in a window, and the distance left.
 

@@ -15,11 +15,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from firemodel.compiled import NUMBA, cache_folder
+from mission_service.experiments.virtual_agents import rvo_kernels as rvo
 from mission_service.guidance.formation import intent_avoidance as intent
 from mission_service.guidance.formation import loiter_kernels as loiter
 from mission_service.guidance.formation import orbit_phase_kernels as phase
 from mission_service.guidance.formation import peer_table as peers
-from mission_service.guidance.formation import rvo_kernels as rvo
 from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, decide_orbit
 from mission_service.guidance.formation.settings import Settings
 

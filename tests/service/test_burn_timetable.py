@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_service.guidance.burn.path_progress import PathProgress
+from mission_service.guidance.burn.approved_plan import PathProgress
 
 # Up 15 m, 100 m east, up to 60 m, 100 m back west (over the same ground).
 POINTS = np.array([(0, 0, 0), (0, 0, 15), (100, 0, 15), (100, 0, 60), (0, 0, 60)], dtype=float)

@@ -23,10 +23,10 @@ from mission_service.experiments.virtual_agents.ideal_world_kernels import (
     wanted_headings,
 )
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
+from mission_service.experiments.virtual_agents.rvo_kernels import clear_heading_rad
 from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.rvo_kernels import clear_heading_rad
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import AnyMessage, State
 

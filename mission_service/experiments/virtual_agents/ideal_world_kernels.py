@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
+from mission_service.experiments.virtual_agents.rvo_kernels import meets_after_s
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
-from mission_service.guidance.formation.rvo_kernels import meets_after_s
 
 # The paper's cones have no end; but then vehicles that circle near each other are in conflict at
 # every turn, a hundred times for each collision, where the paper has two.

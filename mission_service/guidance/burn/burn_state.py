@@ -25,8 +25,7 @@ from mission_service.guidance.burn.line_planner import (
 from mission_service.guidance.burn.plan_mission import plan_points
 from mission_service.guidance.burn.sphere_account import PointXY, SphereAccount
 from mission_service.guidance.burn.unit import ExclusionCircle, burn_unit_of
-from mission_service.guidance.burn.wind_change import WindFrom
-from mission_service.guidance.burn.wind_drift import drift_compensated
+from mission_service.guidance.burn.wind import WindFrom, drift_compensated
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle

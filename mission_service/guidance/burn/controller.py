@@ -62,7 +62,7 @@ from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
 from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
 from mission_service.guidance.burn.recheck import plan_problem
-from mission_service.guidance.burn.wind_change import WindFrom, mean_wind, wind_differs
+from mission_service.guidance.burn.wind import WindFrom, mean_wind, wind_differs
 from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here

@@ -63,14 +63,8 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
     far = reach + wind + slack
-    left, right = (
-        math.floor((x - far - west) / cell),
-        math.floor((x + far - west) / cell),
-    )
-    top, bottom = (
-        math.floor((north - y - far) / cell),
-        math.floor((north - y + far) / cell),
-    )
+    left, right = (math.floor((x - far - west) / cell), math.floor((x + far - west) / cell))
+    top, bottom = (math.floor((north - y - far) / cell), math.floor((north - y + far) / cell))
     if left < 0 or top < 0 or right >= cols or bottom >= rows:
         return -math.inf
     about = slack + math.sqrt(0.5) * cell  # of all of a cell, seen from its middle
@@ -120,14 +114,8 @@ def is_surely_in_danger(  # type: ignore[no-untyped-def]
     for number in range(count + 1):
         part = number / count
         x, y, t = x0 + part * (x1 - x0), y0 + part * (y1 - y0), t0 + part * (t1 - t0)
-        left, right = (
-            math.ceil((x - far - west) / cell),
-            math.floor((x + far - west) / cell),
-        )
-        top, bottom = (
-            math.ceil((north - y - far) / cell),
-            math.floor((north - y + far) / cell),
-        )
+        left, right = (math.ceil((x - far - west) / cell), math.floor((x + far - west) / cell))
+        top, bottom = (math.ceil((north - y - far) / cell), math.floor((north - y + far) / cell))
         for row in range(max(top, 0), min(bottom, at_s.shape[0] - 1) + 1):
             for col in range(max(left, 0), min(right, at_s.shape[1] - 1) + 1):
                 if t - residence < at_s[row, col] < t + time:

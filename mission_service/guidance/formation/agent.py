@@ -194,12 +194,7 @@ class Agent:
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
         east_m_s, north_m_s = self._mover.velocity(
-            own.at_us / 1e6,
-            *agent_m,
-            peers[:, GOAL_X],
-            peers[:, GOAL_Y],
-            self.maps,
-            self._step_s,
+            own.at_us / 1e6, *agent_m, peers[:, GOAL_X], peers[:, GOAL_Y], self.maps, self._step_s
         )
         step_s = self._step_s
         agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)

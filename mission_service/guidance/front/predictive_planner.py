@@ -117,12 +117,7 @@ class PredictivePlanner:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        window = (
-            observed.row,
-            observed.col,
-            window_codes(observed.cells),
-            observed.at_us / 1e6,
-        )
+        window = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
         self.map.correct(*window)
         self.estimate.correct(*window)
 

@@ -25,10 +25,10 @@ Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 FOLDER = __package__
 # By rule: where a function is that makes the planner of one vehicle.
 PLANNERS = {
-    "damped": "perimeter:perimeter_planner",
-    "literal": "perimeter:perimeter_planner",
-    "circling": "perimeter:perimeter_planner",
-    "predictive": "predictive:predictive_planner",
+    "damped": "perimeter_planner:perimeter_planner",
+    "literal": "perimeter_planner:perimeter_planner",
+    "circling": "perimeter_planner:perimeter_planner",
+    "predictive": "predictive_planner:predictive_planner",
 }
 
 

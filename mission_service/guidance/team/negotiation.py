@@ -91,14 +91,7 @@ def on_centre(
     if not first and not last:
         return 0, 0
     found = most_centred(
-        ring.spread_rate_m_s,
-        ring.visited_at_s,
-        own.begin,
-        own.end,
-        first,
-        last,
-        at_s,
-        exponential,
+        ring.spread_rate_m_s, ring.visited_at_s, own.begin, own.end, first, last, at_s, exponential
     )
     return int(found[0]), int(found[1])
 
