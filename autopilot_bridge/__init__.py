@@ -1,1 +1,73 @@
-"""MAVLink missions to and from autopilots. Knows nothing of fires or planners."""
+"""MAVLink missions to and from PX4 and ArduPilot: files, checks, transfers, clients, a mock, logs.
+
+It does not use the fire model or the service. A mission is read, checked against what a stack makes
+of each item, and written in another format by::
+
+    from pathlib import Path
+    import autopilot_bridge as bridge
+    plan = bridge.read_any(Path("survey.plan"))
+    print(*bridge.check(plan.mission, bridge.stack_named("ardupilot", "copter")), sep="\\n")
+    bridge.write_any(Path("survey.waypoints"), plan, None)
+
+Each name below is imported when it is first used: ``import autopilot_bridge`` takes no time.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from autopilot_bridge.clients.client_protocol import VehicleClient
+    from autopilot_bridge.clients.mavsdk import MavsdkClient
+    from autopilot_bridge.clients.native import NativeClient
+    from autopilot_bridge.errors import BridgeError
+    from autopilot_bridge.items import MissionItem, Plan, loiter_unlimited, takeoff, waypoint
+    from autopilot_bridge.links.connection import Connection
+    from autopilot_bridge.logs.reading import open_log
+    from autopilot_bridge.missions.check import adapted, check
+    from autopilot_bridge.missions.planfile import read_any, write_any
+    from autopilot_bridge.mock.autopilot import MockAutopilot
+    from autopilot_bridge.mock.local_frame import LocalFrame
+    from autopilot_bridge.stacks.stacks import Stack, stack_named
+
+__all__ = [
+    "BridgeError",
+    "Connection",
+    "LocalFrame",
+    "MavsdkClient",
+    "MissionItem",
+    "MockAutopilot",
+    "NativeClient",
+    "Plan",
+    "Stack",
+    "VehicleClient",
+    "adapted",
+    "check",
+    "loiter_unlimited",
+    "open_log",
+    "read_any",
+    "stack_named",
+    "takeoff",
+    "waypoint",
+    "write_any",
+]
+_MODULES = {
+    "clients.client_protocol": ("VehicleClient",),
+    "clients.mavsdk": ("MavsdkClient",),
+    "clients.native": ("NativeClient",),
+    "errors": ("BridgeError",),
+    "items": ("MissionItem", "Plan", "loiter_unlimited", "takeoff", "waypoint"),
+    "links.connection": ("Connection",),
+    "logs.reading": ("open_log",),
+    "missions.check": ("adapted", "check"),
+    "missions.planfile": ("read_any", "write_any"),
+    "mock.autopilot": ("MockAutopilot",),
+    "mock.local_frame": ("LocalFrame",),
+    "stacks.stacks": ("Stack", "stack_named"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

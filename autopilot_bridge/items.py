@@ -17,10 +17,18 @@ LOCAL_FRAMES = (1, 4, 7, 8, 9, 12, 20, 21)
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One item; its sequence number is its place in the mission.
+    """One item of a mission; its sequence number is its place in the mission.
 
-    ``x``, ``y`` are latitude and longitude in 1e-7 degrees for position items; ``z`` is an altitude
-    in metres as the frame says.
+    Args:
+        command: MAV_CMD.
+        frame: MAV_FRAME.
+        x: Latitude in 1e-7 degrees, for items with a position.
+        y: Longitude in 1e-7 degrees, for items with a position.
+        z: Altitude in metres, in the frame's sense.
+        param1: As MAV_CMD says; so are ``param2`` to ``param4``.
+        autocontinue: 1 to go on to the next item.
+
+    Source: MAVLink common.xml, MISSION_ITEM_INT.
     """
 
     command: int
@@ -42,9 +50,11 @@ Items = tuple[MissionItem, ...]
 class Plan:
     """All that a plan file holds, each part as the mission protocol carries it.
 
-    ``fence``: MAV_CMD_NAV_FENCE_* items, ``rally``: MAV_CMD_NAV_RALLY_POINT items, ``home``:
-    (lat_deg, lon_deg, altitude_amsl_m) or None. A DO_JUMP names its target by the place in
-    ``mission``, from 0.
+    Args:
+        mission: Items; a DO_JUMP names its target by the place in ``mission``, from 0.
+        fence: MAV_CMD_NAV_FENCE_* items.
+        rally: MAV_CMD_NAV_RALLY_POINT items.
+        home: (lat_deg, lon_deg, altitude_amsl_m) in degrees and metres, or None.
     """
 
     mission: Items
@@ -120,38 +130,45 @@ def item_of_params(
     return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, autocontinue)
 
 
-def _at(lat_deg: float, lon_deg: float) -> tuple[int, int]:
-    return round(lat_deg * 1e7), round(lon_deg * 1e7)
+def _at(lat_deg: float, lon_deg: float, amsl_m: float) -> tuple[int, int, int, float]:
+    """Frame, x, y and z of a place."""
+    return mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), amsl_m
 
 
 def waypoint(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, acceptance_radius_m: float = 0.0
 ) -> MissionItem:
-    """MAV_CMD_NAV_WAYPOINT at an altitude above mean sea level."""
-    x, y = _at(lat_deg, lon_deg)
-    return MissionItem(
-        mavlink.MAV_CMD_NAV_WAYPOINT,
-        mavlink.MAV_FRAME_GLOBAL,
-        x,
-        y,
-        altitude_amsl_m,
-        param2=acceptance_radius_m,
-    )
+    """MAV_CMD_NAV_WAYPOINT at an altitude above mean sea level.
+
+    Args:
+        lat_deg: Latitude in degrees (WGS84).
+        lon_deg: Longitude in degrees.
+        altitude_amsl_m: Altitude above mean sea level in metres.
+        acceptance_radius_m: How near counts as reached, in metres; 0: the autopilot's own.
+
+    Returns:
+        The item.
+    """
+    place = _at(lat_deg, lon_deg, altitude_amsl_m)
+    return MissionItem(mavlink.MAV_CMD_NAV_WAYPOINT, *place, param2=acceptance_radius_m)
 
 
 def loiter_unlimited(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float
 ) -> MissionItem:
-    """MAV_CMD_NAV_LOITER_UNLIM; a negative radius is flown anticlockwise."""
-    x, y = _at(lat_deg, lon_deg)
-    return MissionItem(
-        mavlink.MAV_CMD_NAV_LOITER_UNLIM,
-        mavlink.MAV_FRAME_GLOBAL,
-        x,
-        y,
-        altitude_amsl_m,
-        param3=radius_m,
-    )
+    """MAV_CMD_NAV_LOITER_UNLIM: circle until another command.
+
+    Args:
+        lat_deg: Latitude of the centre in degrees (WGS84).
+        lon_deg: Longitude of the centre in degrees.
+        altitude_amsl_m: Altitude above mean sea level in metres.
+        radius_m: Radius in metres; negative: anticlockwise.
+
+    Returns:
+        The item.
+    """
+    place = _at(lat_deg, lon_deg, altitude_amsl_m)
+    return MissionItem(mavlink.MAV_CMD_NAV_LOITER_UNLIM, *place, param3=radius_m)
 
 
 def speed_type(vehicle_kind: str) -> int:
@@ -177,13 +194,16 @@ def change_speed(kind: int, speed_m_s: float) -> MissionItem:
 def takeoff(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, pitch_deg: float = 12.0
 ) -> MissionItem:
-    """MAV_CMD_NAV_TAKEOFF up to an altitude above mean sea level."""
-    x, y = _at(lat_deg, lon_deg)
-    return MissionItem(
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-        mavlink.MAV_FRAME_GLOBAL,
-        x,
-        y,
-        altitude_amsl_m,
-        param1=pitch_deg,
-    )
+    """MAV_CMD_NAV_TAKEOFF.
+
+    Args:
+        lat_deg: Latitude in degrees (WGS84).
+        lon_deg: Longitude in degrees.
+        altitude_amsl_m: Altitude above mean sea level to climb to, in metres.
+        pitch_deg: Pitch of a plane in the climb, in degrees.
+
+    Returns:
+        The item.
+    """
+    place = _at(lat_deg, lon_deg, altitude_amsl_m)
+    return MissionItem(mavlink.MAV_CMD_NAV_TAKEOFF, *place, param1=pitch_deg)

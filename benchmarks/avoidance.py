@@ -12,7 +12,8 @@ import time
 
 import numpy as np
 
-from mission_service.guidance.formation import intent, peers
+from mission_service.guidance.formation import intent_avoidance as intent
+from mission_service.guidance.formation import peer_table as peers
 from tests.service.formation_worlds import (
     AVOIDANCES,
     SETTINGS,
@@ -62,7 +63,7 @@ def worlds(count: int, seed: int) -> dict[str, tuple[World, float]]:
     }
 
 
-def thought_us(count: int, wanted: intent.Orbit) -> float:
+def thought_us(count: int, wanted: intent.IntendedOrbit) -> float:
     """Least mean time of a thought on an orbit in a square of others in phase, 300 m apart."""
     grid = [(east, north) for east in range(-5, 6) for north in range(-5, 6)]
     places = 300.0 * np.array(sorted(grid, key=lambda place: np.hypot(*place))[1 : count + 1])
@@ -71,14 +72,14 @@ def thought_us(count: int, wanted: intent.Orbit) -> float:
     rows[:, peers.ORBIT_X], rows[:, peers.ORBIT_Y] = places.T
     rows[:, peers.VY], rows[:, peers.AIRSPEED], rows[:, peers.RADIUS] = 17.5, 17.5, -150.0
     rows[:, peers.AGE_S], rows[:, peers.KEY] = 0.25, np.arange(count)
-    own = intent.Flying(1 << 31, 150.0, 0.0, 0.0, np.pi / 2.0, 17.5)
-    rules = intent.rules(SETTINGS)
-    held = intent.Choice(intent.Orbit(0.0, 0.0, -150.0, 17.5))
+    own = intent.OwnMotion(1 << 31, 150.0, 0.0, 0.0, np.pi / 2.0, 17.5)
+    rules = intent.avoidance_rules(SETTINGS)
+    held = intent.AdoptedOrbit(intent.IntendedOrbit(0.0, 0.0, -150.0, 17.5))
     best = np.inf
     for _ in range(6):
         begun_s = time.process_time()
         for turn in range(200):
-            intent.choose(1.9 + 8.0 * turn, own, wanted, held, rows, rules)
+            intent.choose_orbit(1.9 + 8.0 * turn, own, wanted, held, rows, rules)
         best = min(best, (time.process_time() - begun_s) / 200.0)
     return 1e6 * best
 
@@ -106,8 +107,8 @@ def main() -> None:
         share = f"({100.0 * collisions / conflicts:.1f} %), nearest {nearest_m:.1f} m"
         say(f"{avoidance}: {conflicts} conflicts, {collisions} collisions {share}")
     for known in (8, 64):
-        calm = thought_us(known, intent.Orbit(0.0, 0.0, -150.0, 17.5))
-        blocked = thought_us(known, intent.Orbit(250.0, 50.0, -150.0, 17.5))
+        calm = thought_us(known, intent.IntendedOrbit(0.0, 0.0, -150.0, 17.5))
+        blocked = thought_us(known, intent.IntendedOrbit(250.0, 50.0, -150.0, 17.5))
         say(f"a thought with {known} known: {calm:.0f} us, with its way blocked {blocked:.0f} us")
 
 

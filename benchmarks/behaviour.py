@@ -1,17 +1,19 @@
 """What the project does, recorded before a change of its structure and compared after it.
 
     python -m benchmarks.behaviour record FOLDER [PART ...]
-    python -m benchmarks.behaviour compare BEFORE AFTER
+    python -m benchmarks.behaviour compare BEFORE AFTER [--names FILE] [--without KEY ...]
 
 ``record`` runs this tree: ``sim`` and ``plan`` of every shipped scenario, every experiment, the
 OpenAPI description and the schemas of MQTT, or only the parts given (``sim/demo``, ``plan``). Some
 twenty minutes on two cores for all. ``compare`` prints the first differences of each file and exits
 with 1 if there is one. Journals are compared line by line without their checksums, descriptions
-without their prose.
+without their prose. ``--names`` is a JSON file of old and new names, which are replaced in BEFORE;
+``--without`` leaves out fields whose wording was changed on purpose, such as ``text``.
 """
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -32,6 +34,7 @@ UNSTABLE = ("crc", "created", "packages", "mission_service")  # of a journal's l
 SHOWN = 5
 PROCESSES = 2
 TIMEOUT_S = 3600.0
+OVERRIDES = {"sitl": ("--set", "duration_s=7200")}  # it has no end of its own
 
 
 def record(folder: Path, wanted: list[str]) -> None:
@@ -74,7 +77,7 @@ def _service(*arguments: str) -> str:
 
 def _sim(name: str, into: Path) -> None:
     with tempfile.TemporaryDirectory() as out:
-        printed = _service("sim", name, "--out", out, "--json")
+        printed = _service("sim", name, "--out", out, "--json", *OVERRIDES.get(name, ()))
         lines = (Path(out) / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     into.mkdir(parents=True, exist_ok=True)
     _write(into / "summary.json", json.loads(printed))
@@ -128,14 +131,16 @@ def _without(content: Any, keys: tuple[str, ...]) -> Any:
     return content
 
 
-def compare(before: Path, after: Path) -> int:
+def compare(before: Path, after: Path, names: dict[str, str], without: tuple[str, ...]) -> int:
     """Print where two records differ; the number of files that do."""
-    files = sorted({file.relative_to(each) for each in (before, after) for file in _files(each)})
+    old = {_renamed(file.relative_to(before), names): file for file in _files(before)}
+    files = sorted({*old, *(file.relative_to(after) for file in _files(after))})
     if not files:
         sys.exit(f"{before}, {after}: nothing is recorded there")
     different = 0
     for file in files:
-        found = list(islice(_differences(before / file, after / file), SHOWN))
+        pair = (old.get(file, before / file), after / file)
+        found = list(islice(_differences(*pair, names, without), SHOWN))
         different += bool(found)
         for words in found:
             sys.stdout.write(f"{file}: {words}\n")
@@ -143,19 +148,36 @@ def compare(before: Path, after: Path) -> int:
     return different
 
 
+def _renamed(file: Path, names: dict[str, str]) -> Path:
+    return Path(*(names.get(part, part) for part in file.parts))
+
+
 def _files(folder: Path) -> list[Path]:
     return [file for file in folder.rglob("*") if file.is_file()]
 
 
-def _differences(before: Path, after: Path) -> Iterator[str]:
+def _differences(
+    before: Path, after: Path, names: dict[str, str], without: tuple[str, ...]
+) -> Iterator[str]:
     for file in (before, after):
         if not file.is_file():
             yield f"not in {file.parent}"
             return
-    lines = [file.read_text(encoding="utf-8").splitlines() for file in (before, after)]
+    lines = (_lines(before, names, without), _lines(after, {}, without))
     for number, (old, new) in enumerate(zip_longest(*lines, fillvalue=""), 1):
         if old != new:
             yield f"line {number}:\n  - {_about(old, new)}\n  + {_about(new, old)}"
+
+
+def _lines(file: Path, names: dict[str, str], without: tuple[str, ...]) -> Iterator[str]:
+    """The lines of a journal, or of any other JSON file, with other names."""
+    words = re.compile(r"(?<!\w)(" + "|".join(map(re.escape, names)) + r")(?!\w)")
+    with file.open(encoding="utf-8") as content:
+        for text in content if file.suffix == ".jsonl" else (content.read(),):
+            renamed = words.sub(lambda found: names[found[0]], text) if names else text
+            found = _without(json.loads(renamed), without)
+            indent = None if file.suffix == ".jsonl" else 1
+            yield from json.dumps(found, sort_keys=True, indent=indent).splitlines()
 
 
 def _about(line: str, other: str) -> str:
@@ -175,11 +197,14 @@ def main() -> int:
     comparing = commands.add_parser("compare")
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)
+    comparing.add_argument("--names", type=Path)
+    comparing.add_argument("--without", nargs="*", default=())
     asked = parser.parse_args()
     if asked.command == "record":
         record(asked.folder, asked.part)
         return 0
-    return 1 if compare(asked.before, asked.after) else 0
+    names = {} if asked.names is None else json.loads(asked.names.read_text(encoding="utf-8"))
+    return 1 if compare(asked.before, asked.after, names, tuple(asked.without)) else 0
 
 
 if __name__ == "__main__":

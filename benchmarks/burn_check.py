@@ -15,7 +15,7 @@ from scipy import ndimage
 from shapely.geometry.base import BaseGeometry
 
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.planner import LinePlan, Situation
+from mission_service.guidance.burn.line_planner import LinePlan, Situation
 
 Floats = NDArray[np.float64]
 

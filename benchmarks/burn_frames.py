@@ -40,8 +40,8 @@ from mission_service.events import (
     WindTold,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.burn.controller import BurnFlight
-from mission_service.guidance.burn.mission import has_drop
+from mission_service.guidance.burn.controller import burn_flight
+from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.journal.journal import Journal, header_of
 from mission_service.journal.segments import Chain
 from mission_service.simulation.sim import Simulation
@@ -113,8 +113,7 @@ class WildCrew:
         self._next_us = now_us + 2_000_000
         if now_us > self.leaves_s * 1e6:  # a feed without the role approve goes on
             return [WindTold(now_us, "wind feed", "boss", 2.0, 0.0)]
-        leader = core.leader
-        assert isinstance(leader, BurnFlight)
+        leader = burn_flight(core.leader)
         wanted = leader.approvals.plan_hash
         if wanted:
             self._hashes.append(wanted)

@@ -11,9 +11,9 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
-from mission_service.guidance.burn.lines import only_areas
-from mission_service.guidance.burn.planner import LinePlan, Situation
-from mission_service.guidance.burn.unit import Person, Unit
+from mission_service.guidance.burn.ignition_lines import only_areas
+from mission_service.guidance.burn.line_planner import LinePlan, Situation
+from mission_service.guidance.burn.unit import BurnUnit, ExclusionCircle
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator
@@ -96,7 +96,9 @@ def changed(random: Random, trial: Trial, plan: LinePlan) -> Trial:
         spreads.append(_spread(random, now, toward))
     else:
         near = (x + float(random.normal(0, 20)), y + float(random.normal(0, 20)))
-        unit = unit.with_people((*unit.people, Person("new", *near, float(random.uniform(5, 25)))))
+        unit = unit.with_people(
+            (*unit.people, ExclusionCircle("new", *near, float(random.uniform(5, 25))))
+        )
     situation = replace(
         old,
         unit=unit,
@@ -160,7 +162,7 @@ def _star(random: Random, middle: tuple[float, float], low: float, high: float) 
     return only_areas(shapely.make_valid(shape))
 
 
-def _unit(random: Random, edge_m: float) -> Unit:
+def _unit(random: Random, edge_m: float) -> BurnUnit:
     while True:
         area = _star(random, (0.0, 0.0), 30.0, 150.0)
         if random.random() < 0.2:
@@ -179,10 +181,10 @@ def _unit(random: Random, edge_m: float) -> Unit:
             parts = shapely.get_parts(only_areas(fence))
             fence = max(parts, key=lambda part: part.area) if len(parts) else None
         people = tuple(
-            Person(f"p{number}", *_about(random, 120), float(random.uniform(3, 25)))
+            ExclusionCircle(f"p{number}", *_about(random, 120), float(random.uniform(3, 25)))
             for number in range(random.integers(0, 4))
         )
-        unit = Unit(area, no_drop, fence, people, edge_m)
+        unit = BurnUnit(area, no_drop, fence, people, edge_m)
         if area.area > 1500.0 and not unit.droppable.is_empty:
             return unit
 
@@ -194,7 +196,7 @@ def _spread(random: Random, from_s: float, toward: float) -> Spread:
     return Spread(from_s, head, back, flank, toward)
 
 
-def _fire(random: Random, unit: Unit) -> Floats:
+def _fire(random: Random, unit: BurnUnit) -> Floats:
     """A point, a line along the unit's edge, or one across it."""
     west, south, east, north = unit.area.bounds
     at = float(random.uniform(-600, 300))

@@ -23,9 +23,9 @@ from mission_service.experiments.islam_hu.predictive_flight import predictive_pl
 from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import LATER_PLANNERS, bent_rule
-from mission_service.guidance.team.bent import PLANNERS as BENT_PLANNERS
-from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.team.bent_rules import LATER_PLANNERS, bent_rule
+from mission_service.guidance.team.bent_rules import PLANNERS as BENT_PLANNERS
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
 
 SIZES = (500, 1000, 2000, 4000)  # cells of the front
 DECISIONS = 400
@@ -94,9 +94,11 @@ def measure_rule(rule: TeamRule, cells: int) -> list[float]:
     """Time of each decision on an uneven ring in ms."""
     random = np.random.default_rng(1)
     rate, age_s = random.uniform(0.01, 0.5, cells), random.uniform(0.0, 900.0, cells)
-    ring = Ring(np.full(cells, CELL_M), rate, -age_s)
-    seats = np.arange(UAVS)
-    fleet = Fleet(seats, seats * cells // UAVS, np.ones(UAVS, bool), np.full(UAVS, SPEED_M_S))
+    ring = FrontRing(np.full(cells, CELL_M), rate, -age_s)
+    members = np.arange(UAVS)
+    fleet = ActiveFleet(
+        members, members * cells // UAVS, np.ones(UAVS, bool), np.full(UAVS, SPEED_M_S)
+    )
     taken_ms: list[float] = []
     for number in range(DECISIONS):
         which, at_s = number % UAVS, number / UAVS * CELL_M / SPEED_M_S

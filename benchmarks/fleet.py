@@ -14,11 +14,12 @@ import sys
 import time
 from contextlib import AsyncExitStack
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.process import serve
+from autopilot_bridge.mock.local_frame import LocalFrame
+from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from benchmarks.link_shared import clock_us, free_ports, mission_of
 
@@ -34,10 +35,8 @@ async def fly(ports: list[int]) -> None:
             stack = stack_named("px4" if index % 2 == 0 else "ardupilot", "plane")
             mock = MockAutopilot(
                 stack,
+                LocalFrame(36.3, -84.2, 300.0),
                 system_id=index + 1,
-                home_lat_deg=36.3,
-                home_lon_deg=-84.2,
-                home_altitude_amsl_m=300.0,
             )
             if stack.name == "px4":  # these lines have no landing
                 mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
@@ -53,7 +52,7 @@ def _tell_cpu() -> None:
 class Vehicle:
     """One client on one port."""
 
-    def __init__(self, system: int, connection: Connection, client: VehicleClient) -> None:
+    def __init__(self, system: int, connection: Connection, client: NativeClient) -> None:
         self.stack = "px4" if system % 2 == 1 else "ardupilot"
         self._connection = connection
         self._client = client
@@ -83,7 +82,7 @@ async def run(vehicles: int, items: int, rounds: int) -> bool:
     async with AsyncExitStack() as stack:
         fleet = []
         for system, port in enumerate(ports, start=1):
-            client = VehicleClient(target_system=system)
+            client = NativeClient(target_system=system)
             connection = Connection(f"udpin:127.0.0.1:{port}", client, clock_us)
             await stack.enter_async_context(connection)
             fleet.append(Vehicle(system, connection, client))

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.spread import devs8_kernels, labels
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.guidance.formation.shared_map import SharedMap
-from mission_service.guidance.front.lookahead import Moves
+from mission_service.guidance.team.lookahead import Moves
 from mission_service.runtime.track import Track
 
 HEAPS = (devs8_kernels.EventHeap, labels.Heap)

@@ -23,10 +23,10 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.framing import frames_of
 from autopilot_bridge.missions.bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.vehicle.fleet import FleetLink
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.setup import landscape_of
@@ -229,7 +229,7 @@ class ForgedRig(Rig):
         """``each``: forged frames after every wake; ``forged`` counts."""
         self.__dict__.update(simulation.rigs[place].__dict__)
         section = scenario.flown[place]
-        self.link = FleetLink("link", rates_hz=rates_hz(scenario), expects=True)
+        self.link = SharedLink("link", rates_hz=rates_hz(scenario), expects=True)
         self.client = self.link.expect(section.system_id, most_speed_m_s(section, scenario))
         self.gateway.client = self.client
         self.forged = Forged()

@@ -15,15 +15,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.experiments.virtual_agents.camera_view import look, mark
+from mission_service.experiments.virtual_agents.camera_footprint import changed_cells, mark_seen
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import MapMessage, SharedMap
 from mission_service.peer_messages import Digest, FireUpdate
 
-GRID = Grid(500, 500, 10.0, 0.0, 5000.0)
+GRID = MapGrid(500, 500, 10.0, 0.0, 5000.0)
 NONE = np.empty(0, dtype=np.int64)
 BATCHES = 10
 BURNING, NEW_S = 3000, 1.3  # cells at the beginning, and a second (experiments 2 and 3)
@@ -60,14 +60,14 @@ def steps(order: NDArray[np.int64]) -> dict[str, float]:
     maps = AgentMaps(GRID.shape, GRID.cell_m, near_m, area_m)
     shared, digest = SharedMap("uav", GRID.shape), SharedMap("other", GRID.shape)
     for one in (shared, digest):
-        one.start(order[:BURNING], 0)
+        one.set_initial(order[:BURNING], 0)
     (said,) = digest.messages(0)
     updates = [FireUpdate(k, "other", tuple(ten.tolist())) for k, ten in enumerate(tens)]
     arrival_s = np.full(500 * 500, np.inf)
     arrival_s[order] = np.arange(500 * 500) / NEW_S
     arrival_s = arrival_s.reshape(GRID.shape)
     monitoring = MonitoringArea(GRID, near_m, settings.monitoring_m)
-    monitoring.add(order[:BURNING])
+    monitoring.add_fire(order[:BURNING])
     agents_m = np.random.default_rng(2).uniform(2000.0, 3000.0, (8, 2))
     views = [(x_m, y_m, 1.0, 152.8, 130.0) for x_m, y_m in agents_m]
     seen_s = np.zeros(GRID.shape)
@@ -78,13 +78,13 @@ def steps(order: NDArray[np.int64]) -> dict[str, float]:
     times = {
         "agent maps: 10 new cells": each_us(maps.set, on),
         "agent maps: 10 cleared": each_us(maps.set, off),
-        "shared map: hear the same digest": each_us(shared.hear, [(said,)] * 500),
-        "shared map: hear 10 new cells": each_us(shared.hear, heard),
-        "shared map: hear them again": each_us(shared.hear, heard),
+        "shared map: hear the same digest": each_us(shared.on_message, [(said,)] * 500),
+        "shared map: hear 10 new cells": each_us(shared.on_message, heard),
+        "shared map: hear them again": each_us(shared.on_message, heard),
         "shared map: nothing to say": each_us(shared.messages, [(5,)] * 500),
-        "look": each_us(look, [(GRID, view, arrival_s, at_s, known)] * 500),
-        "mark": each_us(mark, [(GRID, view, seen_s, at_s)] * 500),
-        "monitoring: 10 new cells": each_us(monitoring.add, [(ten,) for ten in tens]),
+        "look": each_us(changed_cells, [(GRID, view, arrival_s, at_s, known)] * 500),
+        "mark": each_us(mark_seen, [(GRID, view, seen_s, at_s)] * 500),
+        "monitoring: 10 new cells": each_us(monitoring.add_fire, [(ten,) for ten in tens]),
         "agent coverage of 8": each_us(monitoring.agent_coverage, [(agents_m, 302.8)] * 101),
         "seen coverage": each_us(monitoring.seen_coverage, [(seen_s, at_s)] * 101),
         "efficiency of 8": each_us(monitoring.efficiency, [(views,)] * 101),
@@ -101,7 +101,7 @@ def shared(order: NDArray[np.int64], count: int, loss: float, seconds: int) -> s
     rng = np.random.default_rng(count)
     team = [SharedMap(f"uav{k}", GRID.shape) for k in range(count)]
     for one in team:
-        one.start(order[:BURNING], 0)
+        one.set_initial(order[:BURNING], 0)
     truth = np.zeros(500 * 500, dtype=np.bool_)
     truth[order[:BURNING]] = True
     burned, wrong, longest = BURNING, [], 0
@@ -111,11 +111,11 @@ def shared(order: NDArray[np.int64], count: int, loss: float, seconds: int) -> s
     for tick in range(4 * seconds):
         arrived, under_way = under_way, []
         for receiver, message in arrived:
-            team[receiver].hear(message)
+            team[receiver].on_message(message)
         while burned < BURNING + NEW_S * tick / 4:
             truth[order[burned]] = True
             for k in set(rng.integers(0, count, 2).tolist()):
-                team[k].see(order[burned : burned + 1], NONE, tick * TICK_US)
+                team[k].add_view(order[burned : burned + 1], NONE, tick * TICK_US)
             burned += 1
         for k, one in enumerate(team):
             for message in one.messages(tick * TICK_US):

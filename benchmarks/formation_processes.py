@@ -23,7 +23,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import aiomqtt
 import numpy as np
@@ -38,8 +38,8 @@ from mission_service.experiments.virtual_agents.monitoring import MonitoringArea
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.formation.controller import FormationFlight
-from mission_service.guidance.formation.grid import grid_of
-from mission_service.guidance.formation.seats import settings_of
+from mission_service.guidance.formation.map_grid import map_grid_of
+from mission_service.guidance.formation.members import settings_of
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 from mission_service.interfaces.control.client import Control
@@ -84,7 +84,7 @@ class Stage:
         landscape = landscape_of(self.scenario)
         self._world = FireWorld(fire_of(self.scenario, landscape), landscape)
         self._settings = settings_of(self.scenario, self.scenario.vehicles[0])
-        grid = grid_of(landscape)
+        grid = map_grid_of(landscape)
         near_m = self._settings.augmentation_m(grid.cell_m)
         self._area = MonitoringArea(grid, near_m, self._settings.monitoring_m)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -236,7 +236,8 @@ async def formation(
     folder: Path, count: int, speedup: float, within_s: float = 180.0
 ) -> AsyncIterator[Stage]:
     """A formation whose vehicles have all said something; everything ends with the context."""
-    warm_up("intent")  # once, not in each process
+    scenario = load_scenario("virtual-agents")
+    warm_up(scenario, landscape_of(scenario))  # once, not in each process
     async with AsyncExitStack() as stack:
         broker = Mosquitto(folder)
         stack.callback(broker.kill)
@@ -263,8 +264,7 @@ def map_of(journal: Path) -> NDArray[np.bool_]:
     for entry in reader:
         if entry.is_event:
             core.handle(entry.content)  # type: ignore[arg-type]
-    assert isinstance(core.leader, FormationFlight)
-    (seat,) = core.leader.formation.seats.values()
+    (seat,) = cast(FormationFlight, core.leader).formation.members.values()
     return seat.agent.map.fire
 
 

@@ -25,13 +25,14 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.framing import V2, Framer, checksum, field_at, message_id_of
 from autopilot_bridge.links.signing import Key, Signing, Timestamps
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import Stack, stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 
 RADIO = mavlink.MAVLINK_MSG_ID_RADIO_STATUS
@@ -221,8 +222,11 @@ def transfer_part(chance: random.Random, count: int, report: Report) -> None:
 
 def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> str:
     """How one upload ended; raises AssertionError when it does not end."""
-    mock = MockAutopilot(stack, home_lat_deg=36.3, home_lon_deg=-84.2, home_altitude_amsl_m=300.0)
-    client, now_us, transfer_id = VehicleClient(), 0, None
+    mock = MockAutopilot(
+        stack,
+        LocalFrame(36.3, -84.2, 300.0),
+    )
+    client, now_us, transfer_id = NativeClient(), 0, None
     last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
     while now_us < MOST_VIRTUAL_S * 1e6:
         now_us = max(now_us, min(client.next_timer(), mock.next_timer()))
@@ -253,7 +257,7 @@ def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> s
 
 def _disturb(
     chance: random.Random,
-    client: VehicleClient,
+    client: NativeClient,
     mock: MockAutopilot,
     last: dict[str, bytes],
     now_us: int,

@@ -19,8 +19,8 @@ import shapely
 from benchmarks.burn_check import faults
 from benchmarks.burn_trials import BASE, Trial, changed, drawn
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
-from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, next_line
-from mission_service.guidance.burn.unit import Unit
+from mission_service.guidance.burn.line_planner import LinePlan, NoPlan, Situation, next_line
+from mission_service.guidance.burn.unit import BurnUnit
 
 ACRE_M2 = 4046.8564224
 LIMIT_MS = 100.0
@@ -42,7 +42,7 @@ def twenty_acres(spreads: tuple[Spread, ...] = STEADY) -> Situation:
     south = np.array([[0.0, 0.0], [side_m, 0.0]])
     fire = EllipseFire(spreads, line_sources(south, 0.0, side_m / (IGNITIONS - 1)))
     return Situation(
-        unit=Unit(area, shapely.MultiPolygon(), None, (), BASE.edge_m),
+        unit=BurnUnit(area, shapely.MultiPolygon(), None, (), BASE.edge_m),
         area=area,
         dropped_m=np.empty((0, 2)),
         fire=fire,

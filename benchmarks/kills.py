@@ -121,8 +121,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
     """The mocks' own process: for every line that comes in, one goes out."""
     import asyncio
 
-    from autopilot_bridge.mock.fleet import Fleet
-    from autopilot_bridge.mock.process import serve
+    from autopilot_bridge.mock.serving import MockGroup, serve
     from mission_service.fire.setup import landscape_of
     from mission_service.runtime.clocks import clock_us
     from mission_service.simulation.sim import mock_of
@@ -147,7 +146,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
     asyncio.get_running_loop().add_reader(sys.stdin, tell)
     async with asyncio.TaskGroup() as group:
         for section in scenario.vehicles:
-            fleet = Fleet([mocks[section.name]])
+            fleet = MockGroup([mocks[section.name]])
             group.create_task(serve(fleet, other_end(section.link), SPEEDUP, clock_us))
 
 

@@ -18,10 +18,9 @@ from typing import IO
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.fleet import Fleet
-from autopilot_bridge.mock.process import serve
-from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.mock.serving import MockGroup, serve
 from benchmarks.link_shared import clock_us
 from mission_service.simulation.mocks import Surroundings, from_scenario
 
@@ -84,7 +83,7 @@ def troubles(seed: int, seconds: float) -> tuple[str, ...]:
 class Stamped:
     """A fleet whose positions are noted as they are sent."""
 
-    def __init__(self, fleet: Fleet, stamps: IO[bytes]) -> None:
+    def __init__(self, fleet: MockGroup, stamps: IO[bytes]) -> None:
         self.fleet = fleet
         self._stamps = stamps
 
@@ -112,7 +111,7 @@ class Stamped:
 
 def _heal(peer: Stamped) -> None:
     """No more faults."""
-    peer.fleet = Fleet(peer.fleet.mocks)
+    peer.fleet = MockGroup(peer.fleet.mocks)
 
 
 async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
@@ -134,7 +133,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
             if given.troubles:
                 seed = 1000 * given.seed + place
                 faults = parse_faults(troubles(seed, given.troubles))
-                fleet = Fleet([Troubled(mock, faults, seed) for mock in fleet.mocks])
+                fleet = MockGroup([FaultyMock(mock, faults, seed) for mock in fleet.mocks])
             peer = Stamped(fleet, stamps)
             group.create_task(serve(peer, each.link, given.speedup, clock))
             if given.troubles:

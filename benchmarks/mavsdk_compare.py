@@ -12,8 +12,8 @@ import subprocess
 import sys
 import time
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from benchmarks.link_shared import clock_us, free_ports, mission_of
 
@@ -39,7 +39,7 @@ print(time.perf_counter() - began)
 
 async def ours_s(port: int, count: int, shift_m: float) -> float:
     """Seconds of one upload."""
-    client = VehicleClient()
+    client = NativeClient()
     async with Connection(f"udpin:127.0.0.1:{port}", client, clock_us) as connection:
         while client.stack is None:
             await connection.wait()

@@ -20,6 +20,7 @@ from autopilot_bridge.missions.read_back import same_mission
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
 
 STATION = (255, 190)
@@ -46,7 +47,8 @@ class MockVehicle:
 
     def __init__(self, loss: float, delay_us: int = 10_000) -> None:
         self._mock = MockAutopilot(
-            ARDUPLANE, home_lat_deg=HOME[0], home_lon_deg=HOME[1], home_altitude_amsl_m=HOME[2]
+            ARDUPLANE,
+            LocalFrame(HOME[0], HOME[1], HOME[2]),
         )
         self._up, self._down = (MemoryLink(loss, delay_us, seed=seed) for seed in (1, 2))
         self._codec = Codec(*STATION)

@@ -1,130 +1,30 @@
-"""Writes docs/schemas: a JSON Schema with an example for every message over MQTT.
+"""Writes docs/schemas (a JSON Schema with an example for each message over MQTT) and the tables of
+docs/mqtt.md.
 
     .venv/bin/python -m benchmarks.mqtt_schemas [FOLDER]
 
-They are made of the types that are sent, so a test can tell whether a file is missing or stale.
+They are made of the tables of topics and of requests; a test finds what is missing or stale.
 """
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 
-from mission_service.core.requests import AnyRequest, Replay
-from mission_service.interfaces.mqtt.commands import ABORT, TAKEN
-from mission_service.interfaces.mqtt.messages import Alarms, Command, Reply, ServiceStatus
-from mission_service.interfaces.mqtt.topics import (
-    ALARM,
-    EVENT,
-    FRONT,
-    MISSION,
-    REPLAY,
-    REPLY,
-    STATUS,
-    TELEMETRY,
-)
-from mission_service.interfaces.mqtt.topics import VEHICLE as STATE
-from mission_service.runtime.picture import (
-    Alarm,
-    ItemState,
-    Mission,
-    MissionState,
-    NewsLine,
-    OrbitState,
-    TelemetryState,
-    VehicleState,
-)
-from mission_service.runtime.play_head import ReplayState
+from mission_service.core.requests import ABORT, ALL_REQUESTS
+from mission_service.interfaces.examples import AT_US, UNIX_US, example_of
+from mission_service.interfaces.mqtt.commands import TAKEN
+from mission_service.interfaces.mqtt.messages import Command
+from mission_service.interfaces.mqtt.topics import COMMAND, FRONT, TOPICS
+from mission_service.requests import summary_of
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
+PAGE = FOLDER.parent / "mqtt.md"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
-HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
-ALARM_EXAMPLE = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
-EXAMPLES: dict[str, msgspec.Struct] = {
-    STATUS.schema: ServiceStatus(AT_US, UNIX_US, True, "default", "damped", ("hawk",)),
-    TELEMETRY.schema: TelemetryState(
-        AT_US, "hawk", 36.364232, -84.140907, 561.2, 250.1, 149.8, 41.5, 17.9, 43.2
-    ),
-    STATE.schema: VehicleState(
-        AT_US,
-        "hawk",
-        "plane",
-        "px4",
-        1,
-        36.370784,
-        -84.132309,
-        link="online",
-        heard_stack="px4 plane",
-        mode="mission",
-        armed=True,
-        current_seq=3,
-        battery_pct=71.0,
-        direction="clockwise",
-        decisions=312,
-        reversals=2,
-        importance_back=11.25,
-        importance_front=14.5,
-        front_cells=188,
-        orbit=OrbitState(36.364232, -84.140907, 560.0, -90.0, 173.2),
-        wind_speed_m_s=4.2,
-        wind_from_deg=47.0,
-        uploads_accepted=41,
-    ),
-    MISSION.schema: MissionState(
-        AT_US,
-        "hawk",
-        on_board=Mission(
-            41,
-            4_212_000_000,
-            "follow the front",
-            "accepted",
-            "",
-            HASH,
-            (ItemState(16, "WAYPOINT", 5, 36.3651, -84.1402, 560.0, (0.0, 0.0, 0.0, 0.0)),),
-        ),
-    ),
-    ALARM.schema: Alarms(AT_US, (ALARM_EXAMPLE,)),
-    EVENT.schema: NewsLine(17, AT_US, "hawk", "info", "turns back: what is behind matters more"),
-    REPLAY.schema: ReplayState(
-        AT_US,
-        ("flight.tlog",),
-        UNIX_US,
-        UNIX_US + 900_000_000,
-        UNIX_US + 120_000_000,
-        AT_US - 120_000_000,
-        10.0,
-        False,
-        False,
-        False,
-        0,
-    ),
-    REPLY.schema: Reply("7f3a", "hold", AT_US, True, event="Ordered", said=("hawk: holds",)),
-}
-PLACE = {"lat_deg": 36.364232, "lon_deg": -84.140907}
-LINE = [[36.3642, -84.1409], [36.3661, -84.1391]]
-ASKED: dict[str, dict[str, Any]] = {
-    "hold": {"vehicle": "hawk", "confirmed": False},
-    "resume": {"vehicle": "hawk", "confirmed": False},
-    "return": {"vehicle": "hawk", "confirmed": False},
-    "start": {"vehicle": "", "confirmed": False},
-    "renew": {"vehicle": "hawk"},
-    "accept": {"vehicle": "hawk", "hash": HASH},
-    "refuse": {"vehicle": "hawk", "hash": HASH},
-    "settings": {"alpha": 0.7},
-    "correct": {"state": "burning", "shape": "line", "points": LINE, "in_s": 0.0},
-    "erase": PLACE | {"radius_m": 50.0},
-    "lit": {"points": LINE, "ago_s": 20.0},
-    "wind": {"speed_m_s": 5.0, "from_deg": 270.0},
-    "person": {"name": "crew 2"} | PLACE | {"radius_m": 100.0},
-    "unit": {"points": [*LINE, [36.3661, -84.1409]]},
-    "plan": {"line_spacing_m": 20.0, "drop_spacing_m": 15.0},
-    "reject": {"hash": HASH},
-    "replay": {"paused": False, "speed": 10.0, "seek_s": 120.0},
-    "no-go": {"item": "weather is within the prescription"},
-}
+WHO = ("do", "by", "station")  # of the request; a command has its own
 NUMBER, TIME = {"type": "number"}, {"type": "integer"}
 RING = {"type": "array", "items": {"type": "array", "prefixItems": [NUMBER, NUMBER]}}
 FRONT_SCHEMA: dict[str, Any] = {
@@ -208,9 +108,10 @@ def schema_of(struct: type[msgspec.Struct]) -> dict[str, Any]:
 def documents() -> dict[str, dict[str, Any]]:
     """All schemas, each with an example, by the names of their files."""
     found = {file_of(FRONT.schema): {"$schema": DRAFT, **FRONT_SCHEMA}}
-    for schema, example in EXAMPLES.items():
-        examples = {"examples": [msgspec.to_builtins(example)]}
-        found[file_of(schema)] = {"$schema": DRAFT, **schema_of(type(example)), **examples}
+    for topic in TOPICS:
+        if not isinstance(topic.carries, str):
+            shown = {"examples": [example_of(topic.carries)]}
+            found[file_of(topic.schema)] = {"$schema": DRAFT, **schema_of(topic.carries), **shown}
     for name in TAKEN:
         found[command_file(name)] = {"$schema": DRAFT, **command_schema(name)}
     return found
@@ -221,20 +122,17 @@ def command_schema(name: str) -> dict[str, Any]:
     base = schema_of(Command)
     properties, required = dict(base["properties"]), list(base["required"])
     required.remove("schema")
-    requests = {each.__struct_config__.tag: each for each in (*get_args(AnyRequest), Replay)}
-    described = "Stop: no further drop; every vehicle holds. Taken whatever it says."
+    asked = schema_of(ALL_REQUESTS[name])
     if name == ABORT:
         required = []
     else:
-        asked = schema_of(requests[name])
-        described = asked["description"]
-        own = set(asked["properties"]) - {"do", "by", "station"}
-        properties |= {key: asked["properties"][key] for key in asked["properties"] if key in own}
+        own = {key: each for key, each in asked["properties"].items() if key not in WHO}
+        properties |= own
         required += [key for key in asked["required"] if key in own]
-    example = {"id": "7f3a", "by": "anna", "sent_at_unix_us": UNIX_US, **ASKED.get(name, {})}
+    example = {"id": "7f3a", "by": "anna", "sent_at_unix_us": UNIX_US, **ALL_REQUESTS[name].example}
     return {
         "title": f"Command {name}",
-        "description": described,
+        "description": asked["description"],
         "type": "object",
         "properties": properties,
         "required": required,
@@ -251,6 +149,31 @@ def texts() -> dict[str, str]:
     }
 
 
+def page(text: str) -> str:
+    """The page with its tables of topics and commands made again."""
+    for head, rows in (("| topic |", _topic_rows()), ("| command |", _command_rows())):
+        before, found, rest = text.partition(head)
+        titles, line, *_ = rest.splitlines()
+        after = rest[rest.index("\n\n") :]
+        text = before + "\n".join([found + titles, line, *rows]) + after
+    return text
+
+
+def _topic_rows() -> Iterator[str]:
+    for topic in TOPICS:
+        link = f"[{file_of(topic.schema)[:-5]}](schemas/{file_of(topic.schema)})"
+        carries = "by command, see below" if topic is COMMAND else link
+        retained = "yes" if topic.retained else "**no**" if topic is COMMAND else "no"
+        path = topic.path.format("NAME")
+        yield f"| `{path}` | {carries} | {topic.qos} | {retained} | {topic.when} |"
+
+
+def _command_rows() -> Iterator[str]:
+    for name in TAKEN:
+        summary = summary_of(ALL_REQUESTS[name])
+        yield f"| [{name}](schemas/{command_file(name)}) | {ALL_REQUESTS[name].role} | {summary} |"
+
+
 def write(folder: Path) -> None:
     """Write all, and remove what is no more."""
     folder.mkdir(exist_ok=True)
@@ -263,3 +186,4 @@ def write(folder: Path) -> None:
 
 if __name__ == "__main__":
     write(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    PAGE.write_text(page(PAGE.read_text("utf-8")), encoding="utf-8")

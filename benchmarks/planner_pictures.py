@@ -17,10 +17,10 @@ from mission_service.experiments.bent.scenarios import SPEED_M_S, uneven
 from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
 from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
 from mission_service.experiments.islam_hu.scenarios import islam_hu_burn, perimeter_planner
-from mission_service.guidance.front.perimeter import Rule
+from mission_service.guidance.front.perimeter_planner import Rule
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.benchmarks import Bumper, Circling
-from mission_service.guidance.team.bent import LATER_PLANNERS, PLANNERS, bent_rule
+from mission_service.guidance.team.baselines import Bumper, Circling
+from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.ring import TeamRule
 
 Floats = NDArray[np.float64]
@@ -110,7 +110,7 @@ def draw_teams(folder: Path) -> None:
         flight = fly_team(history, rule(), UAVS, SPEED_M_S)
         mean, std = flight.mean_std("linear")
         title = f"{name}: mean unseen advance {mean:.1f} m (± {std:.1f} m over time)"
-        tracks = {f"UAV {seat + 1}": track for seat, track in flight.tracks.items()}
+        tracks = {f"UAV {member + 1}": track for member, track in flight.tracks.items()}
         draw(folder / f"{name.replace('.', '-')}.png", title, tracks, shown, fire.ignition)
 
 

@@ -5,7 +5,7 @@
 The shipped scenarios are flown in virtual time, over MAVLink frames to mock autopilots. At random
 moments the process is forked, and the fork asks for things: by the desk (as the control socket and
 HTTP do), in lines of the socket, and over MQTT; between requests it flies on. What is asked follows
-from the request table (``requests.AnyRequest``), so that a new request is asked for too. Then:
+from the request table (``core/requests.py``), so that a new request is asked for too. Then:
 
 - nothing was raised, and no request was refused because it could not be handled;
 - a restart from the last state, and one from the very beginning of the journal, know all that the
@@ -24,7 +24,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -37,12 +37,13 @@ from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
+from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.journal.journal import Journal, header_of
 from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write
-from mission_service.live.daemon import desk_of, replay, warm_up_for
+from mission_service.live.daemon import desk_of, replay
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Service
 from mission_service.runtime.picture import Picture
@@ -124,10 +125,9 @@ class Asker:
         burn = scenario.burn_flown
         self._stations = ["desk"] if burn is None else [each.name for each in burn.stations]
         self._items = ["weather"] if burn is None else list(burn.go_items)
-        self._kinds = {kind.__struct_config__.tag: kind for kind in get_args(requests.AnyRequest)}
-        self._words = sorted(map(str, self._kinds))
-        here = (requests.ALWAYS, requests.OF_BURNS if burn else requests.NOT_OF_BURNS)
-        self._wanted = sorted({word for words in here for word in words} & set(self._words))
+        self._kinds = {word: kind for word, kind in requests.REQUESTS.items() if word != "abort"}
+        self._words = sorted(self._kinds)
+        self._wanted = sorted(requests.accepted_in(scenario).keys() & self._kinds.keys())
 
     def request(self) -> dict[str, Any]:
         """One of this guidance as a rule, now and then any; a wrong one in six."""
@@ -185,6 +185,8 @@ class Asker:
     def _of_type(self, kind: kinds.Type) -> Any:
         rng = self._rng
         match kind:
+            case kinds.Metadata():
+                return self._of_type(kind.type)
             case kinds.UnionType():
                 return self._of_type(kind.types[int(rng.integers(len(kind.types)))])
             case kinds.LiteralType():
@@ -258,7 +260,7 @@ class Engine:
         scenario = flying(load_scenario(case.scenario, case.changes))
         self.scenario = one_of_many(scenario, case.vehicle, talks=False)
         self.landscape = landscape_of(self.scenario)
-        warm_up_for(self.scenario, self.landscape)
+        way_of(self.scenario).warm_up(self.scenario, self.landscape)
         self.known = Known(self.scenario, self.landscape)
         self.path = folder / "journal.jsonl"
         self.header = header_of(self.scenario, self.known.landscape, "")

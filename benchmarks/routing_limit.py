@@ -24,9 +24,9 @@ from mission_service.experiments.islam_hu.scenarios import (
     islam_hu_burn,
     perimeter_planner,
 )
-from mission_service.guidance.front.following import bearing_deg
+from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.front.front_shape import ring_of_cells
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision
 
 SWEEPS = (1, 2, 3, 4, 6, 8)

@@ -18,10 +18,10 @@ from contextlib import AsyncExitStack
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection, Peer
-from autopilot_bridge.vehicle.client import VehicleClient
-from autopilot_bridge.vehicle.fleet import FleetLink
 from benchmarks.link_shared import clock_us, free_ports
 
 MOST_SHARE = 0.25
@@ -45,7 +45,7 @@ class Counts:
         self._last[system] = seq
 
 
-class CountingClient(VehicleClient):
+class CountingClient(NativeClient):
     """One vehicle."""
 
     def __init__(self, system: int, counts: Counts) -> None:
@@ -63,7 +63,7 @@ class CountingClient(VehicleClient):
             self._counts.events += 1
 
 
-class CountingFleet(FleetLink):
+class CountingFleet(SharedLink):
     """All vehicles of one port."""
 
     def __init__(self, counts: Counts) -> None:

@@ -1,4 +1,4 @@
-"""What the core wants done or known: its outputs. Journalled after the event that caused them."""
+"""Commands: the outputs of the core, journalled after the event that caused them."""
 
 from typing import Literal
 
@@ -11,19 +11,19 @@ from mission_service.peer_messages import AnyMessage
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
-CONFIRM = "confirm:"  # a line that begins so is a question: the order was not carried out
+CONFIRM = "confirm:"  # prefix of an announcement: the order needs confirmation
 
 
 class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """Something to do for one vehicle."""
+    """A command for one vehicle."""
 
     vehicle: str
 
 
 class UploadMission(Command, frozen=True, tag=True):
-    """Replace the vehicle's mission; ``why`` is for people.
+    """Replace the vehicle's mission; ``why`` is shown to operators.
 
-    ``keeps_apart``: it keeps the vehicle clear of another one, and waits for no approval.
+    A mission that ``keeps_apart`` separates two vehicles and needs no approval.
     """
 
     mission_id: int
@@ -33,7 +33,7 @@ class UploadMission(Command, frozen=True, tag=True):
 
 
 class ProposeMission(Command, frozen=True, tag=True):
-    """A mission that goes to the vehicle when a person accepts it, by its hash."""
+    """Propose a mission; it is uploaded when an operator accepts its hash."""
 
     mission_id: int
     why: str
@@ -53,15 +53,15 @@ class StartMission(Command, frozen=True, tag=True):
 
 
 class Hold(Command, frozen=True, tag=True):
-    """Loiter where you are: the mission on board cannot be trusted."""
+    """Loiter at the present position."""
 
 
 class Return(Command, frozen=True, tag=True):
-    """Fly home: the time in the air is nearly over."""
+    """Fly home and land."""
 
 
 class Orbit(Command, frozen=True, tag=True):
-    """Circle a place from now on, anticlockwise with a negative radius; not by the mission."""
+    """Circle a place outside the mission; a negative radius is anticlockwise."""
 
     lat_deg: float
     lon_deg: float
@@ -70,13 +70,13 @@ class Orbit(Command, frozen=True, tag=True):
 
 
 class ChangeSpeed(Command, frozen=True, tag=True):
-    """Fly this airspeed until told otherwise."""
+    """Fly this airspeed until the next command."""
 
     airspeed_m_s: float
 
 
 class Decided(Command, frozen=True, tag=True):
-    """One decision of a planner; importances are 0 where its rule has none."""
+    """A planner's decision on the direction; importances are 0 where the rule has none."""
 
     direction: Direction
     reversed: bool
@@ -87,14 +87,14 @@ class Decided(Command, frozen=True, tag=True):
 
 
 class Announce(Command, frozen=True, tag=True):
-    """A line for the operator."""
+    """Show a line to the operator."""
 
     text: str
     level: Level = "info"
 
 
 class RaiseAlarm(Command, frozen=True, tag=True):
-    """Raise an alarm until it is cleared; ``alarm`` is its kind, one of a kind per vehicle."""
+    """Raise an alarm until it is cleared; a vehicle has at most one ``alarm`` of a kind."""
 
     alarm: str
     text: str
@@ -108,13 +108,13 @@ class ClearAlarm(Command, frozen=True, tag=True):
 
 
 class Say(Command, frozen=True, tag=True):
-    """Tell the UAVs that other processes fly."""
+    """Send a message to the UAVs that other processes fly."""
 
     message: AnyMessage
 
 
 class ClimbAndHold(Command, frozen=True, tag=True):
-    """Stop what is flown, climb at this place to this altitude, and hold there."""
+    """Leave the mission, climb at this place to this altitude, and hold there."""
 
     lat_deg: float
     lon_deg: float
@@ -122,23 +122,23 @@ class ClimbAndHold(Command, frozen=True, tag=True):
 
 
 class Propose(Command, frozen=True, tag=True):
-    """A plan for people to approve, by its hash."""
+    """Propose an ignition plan; an operator approves it by its hash."""
 
     plan: IgnitionPlan
     plan_hash: str
 
 
 class Withdraw(Command, frozen=True, tag=True):
-    """A plan that was proposed or approved is void from now on."""
+    """Withdraw a plan that was proposed or approved."""
 
     plan_hash: str
     why: str
 
 
 class Drop(Command, frozen=True, tag=True):
-    """Let go of one sphere now: of the plan of this hash, the drop of this number.
+    """Release one sphere now: drop ``number`` of the plan with this hash.
 
-    It is to fall at ``lat_deg``, ``lon_deg`` by what is known of height, speed and wind.
+    The predicted landing, from height, speed and wind, is at ``lat_deg``, ``lon_deg``.
     """
 
     plan_hash: str
@@ -166,3 +166,14 @@ AnyCommand = (
     | Withdraw
     | Drop
 )
+
+# Commands that the vehicle's client carries out, by their names in the bridge's table
+# (``autopilot_bridge/vehicle/orders.py``); their fields are its arguments, in order.
+ORDER_NAMES: dict[type[AnyCommand], str] = {
+    StartMission: "start mission",
+    Hold: "hold",
+    Return: "return",
+    Orbit: "orbit",
+    ChangeSpeed: "change speed",
+    ClimbAndHold: "climb and hold",
+}

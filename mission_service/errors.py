@@ -1,8 +1,8 @@
-"""What the service tells its user when something is wrong: one line, what, where, what to do."""
+"""Errors of the service. Each text is one line that states what, where, and what to do."""
 
 
 class MissionServiceError(Exception):
-    """Base of the errors a user can act on; the command line prints it and exits with 1."""
+    """Base class of errors that a user can resolve; the command line exits with 1."""
 
 
 class ScenarioError(MissionServiceError):
@@ -14,15 +14,15 @@ class JournalError(MissionServiceError):
 
 
 class RequestError(MissionServiceError):
-    """Somebody asked for what cannot be done; the message says what is wrong with it."""
+    """A request cannot be carried out; the message states the reason."""
 
 
 class ControlError(MissionServiceError):
-    """The control socket of a run cannot be made or reached; the message says what to do."""
+    """The control socket of a run cannot be made or reached; the message states the remedy."""
 
 
 class StateError(MissionServiceError):
-    """A state file cannot be used; the message says why. The journal tells the same."""
+    """A snapshot cannot be used; the message states why. The journal holds the same state."""
 
 
 class RefusedEventError(MissionServiceError):
@@ -34,8 +34,8 @@ class UnhandledLineError(JournalError):
 
 
 class NotRecordedError(MissionServiceError):
-    """Nothing was done, since it could not be written down."""
+    """Nothing was done, because the journal could not be written."""
 
 
 class FlightError(MissionServiceError):
-    """A logged flight cannot be replayed; the message says why and what to do."""
+    """A logged flight cannot be replayed; the message states the reason and the remedy."""

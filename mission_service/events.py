@@ -1,9 +1,9 @@
-"""What can happen: the inputs of the core. Each is journalled before it is handled.
+"""Events: the inputs of the core. Each event is journalled before it is handled.
 
-``at_us`` is mission time in integer microseconds; 0 is the time of ignition of the scenario.
+``at_us`` is mission time in integer microseconds; 0 is the beginning of the scenario's fire.
 
-Limits of values are part of the types: the journal decodes each line before it writes it, so an
-event with a value out of range, or one that is not a number, is neither journalled nor handled.
+The types include the limits of values. The journal decodes each line before it writes it, so an
+event with a value that is out of range or not a number is neither journalled nor handled.
 """
 
 from typing import Annotated, Any, Literal
@@ -36,28 +36,28 @@ class Event(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
 
 class VehicleConnected(Event, frozen=True, tag=True):
-    """An autopilot was heard for the first time; ``stack`` names it (``px4 plane``)."""
+    """The first heartbeat of an autopilot; ``stack`` names its firmware (``px4 plane``)."""
 
     stack: str
     atomic_upload: bool
 
 
 class LinkLost(Event, frozen=True, tag=True):
-    """No heartbeat for ``silent_s``."""
+    """No heartbeat was received for ``silent_s``."""
 
     silent_s: DurationS
 
 
 class LinkRestored(Event, frozen=True, tag=True):
-    """Heartbeats again."""
+    """Heartbeats are received again."""
 
 
 class VehicleRebooted(Event, frozen=True, tag=True):
-    """The autopilot's clock went back to its start."""
+    """The autopilot was restarted: its clock began again."""
 
 
 class Telemetry(Event, frozen=True, tag=True):
-    """Where the vehicle is (WGS84) and how it moves (GLOBAL_POSITION_INT)."""
+    """Position (WGS84) and velocity of the vehicle (GLOBAL_POSITION_INT)."""
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -69,17 +69,17 @@ class Telemetry(Event, frozen=True, tag=True):
 
 
 class MissionProgress(Event, frozen=True, tag=True):
-    """The item the vehicle flies now (index into the items of the last mission)."""
+    """The vehicle flies to another mission item (an index into the items of its mission)."""
 
     current_seq: Count
 
 
 class Observed(Event, frozen=True, tag=True):
-    """What the camera saw: a window of cells with its north-west cell at (``row``, ``col``).
+    """An observation of a camera: a window of cells; (``row``, ``col``) is its north-west cell.
 
     Each string is a row from north to south, each character a cell from west to east:
-    ``.`` outside the footprint, ``u`` unburned, ``b`` burning or burned. With ``corrects`` it is
-    no camera's: people have said what is there, and what was known of these cells was wrong.
+    ``.`` outside the footprint, ``u`` unburned, ``b`` burning or burned. With ``corrects`` the
+    window is an operator's correction and replaces earlier observations of these cells.
     """
 
     row: CellIndex
@@ -89,20 +89,20 @@ class Observed(Event, frozen=True, tag=True):
 
 
 class WindMeasured(Event, frozen=True, tag=True):
-    """The autopilot's estimate of the wind at the vehicle; from true north."""
+    """The autopilot's estimate of the wind at the vehicle; its direction is from true north."""
 
     speed_m_s: WindSpeed
     from_deg: Bearing
 
 
 class AirspeedMeasured(Event, frozen=True, tag=True):
-    """The mean airspeed of a while (VFR_HUD), reported when it has changed."""
+    """The mean airspeed (VFR_HUD) has changed."""
 
     airspeed_m_s: Velocity
 
 
 class ThrustStatusChanged(Event, frozen=True, tag=True):
-    """Whether the thrust suffices: it does not where a vehicle sinks at full throttle (VFR_HUD)."""
+    """The thrust is sufficient, or not: the vehicle sinks at full throttle (VFR_HUD)."""
 
     sufficient: bool
     throttle_percent: Count
@@ -118,10 +118,10 @@ class UploadFinished(Event, frozen=True, tag=True):
 
 
 class MissionHeld(Event, frozen=True, tag=True):
-    """What was read back from a vehicle after a restart of the service.
+    """The mission on board, read back from a vehicle after a restart of the service.
 
-    ``mission_id`` is that of the mission it is, of those that were sent; 0 for any other, and where
-    it could not be read: then ``items`` is None.
+    ``mission_id`` is the number of the mission that was sent, or 0 for any other mission. ``items``
+    is the number of its items, or None where the mission could not be read.
     """
 
     mission_id: Count
@@ -129,7 +129,7 @@ class MissionHeld(Event, frozen=True, tag=True):
 
 
 class CommandFinished(Event, frozen=True, tag=True):
-    """The autopilot's answer to an order."""
+    """The autopilot accepted or refused a command."""
 
     command: str
     accepted: bool
@@ -141,43 +141,43 @@ class ModeChanged(Event, frozen=True, tag=True):
 
     custom_mode: Count
     armed: bool
-    mode: str = ""  # the bridge's name of it
+    mode: str = ""  # the bridge's name of the mode
 
 
 class Heard(Event, frozen=True, tag=True):
-    """What a UAV that another process flies has said."""
+    """A message from a UAV that another process flies."""
 
     message: AnyMessage
 
 
 class Contact(Event, frozen=True, tag=True):
-    """Whether UAVs that other processes fly can be talked to from now on."""
+    """The link to UAVs that other processes fly was lost or restored."""
 
     there: bool
 
 
 class BatteryTold(Event, frozen=True, tag=True):
-    """What is left of the battery, told when it changes."""
+    """The remaining charge of the battery has changed."""
 
     percent: Percent
 
 
 class FixTold(Event, frozen=True, tag=True):
-    """Whether the vehicle has a position fix in three dimensions, told when it changes."""
+    """The kind of position fix has changed; ``good``: a fix in three dimensions."""
 
     good: bool
     fix: str
 
 
 class AutopilotText(Event, frozen=True, tag=True):
-    """A text that the autopilot wrote, with its MAV_SEVERITY: 0 emergency to 6 information."""
+    """A STATUSTEXT of the autopilot, with its MAV_SEVERITY (0 emergency to 6 information)."""
 
     severity: int
     text: str
 
 
 class SystemStateChanged(Event, frozen=True, tag=True):
-    """The autopilot's own state: ``standby``, ``active``, ``critical`` (in failsafe) ..."""
+    """The system state has changed: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
 
     state: str
 
@@ -203,7 +203,7 @@ class EstimatorStatusChanged(Event, frozen=True, tag=True):
 
 
 class DropFinished(Event, frozen=True, tag=True):
-    """What became of one ``Drop``. Not ``done`` and not ``refused``: nobody knows."""
+    """The outcome of one ``Drop``; it is unknown where neither ``done`` nor ``refused`` is set."""
 
     plan_hash: str
     number: Count
@@ -213,15 +213,15 @@ class DropFinished(Event, frozen=True, tag=True):
 
     @property
     def outcome(self) -> str:
-        """In a word: done, refused or unknown."""
+        """The outcome as a word: ``done``, ``refused`` or ``unknown``."""
         return "done" if self.done else "refused" if self.refused else "unknown"
 
 
 class HostTime(Event, frozen=True, tag=True):
     """The host's monotonic clock at this mission time; in burns, about once a second.
 
-    Mission time follows the autopilot's clock, which may be slow or stop: limits of approvals are
-    measured by this clock as well.
+    Mission time follows the autopilot's clock, which may run slow or stop. The time limits of
+    approvals are therefore measured by this clock as well.
     """
 
     monotonic_us: int
@@ -234,7 +234,7 @@ class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
 
 class Crew(_ByUser, frozen=True, tag=True, kw_only=True):
-    """What a user did or reported; not of one vehicle. ``station`` is where they are.
+    """An action or a report of an operator at ``station``; it is not of one vehicle.
 
     ``may_approve``: whether the user has the role approve, as checked by the interface.
     """
@@ -246,16 +246,17 @@ Place = tuple[Latitude, Longitude]  # degrees
 
 
 class Lit(Crew, frozen=True, tag=True):
-    """The crew has lit a point or a line, all of it at ``lit_at_us``."""
+    """The crew lit a point or a line; all of it ignited at ``lit_at_us``."""
 
     points: tuple[Place, ...]
     lit_at_us: MissionUs
 
 
 class Corrected(Crew, frozen=True, tag=True):
-    """The fire at ``marked_at_us`` (past, now, future), on a point, along a line or in a polygon.
+    """A correction of the fire on a point, along a line or in a polygon.
 
-    ``burned``: it has come there before; ``burning``: it comes then; ``unburned``: later.
+    ``state`` holds at ``marked_at_us``, which may be past or future: with ``burned`` the fire
+    arrives earlier, with ``burning`` at that time, with ``unburned`` later.
     """
 
     state: Literal["burned", "burning", "unburned"]
@@ -265,7 +266,7 @@ class Corrected(Crew, frozen=True, tag=True):
 
 
 class Erased(Crew, frozen=True, tag=True):
-    """Marks within ``radius_m`` of a place are taken away."""
+    """Corrections within ``radius_m`` of a place are removed."""
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -273,22 +274,22 @@ class Erased(Crew, frozen=True, tag=True):
 
 
 class Undone(Crew, frozen=True, tag=True):
-    """The last correction or erasure is taken back."""
+    """The last correction or erasure is undone."""
 
 
 class Redone(Crew, frozen=True, tag=True):
-    """What was taken back last holds again."""
+    """The last undone correction or erasure is restored."""
 
 
 class WindTold(Crew, frozen=True, tag=True):
-    """The wind 6.1 m above the vegetation, from true north, as the crew has it from now on."""
+    """The crew set the wind 6.1 m above the vegetation; its direction is from true north."""
 
     speed_m_s: WindSpeed
     from_deg: Bearing
 
 
 class PersonTold(Crew, frozen=True, tag=True):
-    """Somebody is at a place, with ``radius_m`` to be kept clear; 0: is no longer there."""
+    """A person is at a place; ``radius_m`` is kept clear, and 0 removes the person."""
 
     name: str
     lat_deg: Latitude
@@ -297,56 +298,56 @@ class PersonTold(Crew, frozen=True, tag=True):
 
 
 class UnitTold(Crew, frozen=True, tag=True):
-    """The burn unit is this polygon from now on."""
+    """The boundary of the burn unit was set to this polygon."""
 
     points: tuple[Place, ...]
 
 
 class Answered(Crew, frozen=True, tag=True):
-    """GO or NO-GO to one item of the list."""
+    """An answer, GO or NO-GO, to one item of the checklist."""
 
     item: str
     go: bool
 
 
 class PlanWanted(Crew, frozen=True, tag=True):
-    """Plan the next line; spacings from now on, where they are given."""
+    """A plan of the next ignition line is requested; given spacings replace the present ones."""
 
     line_spacing_m: float | None = None
     drop_spacing_m: float | None = None
 
 
 class Approved(Crew, frozen=True, tag=True):
-    """A person approves exactly the plan of this hash."""
+    """An operator approved the plan with this hash."""
 
     plan_hash: str
 
 
 class Rejected(Crew, frozen=True, tag=True):
-    """A person wants no plan of this hash flown."""
+    """An operator rejected the plan with this hash."""
 
     plan_hash: str
 
 
 class Aborted(Crew, frozen=True, tag=True):
-    """Stop at once: no further drop, climb to the safe height and hold."""
+    """An operator aborted: no further drop; vehicles climb to the safe height and hold."""
 
 
 class Present(Crew, frozen=True, tag=True):
-    """Somebody is there and watches; told every few seconds."""
+    """An operator's display is open; sent every few seconds."""
 
 
 class Resumed(Crew, frozen=True, tag=True):
-    """The service runs again after ``down_s``; whatever was approved before is in doubt."""
+    """The service was restarted after ``down_s``; earlier approvals are unconfirmed."""
 
     down_s: DurationS
 
 
 class LinesSkipped(Crew, frozen=True, tag=True):
-    """Lines of the journal that a restart has skipped, as (segment, line, why).
+    """Lines of the journal that a restart skipped, as (segment, line, reason).
 
-    They could not be read or handled. The restart applied the rest of the journal without them,
-    with the commands that it records.
+    These lines could not be read or handled. The restart applied the other lines, with the commands
+    recorded in them.
     """
 
     lines: tuple[tuple[Count, Count, str], ...]
@@ -356,9 +357,9 @@ Order = Literal["hold", "resume", "return", "start"]
 
 
 class Ordered(Crew, frozen=True, tag=True):
-    """What a vehicle is to do by a person's word; all of them without a name.
+    """An operator's order to one vehicle, or to all vehicles if ``vehicle`` is empty.
 
-    ``confirmed``: even if that ends a mode that autopilot or pilot selected, such as a failsafe.
+    A ``confirmed`` order may end a mode that autopilot or pilot selected, such as a failsafe.
     """
 
     vehicle: str
@@ -370,40 +371,51 @@ SERVICE = "service"  # ``by`` of the service's own orders; no interface accepts 
 
 
 class MissionWanted(Crew, frozen=True, tag=True):
-    """A new mission is to be planned and sent now; for all vehicles without a name."""
+    """A new mission is requested for a vehicle, or for all vehicles if ``vehicle`` is empty."""
 
     vehicle: str
 
 
 class MissionAccepted(Crew, frozen=True, tag=True):
-    """The mission of this hash, which was proposed, may go to the vehicle."""
+    """An operator accepted the proposed mission with this hash."""
 
     vehicle: Name
     mission_hash: str
 
 
 class MissionRefused(Crew, frozen=True, tag=True):
-    """The mission of this hash, which was proposed, is not to be flown."""
+    """An operator refused the proposed mission with this hash."""
 
     vehicle: Name
     mission_hash: str
 
 
 class SettingsTold(Crew, frozen=True, tag=True):
-    """Settings of the planners from now on, where they are given."""
+    """Settings of the planners changed; None leaves a setting as it is.
 
-    alpha: float | None = None
-    reversal_margin: float | None = None
-    dwell_s: float | None = None
+    Each has the name that it has in the scenario's table ``[planner]``.
+    """
+
+    alpha: Annotated[
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        Meta(description="How uneven the fire is taken to be; 0: the vehicle circles."),
+    ] = None
+    reversal_margin: Annotated[
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        Meta(description="How much more importance behind than ahead makes a vehicle turn."),
+    ] = None
+    dwell_s: Annotated[
+        Annotated[float, Meta(ge=0, le=1e7)] | None, Meta(description="From one turn to the next.")
+    ] = None
 
     @property
     def given(self) -> dict[str, Any]:
-        """Those that are given, by their names."""
-        told = {name: getattr(self, name) for name in TUNED}
-        return {name: value for name, value in told.items() if value is not None}
+        """The settings that change, by name."""
+        values = {name: getattr(self, name) for name in TUNED}
+        return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED = ("alpha", "reversal_margin", "dwell_s")
+TUNED: dict[str, Any] = dict(SettingsTold.__annotations__)  # their types with bounds, by name
 
 
 CrewEvent = (

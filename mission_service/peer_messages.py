@@ -1,30 +1,31 @@
-"""What UAVs tell each other. Data only; ``at_us`` is mission time, the sender's own.
+"""Messages between UAVs, as data. ``at_us`` is the sender's mission time.
 
-Cells are numbers ``row * cols + col`` of the landscape's grid, in rising order.
+A cell is the number ``row * cols + col`` in the landscape's grid; cells are in rising order.
 """
 
 from typing import Annotated
 
 import msgspec
 
-# Checked where messages are decoded: kernels reckon with 64 bits.
+# Limits are checked when a message is decoded: the kernels compute with 64 bits.
 Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
-Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell, of a tile, of how many
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell or a tile, or a count
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """Said by the vehicle ``sender`` at mission time ``at_us``."""
+    """A message of the vehicle ``sender`` at mission time ``at_us``."""
 
     at_us: Us
     sender: str
 
 
 class State(Message, frozen=True, tag=True):
-    """Where a UAV and its virtual agent are, and what it is about to fly (section 4, message 2).
+    """Position of a UAV and its virtual agent, and its intended orbit (section 4, message 2).
 
-    ``orbit_*`` is the circle the UAV flies to or on: its intention, checked by the sender against
-    all it knew of. A negative radius is anticlockwise, as in MAVLink: the paper's orbit has -150.
-    On the way home there is no virtual agent. ``goal_*`` is where it is going; none: it stays.
+    ``orbit_*`` is the circle that the UAV flies or flies to; the sender has checked it against the
+    orbits of the UAVs in its map. A negative radius is anticlockwise, as in MAVLink: the paper's
+    orbit has -150. A UAV on its way home has no virtual agent. ``goal_*`` is None for a UAV that
+    stays on its orbit.
     """
 
     x_m: float
@@ -44,9 +45,9 @@ class State(Message, frozen=True, tag=True):
 
 
 class FireUpdate(Message, frozen=True, tag=True):
-    """Cells that were seen to burn, and no longer to (section 4, message 1); for everybody.
+    """Cells observed as burning or as no longer burning (section 4, message 1), to all UAVs.
 
-    ``at_us`` is when they were seen, and with that the version of these cells.
+    ``at_us`` is the time of the observation; it is the version of these cells.
     """
 
     burning: tuple[Number, ...]
@@ -54,10 +55,10 @@ class FireUpdate(Message, frozen=True, tag=True):
 
 
 class Digest(Message, frozen=True, tag=True):
-    """What the sender's fire map holds: (tile, checksum).
+    """Checksums of the tiles of the sender's fire map, as (tile, checksum).
 
-    Tiles from ``first`` up to ``end`` that are not listed are empty there. Without such tiles it is
-    a question: others have more or other cells in the tiles listed; which?
+    Tiles from ``first`` up to ``end`` that are not listed are empty there. With an empty range
+    the digest is a query for the cells of the tiles listed, which differ in other maps.
     """
 
     tiles: tuple[tuple[Number, Number], ...]
@@ -66,9 +67,9 @@ class Digest(Message, frozen=True, tag=True):
 
 
 class Difference(Message, frozen=True, tag=True):
-    """Cells that others seem to lack, as runs: (first cell, how many, seen_at_us, burning).
+    """Cells that other maps lack, as runs: (first cell, count, seen_at_us, burning).
 
-    Of the tiles in ``whole`` they are all that the sender knows.
+    For the tiles in ``whole`` the runs are complete.
     """
 
     cells: tuple[tuple[Number, Number, Us, bool], ...]
@@ -76,7 +77,7 @@ class Difference(Message, frozen=True, tag=True):
 
 
 class Leaving(Message, frozen=True, tag=True):
-    """The sender goes home: its virtual agent is no more; it speaks again when it is back."""
+    """The sender flies home and removes its virtual agent; its messages pause until its return."""
 
     why: str
 

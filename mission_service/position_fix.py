@@ -1,11 +1,11 @@
-"""Where a vehicle is, on the map and on the grid."""
+"""The position and velocity of a vehicle on the map and on the grid."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Here:
-    """Where a vehicle is: on the grid, in metres, and how it moves over the ground."""
+    """Position in grid cells and in map metres, and velocity over the ground."""
 
     at_s: float
     row: float

@@ -1,1 +1,1 @@
-"""Transports: addresses, sockets, framing, signing, tlog."""
+"""Links: addresses, transports, framing, codec, signing, recordings (``.tlog``)."""

@@ -2,14 +2,13 @@
 
 import asyncio
 from collections.abc import Callable
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import parse_link
 from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.links.wires import Batch, wire_of
+from autopilot_bridge.links.tlog_writer import Tlog
+from autopilot_bridge.links.transports import Batch, transport_of
 
 SHORTEST_WAIT_S = 0.001
 
@@ -44,11 +43,19 @@ class RemotesPeer(Protocol):
 
 
 class Connection:
-    """One peer on one link while the context is open.
+    """One peer on one link while the context (``async with``) is open.
 
-    ``clock`` gives the peer's time in microseconds and runs ``rate`` times as fast as real time.
-    What is sent and received is recorded in ``tlog``, which the caller closes. With ``signing``
-    all that is sent is signed, as from ``link_id``, and what does not verify never arrives.
+    Args:
+        link: The link as users write it: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
+        peer: The sans-IO client or mock at this end.
+        clock: The peer's time in microseconds.
+        rate: How many times as fast as real time ``clock`` runs.
+        tlog: A recording of what is sent and received; the caller closes it.
+        signing: Signs all frames that are sent; frames that do not verify are dropped.
+        link_id: The link id of signatures, 0 to 255.
+
+    Raises:
+        BridgeError: The link is not valid, or cannot be opened (on entering the context).
     """
 
     def __init__(
@@ -61,7 +68,7 @@ class Connection:
         signing: Signing | None = None,
         link_id: int = 0,
     ) -> None:
-        self._wire = wire_of(parse_link(link), self)
+        self._transport = transport_of(parse_link(link), self)
         self._peer = peer
         self._by_remote = peer if isinstance(peer, RemotesPeer) else None
         self._clock = clock
@@ -78,23 +85,18 @@ class Connection:
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
-        await self._wire.open()
+        await self._transport.open()
         if self._by_remote is not None:
-            self._by_remote.called = self._wire.called
+            self._by_remote.called = self._transport.called
         self._open = True
         self._wake()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *error: object) -> None:
         self._open = False
         if self._timer is not None:
             self._timer.cancel()
-        await self._wire.close()
+        await self._transport.close()
 
     async def wait(self) -> None:
         """Return when something arrived or was due since the last call.
@@ -148,7 +150,7 @@ class Connection:
             return
         if self._signing is not None:
             frames = [self._signing.sign(frame, self._link_id) for frame in frames]
-        if self._wire.send(frames, remote):
+        if self._transport.send(frames, remote):
             self._record(frames)
 
     def _record(self, frames: list[bytes]) -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.dataflash import HEAD, DataFlashLog
 from autopilot_bridge.logs.entries import Entry, Log
-from autopilot_bridge.logs.pieces import pieces
+from autopilot_bridge.logs.record_scanner import chunks
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import MAGIC, UlogLog
 
@@ -16,8 +16,18 @@ SUFFIXES = (".tlog", ".bin", ".ulg")
 
 
 def open_log(path: Path) -> Log:
-    """By what it begins with, else by its name. Raises BridgeError in one line."""
-    begin = next(pieces(path), b"")
+    """Open a logged flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
+
+    Args:
+        path: The file; its first bytes decide how it is read, else its name.
+
+    Returns:
+        A reader; ``entries()`` yields events in the file's order, in microseconds of its clock.
+
+    Raises:
+        BridgeError: The file is empty, cannot be read or is no log of these.
+    """
+    begin = next(chunks(path), b"")
     if not begin:
         raise BridgeError(f"{path}: is empty")
     if begin.startswith(MAGIC):

@@ -1,7 +1,7 @@
 """MAVLink telemetry logs: records of eight bytes, big-endian, the time, and one frame.
 
 Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
-``links/tlog.py`` write them; MAVProxy keeps the number of the link in the lowest two
+``links/tlog_writer.py`` write them; MAVProxy keeps the number of the link in the lowest two
 bits. Only frames whose checksum is right are believed. Of other dialects' messages the length is,
 if another record follows. Where a simulator was faster or slower than the recorder's clock, time
 goes on as the autopilots' time since boot (``boot_time.py``).
@@ -28,14 +28,14 @@ from autopilot_bridge.logs.entries import (
     MissionLoaded,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import LEAP_US, records
+from autopilot_bridge.logs.record_scanner import LEAP_US, records
 from autopilot_bridge.missions.bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.missions.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.missions.mission_file import PATHS, decode_mission_file
 from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent, LinkAlarm
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
+from autopilot_bridge.vehicle.statustext import StatustextAssembler
 from autopilot_bridge.vehicle.telemetry import MESSAGES
-from autopilot_bridge.vehicle.texts import Texts
-from autopilot_bridge.vehicle.watch import AUTOPILOT, Watch
 
 STAMP_BYTES = 8
 LONGEST_BYTES = STAMP_BYTES + 280
@@ -176,8 +176,8 @@ class _Seen:
     """One vehicle."""
 
     def __init__(self) -> None:
-        self.watch = Watch()
-        self._texts = Texts()
+        self.watch = VehicleMonitor()
+        self._texts = StatustextAssembler()
 
     def receive(self, message: Message, at_us: int) -> list[LogEvent]:
         """What a message of it tells."""

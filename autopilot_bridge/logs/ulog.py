@@ -20,7 +20,7 @@ from autopilot_bridge.logs.entries import (
     MissionReplaced,
     Outputs,
 )
-from autopilot_bridge.logs.pieces import Values, events_of, records, steady
+from autopilot_bridge.logs.record_scanner import Values, events_of, records, steady
 from autopilot_bridge.stacks.modes import PX4
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import (
@@ -122,11 +122,10 @@ class UlogLog:
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
         """Topic and values of each message of the first instance of topics wanted; L for texts."""
         formats: dict[str, str] = {}
-        topics: dict[int, _Topic] = {}
-        sizes: dict[int, int] = {}  # of all topics, by their numbers
+        subscribed = _Subscriptions(wanted)
 
         def length_at(data: bytes, at: int, lost: bool) -> int:
-            return _length_at(data, at, lost, sizes)
+            return _length_at(data, at, lost, subscribed.sizes)
 
         for data, at, length in records(
             self, 2 * LONGEST_BYTES, length_at, _next_start, NO_MESSAGE
@@ -134,30 +133,18 @@ class UlogLog:
             body = data[at + HEAD_BYTES : at + length]
             match chr(data[at + 2]):
                 case "D":
-                    topic = topics.get(int.from_bytes(body[:2], "little"))
+                    topic = subscribed.topics.get(int.from_bytes(body[:2], "little"))
                     if topic is not None:
                         yield topic.name, topic.read(body[2:])
                 case "F":
                     name, _, fields = body.decode("utf-8", "replace").partition(":")
                     formats[name] = fields
                 case "A" if len(body) > 3:
-                    instance, number = struct.unpack_from("<BH", body)
-                    name = body[3:].decode("utf-8", "replace")
-                    if name not in formats:
-                        continue  # noise that looks so: else a topic would be lost by it
-                    topics.pop(number, None)
-                    topic = _topic(name, formats)
-                    if topic is not None:
-                        sizes[number] = topic.size
-                    if instance == 0 and name in wanted and topic is not None:
-                        topics[number] = topic
+                    subscribed.add(body, formats)
                 case "R" if len(body) == 2:
-                    topics.pop(int.from_bytes(body[:2], "little"), None)
-                case "P" if len(body) > 1:
-                    self._parameter(body)
-                case "I" if body[1:].startswith(BOOT_KEY) and body[0] == len(BOOT_KEY):
-                    boot_us = int.from_bytes(body[1 + len(BOOT_KEY) :], "little")
-                    self._boot_unix_us = boot_us if 0 < boot_us < LATEST_US else None
+                    subscribed.topics.pop(int.from_bytes(body[:2], "little"), None)
+                case "P" | "I" as kind if len(body) > 1:
+                    self._header_value(kind, body)
                 case "L" if "L" in wanted and len(body) > 9:
                     level, at_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode("utf-8", "replace")
@@ -165,10 +152,36 @@ class UlogLog:
                 case _:
                     pass
 
-    def _parameter(self, body: bytes) -> None:
+    def _header_value(self, kind: str, body: bytes) -> None:
+        """A parameter (P) or an information (I): the system id, and the time of the boot."""
         key = body[1 : 1 + body[0]]
-        if key == b"int32_t MAV_SYS_ID" and len(body) >= 1 + len(key) + 4:
+        if (kind, key) == ("P", b"int32_t MAV_SYS_ID") and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
+        elif (kind, key) == ("I", BOOT_KEY):
+            boot_us = int.from_bytes(body[1 + len(key) :], "little")
+            self._boot_unix_us = boot_us if 0 < boot_us < LATEST_US else None
+
+
+class _Subscriptions:
+    """Topics by their numbers: the size of all, and how to read the first of those wanted."""
+
+    def __init__(self, wanted: frozenset[str]) -> None:
+        self.topics: dict[int, _Topic] = {}
+        self.sizes: dict[int, int] = {}
+        self._wanted = wanted
+
+    def add(self, body: bytes, formats: dict[str, str]) -> None:
+        """Take an ADD_LOGGED message; one without a format is noise, and replaces no topic."""
+        instance, number = struct.unpack_from("<BH", body)
+        name = body[3:].decode("utf-8", "replace")
+        if name not in formats:
+            return
+        self.topics.pop(number, None)
+        topic = _topic(name, formats)
+        if topic is not None:
+            self.sizes[number] = topic.size
+            if instance == 0 and name in self._wanted:
+                self.topics[number] = topic
 
 
 def _time_of(message: tuple[str, Values]) -> int:

@@ -1,1 +1,1 @@
-"""Mission items in files and over the wire: reading, checks, transfers."""
+"""Missions, fences and rally points: files, checks, and transfers as state machines."""

@@ -41,7 +41,18 @@ _MOST = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radi
 
 
 def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSION) -> list[Problem]:
-    """All problems of a mission (or fence, or rally points) on a stack, item by item."""
+    """Find what a stack refuses, changes or never flies of a mission, fence or rally points.
+
+    Args:
+        items: The items, without ArduPilot's home.
+        stack: The autopilot and the kind of vehicle.
+        mission_type: MAV_MISSION_TYPE: 0 mission, 1 fence, 2 rally points.
+
+    Returns:
+        The problems in the order of the items; ``str`` of one is a line for users.
+
+    Source: see ``stacks/rules.py``.
+    """
     rules = rules_of(stack)
     if mission_type == FENCE:
         return list(bad_fence(items, rules))
@@ -169,6 +180,13 @@ def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
 
 def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
     """The mission with what has an exact equivalent on the stack replaced; the rest as it is.
+
+    Args:
+        items: The items of a mission.
+        stack: The autopilot and the kind of vehicle.
+
+    Returns:
+        As many items, in the same order.
 
     Frames: INT twins where the stack reads the plain ones back, MAV_FRAME_MISSION where items
     without position need it. NAV_ROI becomes DO_SET_ROI, a NaN becomes 0 where the stack refuses

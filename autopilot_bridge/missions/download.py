@@ -8,22 +8,25 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message, item_of
-from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
+from autopilot_bridge.missions.transfer import (
+    Address,
+    Exchange,
+    TransferResult,
+    TransferTiming,
+    rejected,
+)
 
 # More tries for each item: with a fifth of the messages lost each way, a download of fifty items
 # would else fail now and then, since one request and its reply get through only two times of three.
 MORE_RETRIES = 2
 
 
-class Asking:
+class Asking(Exchange):
     """Repeats its last question until answered or out of tries."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
-        self.result: TransferResult | None = None
-        self._address = address
-        self._timing = timing
+        super().__init__(address, timing)
         self._tries = 0
-        self._deadline_us = 0
         self._question: Message = None
 
     def _ask(self, question: Message, now_us: int) -> list[Message]:
@@ -31,15 +34,6 @@ class Asking:
         self._tries = 0
         self._deadline_us = now_us + self._timing.timeout_us
         return [question]
-
-    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Ask no more."""
-        self.result = TransferResult("cancelled", "cancelled")
-        return []
-
-    def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
-        return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Ask again or give up."""

@@ -37,13 +37,32 @@ WPL_SUFFIXES = (".waypoints", ".txt")
 
 
 def read_any(path: Path) -> Plan:
-    """A plan from a .plan or a QGC WPL file, told apart by what is in it."""
+    """Read a plan file, .plan or QGC WPL by its content.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Mission, fence, rally points and home.
+
+    Raises:
+        BridgeError: The file cannot be read, or an item in it is not valid; the text names it.
+    """
     text = read_text(path)
     return wpl.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
 
 
 def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
-    """Write a plan; .waypoints and .txt become QGC WPL 110, anything else .plan."""
+    """Write a plan file.
+
+    Args:
+        path: The file; .waypoints and .txt become QGC WPL 110, anything else .plan.
+        plan: Mission, fence, rally points and home.
+        stack: The stack that a .plan file names; None: a generic one.
+
+    Raises:
+        BridgeError: The file cannot be written, or the format cannot hold an item.
+    """
     if path.suffix.lower() in WPL_SUFFIXES:
         wpl.write_wpl(path, plan)
     else:

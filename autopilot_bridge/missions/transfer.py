@@ -53,10 +53,15 @@ class Address:
         """Whether a message comes from the target, to this end, about this type of mission."""
         return (
             (message.get_srcSystem(), message.get_srcComponent()) == self.target
-            and message.target_system in (self.own[0], 0)
-            and message.target_component in (self.own[1], 0)
+            and is_for(message, self.own)
             and message.mission_type == self.mission_type
         )
+
+
+def is_for(message: Message, own: tuple[int, int]) -> bool:
+    """Whether a message is for this station, or for all."""
+    system, component = own
+    return message.target_system in (system, 0) and message.target_component in (component, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,3 +87,25 @@ def rejected(code: int, seq: int | None) -> TransferResult:
     words = REASONS.get(code, "the autopilot refused")
     where = "" if seq is None else f" at item {seq}"
     return TransferResult("rejected", f"{words}{where} (MAV_MISSION_RESULT {code})", code, seq)
+
+
+class Exchange:
+    """One part of a transfer: an address, a deadline, and a result when it has ended."""
+
+    def __init__(self, address: Address, timing: TransferTiming) -> None:
+        self.result: TransferResult | None = None
+        self._address = address
+        self._timing = timing
+        self._deadline_us = 0
+
+    def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
+        """End it; nothing more is sent."""
+        self.result = TransferResult("cancelled", "cancelled")
+        return []
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def _is_from_target(self, message: Message) -> bool:
+        return (message.get_srcSystem(), message.get_srcComponent()) == self._address.target

@@ -18,12 +18,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message, item_message
-from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
+from autopilot_bridge.missions.transfer import (
+    Address,
+    Exchange,
+    TransferResult,
+    TransferTiming,
+    rejected,
+)
 
 IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE
 
 
-class MissionUpload:
+class MissionUpload(Exchange):
     """One upload; ``result`` is set when it has ended."""
 
     def __init__(
@@ -40,12 +46,10 @@ class MissionUpload:
         Up to ``ahead`` items are sent before they are asked for. ``plan_id`` is what the autopilot
         will call the plan (see ``plan_id.py``), so that a lost acknowledgement is no riddle.
         """
+        super().__init__(address, timing)
         self.items = items
         self.touched = False  # whether the autopilot may have changed anything for it
-        self.result: TransferResult | None = None
-        self._address = address
         self._first = first
-        self._timing = timing
         self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
         self._asked: int | None = None
@@ -55,7 +59,6 @@ class MissionUpload:
         self._told_id: int | None = None  # by MISSION_CURRENT since all was sent
         self._all_sent = False
         self._doubt: TransferResult | None = None  # a refusal that may not be one
-        self._deadline_us = 0
 
     def start(self, now_us: int) -> list[Message]:
         """Announce the mission."""
@@ -71,7 +74,7 @@ class MissionUpload:
         """Answer a message of the autopilot."""
         kind = message.get_type()
         if kind == "MISSION_CURRENT" and self._all_sent:
-            if (message.get_srcSystem(), message.get_srcComponent()) == self._address.target:
+            if self._is_from_target(message):
                 self._told_id = getattr(message, IDS[self._address.mission_type])
             return []
         if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
@@ -135,10 +138,6 @@ class MissionUpload:
             self.result = rejected(code, self._asked)
         elif self._all_sent or not self.items:
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
-
-    def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
-        return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Ask again, wait on, or give up."""

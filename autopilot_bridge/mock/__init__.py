@@ -1,1 +1,1 @@
-"""A mock autopilot: the vehicle side of the mission protocol, with simple flight underneath."""
+"""A mock autopilot: the vehicle's side of the protocols of both stacks, with simple flight."""

@@ -10,19 +10,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
-from autopilot_bridge.mock.commands import CommandServer, asked_of
-from autopilot_bridge.mock.flight import Flight
+from autopilot_bridge.mock.battery import Battery
+from autopilot_bridge.mock.command_server import CommandServer, asked_of
+from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
-from autopilot_bridge.mock.gripper import Answer, Px4Gripper
 from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
-from autopilot_bridge.mock.parameters import ParameterServer
-from autopilot_bridge.mock.payload import Output
-from autopilot_bridge.mock.power import Battery
+from autopilot_bridge.mock.parameter_server import ParameterServer
+from autopilot_bridge.mock.payload import Answer, Output, Px4Gripper
 from autopilot_bridge.mock.px4_server import Px4Server
-from autopilot_bridge.mock.telemetry import Telemetry
+from autopilot_bridge.mock.telemetry_sender import TelemetrySender
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -36,32 +35,40 @@ MOST_STEPS_AT_ONCE = 4000
 
 
 class MockAutopilot:
-    """One vehicle standing at its home, disarmed."""
+    """One vehicle standing at its home, disarmed; a peer for a ``Connection`` or a ``MemoryLink``.
+
+    Args:
+        stack: The autopilot and the kind of vehicle whose behaviour it has.
+        home: Where it stands.
+        system_id: MAVLink system id, 1 to 255.
+        airspeed_m_s: Cruise speed in m/s.
+        wind: Speed in m/s and direction that it comes from.
+        terrain: Ground in metres AMSL by latitude and longitude; None: flat at home's altitude.
+        battery_minutes: How long a full battery lasts in the air; None: no battery is reported.
+    """
 
     def __init__(
         self,
         stack: Stack,
+        home: LocalFrame,
         *,
         system_id: int = 1,
-        home_lat_deg: float,
-        home_lon_deg: float,
-        home_altitude_amsl_m: float,
         airspeed_m_s: float = 18.0,
         wind: Wind = CALM,
         terrain: Terrain | None = None,
         battery_minutes: float | None = None,
     ) -> None:
         self.stack = stack
-        frame = LocalFrame(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         limits = replace(
             LIMITS.get((stack.name, stack.vehicle), Limits()), airspeed_m_s=airspeed_m_s
         )
-        self.flight = Flight(stack, frame, limits, wind, terrain)
+        self.flight = FlightModel(stack, home, limits, wind, terrain)
         if battery_minutes is not None:
             self.flight.battery = Battery(100.0, battery_minutes * 60.0)
-        home = waypoint(home_lat_deg, home_lon_deg, home_altitude_amsl_m)
         server = ArduPilotServer if stack.item_0_is_home else Px4Server
-        self.missions: MissionServer = server(stack, home)
+        self.missions: MissionServer = server(
+            stack, waypoint(home.lat_deg, home.lon_deg, home.altitude_m)
+        )
         self.missions.flying_mission = self._flying_mission
         self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)
@@ -74,7 +81,7 @@ class MockAutopilot:
         self.intervals = Intervals(stack)
         self.parameters = ParameterServer(stack)
         self.flight.return_m = self.parameters.return_m
-        self.telemetry = Telemetry(stack, self.missions, self.intervals, self._send)
+        self.telemetry = TelemetrySender(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
         )

@@ -1,4 +1,4 @@
-"""A mock's body: how it moves and where it stands. What it is to do is for ``flight.py`` to say."""
+"""A mock's body: how it moves and where it stands; ``flight_model.py`` says what it is to do."""
 
 import math
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Faults to order, as data. ``troubled.py`` makes them happen."""
+"""Faults to order, as data. ``fault_injection.py`` makes them happen."""
 
 import math
 from collections.abc import Sequence

@@ -22,7 +22,13 @@ Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees: m
 
 @dataclass(slots=True)
 class LocalFrame:
-    """Metres north and east of home by the WGS84 radii of curvature there."""
+    """Metres north and east of home by the WGS84 radii of curvature there.
+
+    Args:
+        lat_deg: Latitude of home in degrees.
+        lon_deg: Longitude of home in degrees.
+        altitude_m: Altitude of home above mean sea level in metres.
+    """
 
     lat_deg: float
     lon_deg: float

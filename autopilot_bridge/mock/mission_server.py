@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import NO_POSITION, MissionItem
 from autopilot_bridge.links.codec import Message, item_message, item_of
 from autopilot_bridge.mock.faults import Faults
-from autopilot_bridge.mock.habits import habits_of
+from autopilot_bridge.mock.stack_constants import stack_constants_of
 from autopilot_bridge.stacks.stacks import Stack
 
 MISSION = int(mavlink.MAV_MISSION_TYPE_MISSION)
@@ -34,7 +34,7 @@ class MissionServer(ABC):
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         self.stack = stack
-        self.habits = habits_of(stack)
+        self.habits = stack_constants_of(stack)
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
         self.cleared = False  # by MISSION_CLEAR_ALL

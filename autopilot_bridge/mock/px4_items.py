@@ -7,7 +7,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.mock.mission_server import ACCEPTED, ERROR, FENCE, MISSION, VERTICES
+from autopilot_bridge.mock.mission_server import (
+    ACCEPTED,
+    CIRCLES,
+    ERROR,
+    FENCE,
+    INCLUSIONS,
+    MISSION,
+    VERTICES,
+)
 from autopilot_bridge.stacks.rules import FENCE_COMMANDS, RALLY_POINT, rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
@@ -47,3 +55,75 @@ def checksum(message: Message, before: int) -> int:
         message.z,
     )
     return binascii.crc32(values, before ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+LANDINGS = (21, 85, 189)
+TAKEOFFS = (22, 84)
+M_PER_UNIT = 0.0111195  # 1e-7 degrees of latitude
+
+Place = tuple[int, int]
+Shape = tuple[MissionItem, list[Place]]  # a circle, or the first vertex and all places
+
+
+def shapes_of(fence: list[MissionItem]) -> list[Shape]:
+    """The circles and polygons of a fence; a polygon cut short has no places."""
+    shapes: list[Shape] = []
+    index = 0
+    while index < len(fence):
+        item = fence[index]
+        length = int(item.param1) if item.command in VERTICES else 1
+        places = [(vertex.x, vertex.y) for vertex in fence[index : index + length]]
+        if item.command in (*VERTICES, *CIRCLES):
+            shapes.append((item, places if len(places) == length else []))
+        index += max(length, 1)
+    return shapes
+
+
+def inside(shape: Shape, place: Place, east_scale: float) -> bool:
+    """Whether a place is in a shape; small fences only, on a flat earth."""
+    item, places = shape
+    if item.command in CIRCLES:
+        north = (place[0] - item.x) * M_PER_UNIT
+        east = (place[1] - item.y) * M_PER_UNIT * east_scale
+        return north * north + east * east < item.param1 * item.param1
+    within = False
+    for (x1, y1), (x2, y2) in zip(places, places[1:] + places[:1], strict=True):
+        if (x1 > place[0]) != (x2 > place[0]):
+            within ^= place[1] < y1 + (y2 - y1) * (place[0] - x1) / (x2 - x1)
+    return within
+
+
+def usable(fence: list[MissionItem], home: Place, east_scale: float) -> list[Shape]:
+    """The shapes that count: an inclusion that lacks the home is left out."""
+    return [
+        shape
+        for shape in shapes_of(fence)
+        if shape[0].command not in INCLUSIONS or inside(shape, home, east_scale)
+    ]
+
+
+def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
+    """The first item of a mission whose place the fence forbids."""
+    inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
+    exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
+    for seq, item in enumerate(items):
+        if item.frame == mavlink.MAV_FRAME_MISSION:
+            continue
+        place = (item.x, item.y)
+        if any(inside(shape, place, east_scale) for shape in exclusions):
+            return seq
+        if inclusions and not any(inside(shape, place, east_scale) for shape in inclusions):
+            return seq
+    return None
+
+
+def lacking(items: list[MissionItem], required: int) -> str | None:
+    """What MIS_TKO_LAND_REQ asks for and a mission lacks (0 nothing, 1 takeoff, 2 landing)."""
+    commands = [item.command for item in items]
+    takeoff = any(command in TAKEOFFS for command in commands)
+    landing = any(command in LANDINGS for command in commands)
+    if required in (1, 3) and not takeoff:
+        return "Takeoff waypoint required"
+    if required in (2, 3) and not landing:
+        return "Landing waypoint/pattern required"
+    return None

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.read_back import as_read_back
+from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.mock.mission_server import (
     ACCEPTED,
     ALL,
@@ -30,14 +31,15 @@ from autopilot_bridge.mock.mission_server import (
     item_out,
     text,
 )
-from autopilot_bridge.mock.px4_feasibility import (
+from autopilot_bridge.mock.px4_items import (
+    FLOAT_FRAMES,
+    checksum,
     first_outside,
+    judge,
     lacking,
     shapes_of,
     usable,
 )
-from autopilot_bridge.mock.px4_items import FLOAT_FRAMES, checksum, judge
-from autopilot_bridge.mock.wire import with_extension
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENTS = (0, 1, 190)  # all, the autopilot, the "mission planner"

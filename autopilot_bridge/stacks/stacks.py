@@ -1,6 +1,6 @@
 """What PX4 and ArduPilot each do differently, as data (seen on PX4 1.17 and ArduPilot 4.6.2)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -37,7 +37,10 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One autopilot on one kind of vehicle."""
+    """One autopilot on one kind of vehicle: what it does differently, as data.
+
+    Get one by ``stack_named``; the comments at the fields say what each means.
+    """
 
     name: str
     vehicle: str
@@ -81,71 +84,60 @@ class Stack:
         return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, float(custom_mode)))
 
 
-def _px4(vehicle: str, mav_type: int) -> Stack:
-    auto = 4 << 16  # main mode AUTO; sub modes: 3 loiter, 4 mission, 5 return
-    return Stack(
-        name="px4",
-        vehicle=vehicle,
-        autopilot=mavlink.MAV_AUTOPILOT_PX4,
-        mav_type=mav_type,
-        request_message="MISSION_REQUEST_INT",
-        item_0_is_home=False,
-        atomic_upload=True,
-        mission_files=False,
-        keeps_target=False,
-        items_ahead=8,
-        rerequest_us=280_000,
-        cancels_after_us=0,
-        most_items=5000,
-        mission_mode=auto | 4 << 24,
-        hold_mode=auto | 3 << 24,
-        rtl_mode=auto | 5 << 24,
-        start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 4.0)), ARM),
-        modes=PX4,
-    )
-
-
-def _ardupilot(
-    vehicle: str, mav_type: int, modes: tuple[int, int, int], most: int, start: tuple[Step, ...]
-) -> Stack:
-    return Stack(
-        name="ardupilot",
-        vehicle=vehicle,
-        autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-        mav_type=mav_type,
-        request_message="MISSION_REQUEST",
-        item_0_is_home=True,
-        atomic_upload=False,
-        mission_files=True,
-        keeps_target=True,
-        items_ahead=0,
-        rerequest_us=1_000_000,
-        cancels_after_us=8_000_000,
-        most_items=most,
-        mission_mode=modes[0],
-        hold_mode=modes[1],
-        rtl_mode=modes[2],
-        start=start,
-        modes=ARDUPLANE if vehicle == "plane" else ARDUCOPTER,
-    )
-
-
+_AUTO = 4 << 16  # PX4's main mode AUTO; sub modes: 3 loiter, 4 mission, 5 return
+_PX4_PLANE = Stack(
+    name="px4",
+    vehicle="plane",
+    autopilot=mavlink.MAV_AUTOPILOT_PX4,
+    mav_type=mavlink.MAV_TYPE_FIXED_WING,
+    request_message="MISSION_REQUEST_INT",
+    item_0_is_home=False,
+    atomic_upload=True,
+    mission_files=False,
+    keeps_target=False,
+    items_ahead=8,
+    rerequest_us=280_000,
+    cancels_after_us=0,
+    most_items=5000,
+    mission_mode=_AUTO | 4 << 24,
+    hold_mode=_AUTO | 3 << 24,
+    rtl_mode=_AUTO | 5 << 24,
+    start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 4.0)), ARM),
+    modes=PX4,
+)
+_ARDUPLANE = Stack(
+    name="ardupilot",
+    vehicle="plane",
+    autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    mav_type=mavlink.MAV_TYPE_FIXED_WING,
+    request_message="MISSION_REQUEST",
+    item_0_is_home=True,
+    atomic_upload=False,
+    mission_files=True,
+    keeps_target=True,
+    items_ahead=0,
+    rerequest_us=1_000_000,
+    cancels_after_us=8_000_000,
+    most_items=655,
+    mission_mode=10,
+    hold_mode=12,
+    rtl_mode=11,
+    start=(ARM, Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0))),
+    modes=ARDUPLANE,
+)
 STACKS = (
-    _px4("plane", mavlink.MAV_TYPE_FIXED_WING),
-    _px4("copter", mavlink.MAV_TYPE_QUADROTOR),
-    _ardupilot(
-        "plane",
-        mavlink.MAV_TYPE_FIXED_WING,
-        (10, 12, 11),
-        655,
-        (ARM, Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0))),
-    ),
-    _ardupilot(
-        "copter",
-        mavlink.MAV_TYPE_QUADROTOR,
-        (3, 17, 6),  # hold is BRAKE: LOITER sinks without a pilot
-        650,
-        (
+    _PX4_PLANE,
+    replace(_PX4_PLANE, vehicle="copter", mav_type=mavlink.MAV_TYPE_QUADROTOR),
+    _ARDUPLANE,
+    replace(
+        _ARDUPLANE,
+        vehicle="copter",
+        mav_type=mavlink.MAV_TYPE_QUADROTOR,
+        most_items=650,
+        mission_mode=3,
+        hold_mode=17,  # BRAKE: LOITER sinks without a pilot
+        rtl_mode=6,
+        start=(
             Step(
                 mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)
             ),  # arming in AUTO is refused: GUIDED first
@@ -153,12 +145,24 @@ STACKS = (
             Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),
             Step(mavlink.MAV_CMD_MISSION_START),
         ),
+        modes=ARDUCOPTER,
     ),
 )
 
 
 def stack_named(name: str, vehicle: str) -> Stack:
-    """A stack by its names (``px4`` or ``ardupilot``, ``plane`` or ``copter``)."""
+    """A stack by its names.
+
+    Args:
+        name: ``px4`` or ``ardupilot``.
+        vehicle: ``plane`` or ``copter``.
+
+    Returns:
+        The stack: its modes, limits and procedures as data.
+
+    Raises:
+        BridgeError: There is no such stack.
+    """
     for stack in STACKS:
         if (stack.name, stack.vehicle) == (name, vehicle):
             return stack

@@ -1,1 +1,4 @@
-"""One vehicle behind a link: its client, orders, telemetry, parameters, monitoring."""
+"""The parts of a client: the table of commands, transfers, telemetry, parameters, monitoring.
+
+Sans-IO: time is an argument in microseconds; messages in, messages and events out.
+"""

@@ -87,8 +87,18 @@ class Wind:
     speed_m_s: float
 
 
+class Status:
+    """A state that is reported when it changes."""
+
+    __slots__: tuple[str, ...] = ()
+
+    def without_time(self) -> tuple[object, ...]:
+        """The fields whose change is reported."""
+        return tuple(getattr(self, name) for name in self.__slots__ if name != "at_us")
+
+
 @dataclass(frozen=True, slots=True)
-class Battery:
+class Battery(Status):
     """State of a battery, told when it changes; None where the autopilot does not know."""
 
     at_us: int
@@ -97,62 +107,42 @@ class Battery:
     voltage_v: float | None
     current_a: float | None
 
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return self.percent, self.voltage_v, self.current_a
-
 
 @dataclass(frozen=True, slots=True)
-class Health:
+class Health(Status):
     """What is switched on and not healthy, in words, told when it changes; () is all well."""
 
     at_us: int
     unhealthy: tuple[str, ...]
 
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return self.unhealthy
-
 
 @dataclass(frozen=True, slots=True)
-class GpsFix:
+class GpsFix(Status):
     """Kind of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, told on change."""
 
     at_us: int
     fix: str
     satellites: int | None
 
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return self.fix, self.satellites
-
 
 @dataclass(frozen=True, slots=True)
-class SystemState:
+class SystemState(Status):
     """HEARTBEAT.system_status in a word (``active``, ``critical`` ...), reported on change."""
 
     at_us: int
     state: str
 
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return (self.state,)
-
 
 @dataclass(frozen=True, slots=True)
-class LandedState:
+class LandedState(Status):
     """EXTENDED_SYS_STATE in words: ``on ground``, ``in air`` ...; reported on change."""
 
     at_us: int
     state: str
 
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return (self.state,)
-
 
 @dataclass(frozen=True, slots=True)
-class FenceStatus:
+class FenceStatus(Status):
     """FENCE_STATUS: whether a fence is breached, and which (``boundary`` ...), on change.
 
     ArduPilot alone sends it, and only while its fence is on; PX4 writes a text.
@@ -162,22 +152,14 @@ class FenceStatus:
     breached: bool
     kind: str  # "" while nothing is breached
 
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return self.breached, self.kind
-
 
 @dataclass(frozen=True, slots=True)
-class EstimatorStatus:
+class EstimatorStatus(Status):
     """Problems of the position estimate, in words, reported on change."""
 
     at_us: int
     healthy: bool
     problems: tuple[str, ...]
-
-    def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
-        return (self.problems,)
 
 
 StatusEvent = SystemState | LandedState | FenceStatus | EstimatorStatus

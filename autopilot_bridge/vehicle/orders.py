@@ -1,18 +1,21 @@
-"""Orders to a vehicle in flight as the commands each stack takes for them. Pure functions.
+"""The commands of a vehicle: the MAV_CMDs of each stack, their arguments, how each is repeated.
 
-Read and flown: PX4 1.17, ArduPilot 4.6.2. An order that a stack has no way for is a BridgeError.
-Altitudes are above mean sea level unless they say otherwise.
+``ORDERS`` is the table. To add a command, add a row and the function of its steps. Read and flown:
+PX4 1.17, ArduPilot 4.6.2. A command that a stack does not have raises BridgeError. Altitudes are
+above mean sea level unless the name says otherwise.
 """
 
 import math
-from typing import Literal, NamedTuple
+from collections.abc import Callable
+from typing import Literal, NamedTuple, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import speed_type
+from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import ARM, Place, Stack, Step
-from autopilot_bridge.vehicle.command import AnyStep, SetParameter
+from autopilot_bridge.vehicle.command_sequence import AnyStep, SetParameter
 
 NAN = math.nan
 CHANGE_MODE = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
@@ -26,6 +29,7 @@ GRIPPER_RELEASE = float(mavlink.GRIPPER_ACTION_RELEASE)
 GRIPPER_GRAB = float(mavlink.GRIPPER_ACTION_GRAB)
 
 Steps = tuple[AnyStep, ...]
+S = TypeVar("S")
 
 
 class Dropper(NamedTuple):
@@ -74,7 +78,7 @@ def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
     return *set_mode(stack, "guided"), ARM, climb
 
 
-def start_mission(stack: Stack, armed: bool) -> Steps:
+def start_mission(stack: Stack, armed: bool) -> tuple[Step, ...]:
     """Fly the mission: from the ground with arming, or go on with it in flight."""
     return resume(stack) if armed else stack.start
 
@@ -89,12 +93,12 @@ def pause(stack: Stack) -> Steps:
     return (stack.set_mode(stack.hold_mode),)
 
 
-def resume(stack: Stack) -> Steps:
+def resume(stack: Stack) -> tuple[Step, ...]:
     """Go on with the mission at the item where it was left."""
     return (stack.set_mode(stack.mission_mode),)
 
 
-def return_home(stack: Stack) -> Steps:
+def return_home(stack: Stack) -> tuple[Step, ...]:
     """Return to the launch place, or where the autopilot is set to return to."""
     return (stack.set_mode(stack.rtl_mode),)
 
@@ -260,3 +264,81 @@ def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
     return Place(
         mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), altitude_amsl_m
     )
+
+
+AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # what must not wait for a slow retry
+
+
+class OrderContext(NamedTuple):
+    """The vehicle's state that decides which steps an order takes."""
+
+    stack: Stack
+    armed: bool = False
+    mode: str = ""
+    altitude_amsl_m: float | None = None  # None: no position has arrived
+
+
+class Order(NamedTuple):
+    """One row of ``ORDERS``.
+
+    Attributes:
+        steps: The commands, from the context and the arguments of the order.
+        urgent: It replaces all orders that have not ended, and is repeated without heartbeats.
+        timing: How it is repeated until it is acknowledged; None: as the client's other messages.
+        through_mavsdk: The steps through MAVSDK, which carries no NaN; None: not available there.
+    """
+
+    steps: Callable[..., Steps]
+    urgent: bool = False
+    timing: TransferTiming | None = None
+    through_mavsdk: Callable[..., tuple[Step, ...]] | None = None
+
+
+def _takeoff(now: OrderContext, height_m: float) -> Steps:
+    if now.altitude_amsl_m is None:
+        raise BridgeError("the vehicle has reported no position yet; wait for Position")
+    return takeoff(now.stack, height_m, now.altitude_amsl_m)
+
+
+def _of_stack(steps: Callable[..., S]) -> Callable[..., S]:
+    return lambda now, *arguments: steps(now.stack, *arguments)
+
+
+def _start_mission(now: OrderContext) -> tuple[Step, ...]:
+    return start_mission(now.stack, now.armed)
+
+
+def _hold_mode(now: OrderContext) -> tuple[Step, ...]:
+    return (now.stack.set_mode(now.stack.hold_mode),)
+
+
+ORDERS = {
+    "arm": Order(_of_stack(arm)),
+    "disarm": Order(_of_stack(disarm), urgent=True),
+    "takeoff": Order(_takeoff),  # height_m above the ground
+    "start mission": Order(_start_mission, through_mavsdk=_start_mission),
+    "hold": Order(_of_stack(pause), urgent=True, through_mavsdk=_hold_mode),
+    "resume": Order(_of_stack(resume)),
+    "return": Order(_of_stack(return_home), urgent=True, through_mavsdk=_of_stack(return_home)),
+    "return height": Order(_of_stack(return_height)),  # height_m above home
+    "land": Order(_of_stack(land), urgent=True),
+    "reposition": Order(_of_stack(reposition)),  # lat_deg, lon_deg, altitude_amsl_m
+    # lat_deg, lon_deg, altitude_amsl_m
+    "climb and hold": Order(_of_stack(climb_and_hold), urgent=True, timing=AT_ONCE),
+    "orbit": Order(_of_stack(orbit)),  # lat_deg, lon_deg, altitude_amsl_m, radius_m[, speed_m_s]
+    "change speed": Order(
+        lambda now, speed_m_s: change_speed(now.stack, speed_m_s, now.mode == "orbit")
+    ),
+    "mode": Order(_of_stack(set_mode)),  # a name of Stack.modes
+}
+
+
+def order_named(name: str) -> Order:
+    """The row of a command.
+
+    Raises:
+        BridgeError: There is no such command; the text lists those there are.
+    """
+    if name not in ORDERS:
+        raise BridgeError(f"no vehicle command {name!r}; there are {', '.join(ORDERS)}")
+    return ORDERS[name]

@@ -1,5 +1,5 @@
 #!/bin/sh
-# A password of its own for each start of the volume; the service reads it from there.
+# Generates a password once for each volume; the service reads it from the volume.
 set -eu
 umask 077
 if [ ! -s /run/mqtt/password ]; then

@@ -27,6 +27,7 @@ from mission_service.cli.parts import (
 )
 from mission_service.cli.replay import replay
 from mission_service.cli.report import report
+from mission_service.cli.requests import request
 from mission_service.cli.token import token
 from mission_service.cli.tune import tune
 from mission_service.runtime.clocks import now_text
@@ -64,7 +65,9 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-for command in (fire, bench, mission, signing, experiment, tune, burn, token, log, replay, report):
+GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request)
+ALONE = (token, log, replay, report)
+for command in (*GROUPS, *ALONE):
     main.add_command(command)
 
 
@@ -234,7 +237,7 @@ def run(
     "faults",
     multiple=True,
     metavar="FAULT",
-    help="Something to go wrong (repeatable), e.g. reboot@30; see the README.",
+    help="Something to go wrong (repeatable), e.g. reboot@30; see docs/autopilots.md.",
 )
 @click.option(
     "--param",

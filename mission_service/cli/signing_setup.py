@@ -2,12 +2,12 @@
 
 from typing import Any, TypeVar
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.signing import Key, Signing, read_key
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
-from autopilot_bridge.vehicle.watch import AUTOPILOT
+from autopilot_bridge.vehicle.monitor import AUTOPILOT
 from mission_service.cli.transfers import Line, connected, within
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
@@ -34,7 +34,7 @@ def turn_off(line: Line, system_id: int | None) -> dict[str, Any]:
 
 
 def _change(line: Line, old: str | None, new: str | None, system_id: int | None) -> dict[str, Any]:
-    client = VehicleClient(*OWN, target_system=system_id, timing=TIMING)
+    client = NativeClient(*OWN, target_system=system_id, timing=TIMING)
     key = None if new is None else read_key(new)
     with connected(client, line, old, new) as (connection, signing_of):
         signing = signing_of.get(new)
@@ -45,7 +45,7 @@ def _change(line: Line, old: str | None, new: str | None, system_id: int | None)
 
 async def _told_and_tried(
     line: Line,
-    client: VehicleClient,
+    client: NativeClient,
     connection: Connection,
     key: Key | None,
     signing: Signing | None,
@@ -81,7 +81,7 @@ def _why_not(link: str, system: int, connection: Connection, signing: Signing | 
     return f"{vehicle} answers nothing that is signed" + (f": {refused}" if refused else "")
 
 
-async def _until(client: VehicleClient, connection: Connection, kind: type[Event]) -> Event:
+async def _until(client: NativeClient, connection: Connection, kind: type[Event]) -> Event:
     """The next event of a kind."""
     while True:
         await connection.wait()

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import Items, Plan, has_position
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.signing import Signing
-from autopilot_bridge.links.tlog import Tlog
+from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.planfile import WPL_SUFFIXES, write_any
 from autopilot_bridge.missions.transfer import MISSION_TYPES, Kind, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.signed import COMMAND_LINK_ID, refusal, signings, unheeded
 
 Result = TypeVar("Result")
-Ask = Callable[[VehicleClient, int], int]
+Ask = Callable[[NativeClient, int], int]
 KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 judges a mission by its fence
 
 
@@ -102,9 +102,9 @@ def _clear_of(kind: Kind) -> Ask:
 
 def _run(
     asks: Callable[[Stack], list[Ask]], line: Line
-) -> tuple[VehicleClient, list[TransferResult]]:
+) -> tuple[NativeClient, list[TransferResult]]:
     """Ask one thing after another of the first autopilot heard; all must be accepted."""
-    client = VehicleClient(target_system=None)
+    client = NativeClient(target_system=None)
     with connected(client, line, line.signing_key) as (connection, _):
         results = within(line, client, connection, _transfers(client, asks, line, connection))
     return client, results
@@ -112,7 +112,7 @@ def _run(
 
 @contextlib.contextmanager
 def connected(
-    client: VehicleClient, line: Line, signing_key: str | None, *others: str | None
+    client: NativeClient, line: Line, signing_key: str | None, *others: str | None
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
     """A client's connection, not open yet, signed with a key; and the signings of all keys named.
 
@@ -129,7 +129,7 @@ def connected(
 
 
 def within(
-    line: Line, client: VehicleClient, connection: Connection, work: Coroutine[Any, Any, Result]
+    line: Line, client: NativeClient, connection: Connection, work: Coroutine[Any, Any, Result]
 ) -> Result:
     """What some work on the connection comes to. Raises MissionServiceError when time is up."""
     try:
@@ -138,7 +138,7 @@ def within(
         raise MissionServiceError(_unended(line, client, connection)) from None
 
 
-def _unended(line: Line, client: VehicleClient, connection: Connection) -> str:
+def _unended(line: Line, client: NativeClient, connection: Connection) -> str:
     """What to say of a link on which time is up."""
     refused = refusal(connection.counts, line.link)
     if client.stack is None and refused:
@@ -150,7 +150,7 @@ def _unended(line: Line, client: VehicleClient, connection: Connection) -> str:
 
 
 async def _transfers(
-    client: VehicleClient,
+    client: NativeClient,
     asks: Callable[[Stack], list[Ask]],
     line: Line,
     connection: Connection,

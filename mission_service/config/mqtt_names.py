@@ -1,4 +1,4 @@
-"""Where a broker is, and how topics begin."""
+"""The address of an MQTT broker and the beginning of topics."""
 
 import re
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ PORT, TLS_PORT = 1883, 8883
 
 @dataclass(frozen=True, slots=True)
 class Broker:
-    """Where an MQTT broker is."""
+    """The address of an MQTT broker."""
 
     host: str
     port: int = PORT
@@ -22,7 +22,7 @@ class Broker:
 
 
 def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker:
-    """HOST or HOST:PORT. Raises MissionServiceError, which names ``option``."""
+    """Parse HOST or HOST:PORT. Raises MissionServiceError, which names ``option``."""
     found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\])(?::(\d{1,5}))?", text)
     number = int(found[2] or port) if found else 0
     if found is None or not 0 < number < 65536 or not is_host(found[1]):
@@ -31,7 +31,7 @@ def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker
 
 
 def is_host(text: str) -> bool:
-    """Whether a name may be looked up; Python raises UnicodeError for some that are none."""
+    """Whether a name can be resolved; Python raises UnicodeError for some that cannot."""
     try:
         text.encode("idna")
     except UnicodeError:
@@ -40,10 +40,10 @@ def is_host(text: str) -> bool:
 
 
 def check_prefix(prefix: str, option: str = "--prefix") -> str:
-    """The prefix of all topics. Raises MissionServiceError for what is no topic."""
+    """Check a prefix of topics. Raises MissionServiceError if it cannot begin a topic."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
-            f"{option} {prefix}: it is the beginning of topics, as in uav/east"
+            f"{option} {prefix}: write the beginning of a topic, as in uav/east"
         )
     return prefix
 
@@ -54,5 +54,5 @@ def site_of(scenario_name: str) -> str:
 
 
 def site_topic(prefix: str, site: str) -> str:
-    """What all topics of a site begin with."""
+    """The beginning of all topics of a site."""
     return f"{prefix}/{VERSION}/{site}"

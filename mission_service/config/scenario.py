@@ -2,15 +2,22 @@
 
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AwareDatetime, BaseModel, Field, ValidationError, model_validator
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    Field,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
-from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.orders import Dropper, drop
+from mission_service.config.rules import Way, own_ways, way_named
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
@@ -32,6 +39,7 @@ from mission_service.config.service import ServiceSection
 from mission_service.errors import ScenarioError
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
+S = TypeVar("S", bound=Section)
 
 
 class Scenario(Section):
@@ -77,10 +85,7 @@ class Scenario(Section):
         _refuse_shared_ports(self.vehicles)
         if self.fire.initial_cells is not None and not self.ignition:
             raise ValueError("fire.initial_cells needs an ignition to grow from")
-        if self.planner.rule == "formation":
-            _refuse_other_than_planes(self.vehicles)
-        if self.planner.rule == "burn":
-            _refuse_other_than_a_copter(self.burn, self.vehicles)
+        self.way.check(self)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and be later one by one")
@@ -89,9 +94,14 @@ class Scenario(Section):
         return self
 
     @property
+    def way(self) -> Way:
+        """The way of flying that its rule names."""
+        return way_named(self.planner.rule)
+
+    @property
     def burn_flown(self) -> BurnSection | None:
         """The burn, if it is what this scenario flies."""
-        return self.burn if self.planner.rule == "burn" else None
+        return self.burn if self.way.prescribed else None
 
     @property
     def first_flight_s(self) -> float:
@@ -104,35 +114,6 @@ class Scenario(Section):
         if self.only is None:
             return self.vehicles
         return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
-
-
-def _refuse_other_than_planes(vehicles: tuple[VehicleSection, ...]) -> None:
-    """Raise ValueError unless all vehicles can fly in a formation."""
-    for vehicle in vehicles:
-        if vehicle.kind != "plane":
-            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not a copter')
-        if vehicle.backend != "native":
-            raise ValueError(
-                f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
-                "vehicles fly missions only, no orbits"
-            )
-
-
-def _refuse_other_than_a_copter(
-    burn: BurnSection | None, vehicles: tuple[VehicleSection, ...]
-) -> None:
-    """Raise ValueError unless there is a burn and one vehicle that can drop its lines."""
-    if burn is None:
-        raise ValueError('rule = "burn" needs a table [burn]')
-    for vehicle in vehicles:
-        if vehicle.kind != "copter" or vehicle.backend != "native":
-            raise ValueError(f'{vehicle.name}: rule = "burn" is for a copter with backend "native"')
-        try:
-            drop(stack_named(vehicle.stack, vehicle.kind), Dropper(*burn.dropper.output))
-        except BridgeError as error:
-            raise ValueError(f"{vehicle.name}: burn.dropper: {error}") from None
-    if len(vehicles) > 1:
-        raise ValueError('rule = "burn" is for one vehicle: others would fly in each other\'s fire')
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
@@ -209,8 +190,42 @@ def run_of(
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
     """Check a scenario given as a dictionary; relative paths count from the file."""
-    found: Scenario = _with_paths(_in_layers(_checked(Scenario, data, path)), path, ())
+    kind = _with_table_of(data.get("planner"))
+    found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found
+
+
+def _with_table_of(planner: Any) -> type[Scenario]:
+    """The model of a scenario, with the table that the planner's rule has of its own."""
+    rule = planner.get("rule") if isinstance(planner, dict) else None
+    try:
+        section = way_named(rule).section if isinstance(rule, str) else None
+    except ValueError:  # the model says so, by its key
+        return Scenario
+    return Scenario if section is None else _with_table(rule, section)
+
+
+@cache
+def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
+    """The model of a scenario with a further table. Raises ScenarioError for one that it has."""
+    if name in Scenario.model_fields:
+        raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; name it otherwise")
+    needed = any(field.is_required() for field in section.model_fields.values())
+    added: dict[str, Any] = {name: (section, ... if needed else Field(default_factory=section))}
+    return create_model("Scenario", __base__=Scenario, **added)
+
+
+def own_table(scenario: Scenario, section: type[S]) -> S:
+    """The table that has the name of the scenario's rule; with its defaults, if it is not there.
+
+    Raises ScenarioError if it is not there and has keys without a default.
+    """
+    found = getattr(scenario, scenario.planner.rule, None)
+    try:
+        return found if isinstance(found, section) else section()
+    except ValidationError:
+        rule = scenario.planner.rule
+        raise ScenarioError(f"{scenario.name}: rule {rule} needs its table [{rule}]") from None
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
@@ -278,9 +293,10 @@ def one_of_many(scenario: Scenario, vehicle: str | None, talks: bool) -> Scenari
     names = [section.name for section in scenario.vehicles]
     if vehicle is not None and vehicle not in names:
         raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {', '.join(names)}")
-    if talks and scenario.planner.rule != "formation":
+    if talks and not scenario.way.messages_peers:
+        able = " or ".join(f'"{rule}"' for rule, way in own_ways().items() if way.messages_peers)
         raise ScenarioError(
-            f'--broker is for rule = "formation"; {scenario.name} flies {scenario.planner.rule}'
+            f"--broker is for rule = {able}; {scenario.name} flies {scenario.planner.rule}"
         )
     formation = scenario.formation.model_copy(update={"talks": talks})
     return scenario.model_copy(update={"only": vehicle, "formation": formation})
@@ -290,7 +306,7 @@ def flying(scenario: Scenario) -> Scenario:
     """The scenario itself if vehicles can fly in it; raises ScenarioError saying what it lacks."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
-    known = scenario.planner.ignition_known and scenario.planner.rule != "burn"
+    known = scenario.planner.ignition_known and scenario.burn_flown is None
     if known and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
         raise ScenarioError(
             f"{scenario.name}: the planner has to know where the fire is: make the first ignition "

@@ -9,9 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
+from mission_service.config.rules import way_named
 
-FORMATION = "formation"  # rule: all vehicles around the fire
-BURN = "burn"  # rule: ignition lines dropped inside a burn unit
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -171,10 +170,9 @@ class FireSection(Section):
 
 
 class PlannerSection(Section):
-    """What decides; the rules there are stand in mission_service/guidance/registry.py.
+    """What decides: ``rule`` names a way of flying (``rules.py``).
 
-    Rules that begin with ``team.`` direct all vehicles together, on one map; ``formation`` has
-    fixed wings loiter around the fire; ``burn`` has a copter drop ignition lines.
+    Rules that begin with ``team.`` direct all vehicles together, on one map.
     """
 
     rule: str = "damped"
@@ -197,10 +195,7 @@ class PlannerSection(Section):
     @field_validator("rule")
     @classmethod
     def _rule_known(cls, rule: str) -> str:
-        from mission_service.guidance.registry import RULES  # it reads scenarios
-
-        if rule not in (*RULES, FORMATION, BURN):
-            raise ValueError(f"no such rule; there are {', '.join((*RULES, FORMATION, BURN))}")
+        way_named(rule)
         return rule
 
     @model_validator(mode="after")

@@ -1,6 +1,6 @@
-"""The table [service] of a scenario file: how the service is run, not what is flown.
+"""The table [service] of a scenario file: interfaces, journal and shutdown of the daemon.
 
-It is no part of the scenario and not in the journal: a run is gone on with on other ports too.
+It is not part of the scenario and not in the journal, so a run may be resumed on other ports.
 """
 
 import re
@@ -16,10 +16,10 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 class HttpSection(Section):
-    """The HTTP interface and the map; beyond loopback it takes tokens and TLS."""
+    """The HTTP interface and the map; beyond loopback, tokens and TLS are required."""
 
     listen: str = "127.0.0.1:8765"
-    hosts: tuple[str, ...] = ()  # other names that browsers may call it by
+    hosts: tuple[str, ...] = ()  # other names of this host in URLs
     tokens: Path | None = None
     tls_certificate: Path | None = None
     tls_key: Path | None = None
@@ -45,22 +45,22 @@ class HttpSection(Section):
 
     @property
     def host(self) -> str:
-        """Where it listens."""
+        """The address to listen on."""
         return self.listen.rpartition(":")[0].strip("[]")
 
     @property
     def port(self) -> int:
-        """Where it listens; 0: any that is free."""
+        """The port to listen on; 0 selects a free one."""
         return int(self.listen.rpartition(":")[2])
 
 
 class MqttSection(Section):
-    """The MQTT broker to which all is told; commands are taken only if wanted."""
+    """The MQTT broker to publish to; commands are accepted only with ``commands = true``."""
 
     broker: str = "127.0.0.1:1883"
     prefix: str = "mission-service"
     user: str | None = None
-    password: str | None = None  # where it is
+    password: str | None = None  # "file:PATH" or "env:NAME"
     tls: bool = False
     tls_ca: Path | None = None
     tls_certificate: Path | None = None
@@ -97,36 +97,36 @@ class CotSection(Section):
 
     @property
     def scheme(self) -> str:
-        """How it is sent."""
+        """The transport: udp, tcp or tls."""
         return self.url.partition(":")[0]
 
     @property
     def host(self) -> str:
-        """Where to."""
+        """The destination host."""
         return self.url.partition("://")[2].rpartition(":")[0].strip("[]")
 
     @property
     def port(self) -> int:
-        """Where to."""
+        """The destination port."""
         return int(self.url.rpartition(":")[2])
 
 
 class KeepSection(Section):
-    """What is kept of a run on disk."""
+    """Rotation and retention of the journal on disk."""
 
-    rotate_mb: Positive = 64.0  # of one piece of the journal
-    keep_mb: Positive = 2048.0  # of all pieces together
+    rotate_mb: Positive = 64.0  # size of one segment of the journal
+    keep_mb: Positive = 2048.0  # size of all segments together
     state_every_s: Positive = 30.0
 
 
 class ServiceSection(Section):
-    """How the daemon is run."""
+    """Interfaces, journal and shutdown of the daemon."""
 
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
     keep: KeepSection = KeepSection()
-    # What vehicles are told when the service is stopped in order: to fly on (their missions end in
-    # a loiter), to hold where they are, or to fly home.
+    # The command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold
+    # at the present position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"
-    shutdown_s: NotNegative = 5.0  # to wait for their answers
+    shutdown_s: NotNegative = 5.0  # to wait for acknowledgements

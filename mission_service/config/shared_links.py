@@ -30,11 +30,11 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
 
 
 def _place_of(link: str) -> str:
-    """What two links must not both open."""
+    """The port or device of a link, which only one link may open."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"
-    if address.kind in ("udpin", "tcpin"):  # of all addresses of this machine one may have a port
+    if address.kind in ("udpin", "tcpin"):  # one port for all addresses of this machine
         return f"{address.kind}:{address.port}"
     return link
 

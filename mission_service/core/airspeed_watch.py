@@ -1,4 +1,4 @@
-"""Whether a plane flies the airspeed that its missions command. Pure.
+"""Compares the airspeed of a plane with the one that its missions command. Pure.
 
 Autopilots accept an airspeed that they do not fly: ArduPlane 4.6 skips a DO_CHANGE_SPEED item
 outside AIRSPEED_MIN to AIRSPEED_MAX without a report, and PX4 1.17 limits it to FW_AIRSPD_MIN to
@@ -10,16 +10,16 @@ from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.state import Vehicle
 
 AIRSPEED = "airspeed"
-DIFFERENCE_M_S = 2.0  # it counts as another airspeed from the greater of these on
+DIFFERENCE_M_S = 2.0  # the greater of these two is the tolerance
 DIFFERENCE_SHARE = 0.15
-LASTS_S = 60.0  # climbs and turns are over by then
+LASTS_S = 60.0  # longer than climbs and turns
 
 
 def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """The alarm about an airspeed that is not the one commanded, at a position of the vehicle.
+    """Raise or clear the alarm about an airspeed that differs from the commanded one.
 
-    Raised once the difference has lasted ``LASTS_S`` in the mission, cleared when it is over or the
-    mission is no longer flown.
+    The alarm is raised after a difference of ``LASTS_S`` in the mission. It is cleared when the
+    difference or the mission has ended.
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
     presence = vehicle.presence

@@ -1,7 +1,7 @@
-"""What an autopilot reports of itself, as lines and alarms for operators. Pure.
+"""Reports of an autopilot as announcements and alarms for operators. Pure.
 
-Each alarm is raised when its cause is reported and cleared when the end of the cause is reported. A
-text has no end: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
+An alarm is raised when its cause is reported and cleared when the end of the cause is reported. The
+alarm of a text is cleared ``TEXT_STANDS_S`` after the last text, because a text has no end.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
@@ -20,7 +20,7 @@ from mission_service.vehicles.state import Vehicle, say
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
 WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
-# Texts of PX4's mission protocol, critical by their severity: they follow repeated requests.
+# PX4's mission protocol sends these texts as critical after repeated requests; they are not.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LANDED, THRUST = "landed", "thrust"
@@ -59,7 +59,7 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
 
 
 def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
-    """The alarm about a mode that was not ordered."""
+    """Raise the alarm about a mode that was not ordered."""
     mode = vehicle.presence.mode
     doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
     until = "nothing is sent to it until it is back in its mission or an operator orders it"
@@ -68,7 +68,7 @@ def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
 
 
 def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
-    """The mode is one that was ordered."""
+    """Clear the alarms about a mode that was not ordered."""
     return [ClearAlarm(vehicle.name, MODE), ClearAlarm(vehicle.name, LANDED)]
 
 

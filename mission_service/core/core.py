@@ -16,7 +16,6 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BURN, FORMATION
 from mission_service.core.airspeed_watch import airspeed_compared
 from mission_service.core.autopilot_reports import (
     back_under_control,
@@ -47,14 +46,13 @@ from mission_service.events import (
     VehicleEvent,
     VehicleRebooted,
 )
-from mission_service.guidance.front.controller import FrontFlight
-from mission_service.guidance.front.unwatched import FrontWatch
-from mission_service.guidance.protocol import Decision, Leader
-from mission_service.guidance.registry import planners_of
+from mission_service.guidance.protocol import Decision, Guidance
+from mission_service.guidance.registry import way_of
+from mission_service.guidance.way import WayOfFlying
 from mission_service.missions.landing import Landing
 from mission_service.position_fix import Here
 from mission_service.vehicles.approvals import MissionApprovals
-from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION
+from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION, Presence
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.reconciliation import doubt, in_words, recognised
 from mission_service.vehicles.state import Pending, Vehicle, say
@@ -76,47 +74,32 @@ class Core:
         self.scenario = scenario
         self.landscape = landscape
         self._missions = MissionsSent()
-        self._along_front = scenario.planner.rule not in (BURN, FORMATION)
         self._approvals: MissionApprovals | None = None
         if scenario.mission.approval == "each":
             settings = scenario.mission
             self._approvals = MissionApprovals(settings.path_tolerance_m, settings.horizon_m)
-        self.leader: Leader
-        if scenario.planner.rule == BURN:
-            from mission_service.guidance.burn.controller import (  # not for all who start
-                BurnFlight,
-                Undecided,
-            )
-
-            self.steering = Steering(scenario, landscape, {scenario.vehicles[0].name: Undecided()})
-            self.leader = BurnFlight(scenario, landscape, self._missions)
-            self.spacing = Spacing(scenario, landscape, self.steering.presence)
-        elif scenario.planner.rule == FORMATION:
-            from mission_service.guidance.formation.controller import FormationFlight
-            from mission_service.guidance.formation.seats import Formation
-
-            formation = Formation(scenario, landscape)
-            self.steering = Steering(scenario, landscape, formation.seats)
-            self.leader = FormationFlight(scenario, landscape, formation, self._missions)
-            self.spacing = Spacing(scenario, landscape, self.steering.presence)
-        else:
-            planners = planners_of(scenario, landscape)
-            self.steering = Steering(scenario, landscape, planners)
-            self.spacing = Spacing(scenario, landscape, self.steering.presence)
-            self.leader = FrontFlight(scenario, landscape, planners, self.spacing, self._missions)
+        presence = {section.name: Presence() for section in scenario.vehicles}
+        self.spacing = Spacing(scenario, landscape, presence)
+        self.leader: Guidance = self._way.guidance(
+            scenario, landscape, self.spacing, self._missions
+        )
+        self.steering = Steering(scenario, landscape, self.leader.planners, presence)
         self.vehicles = {
             section.name: Vehicle(
                 section,
-                self.steering.presence[section.name],
+                presence[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
                 Landing(scenario, section, landscape),
             )
             for section in scenario.flown
         }
-        self._watch = FrontWatch(self.steering.planners, landscape.cell_size_m)
         self._orders = CrewOrders(
             scenario, self.steering, self.vehicles, self._start, self._approvals
         )
+
+    @property
+    def _way(self) -> WayOfFlying:
+        return way_of(self.scenario)
 
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
         """Take in one event; returns the commands it causes, in order.
@@ -128,29 +111,16 @@ class Core:
         if self._approvals is not None and not isinstance(event, MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
-        commands += self._watched(event)
+        commands += self.leader.after(event, self.vehicles)
         for command in commands:
             self.steering.sent(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
             elif isinstance(command, Hold):
                 self.vehicles[command.vehicle].hold_under_way_s = at_s
-            elif isinstance(command, UploadMission) and self._along_front:
-                self.spacing.sends(command.vehicle, command.items)
+            elif isinstance(command, UploadMission):
+                self.leader.sends(command)
         return commands
-
-    def _watched(self, event: AnyEvent) -> list[AnyCommand]:
-        """Report a part of the front that an event leaves unwatched, or watched again."""
-        if not self._along_front:
-            return []
-        names = self.vehicles if isinstance(event, Crew) else (event.vehicle,)
-        again = self._watch.raised() if isinstance(event, Resumed) else []
-        return [*again, *(each for name in names for each in self._watch_after(name))]
-
-    def _watch_after(self, name: str) -> list[AnyCommand]:
-        vehicle = self.vehicles[name]
-        watches = vehicle.presence.flies and not vehicle.ordered
-        return self._watch.after(name, watches, self.steering.presence)
 
     def _withheld(self, command: AnyCommand) -> bool:
         """Whether a command must not be sent: the last check, which the callers make as well.
@@ -186,7 +156,7 @@ class Core:
                     vehicle.due = vehicle.due or vehicle.proposed.due
                     self._approvals.withdraw(vehicle, "the service was restarted")
                 doubt(vehicle)
-        if self.scenario.planner.rule == BURN:
+        if self._way.prescribed:
             return self.leader.told(event)
         return [*self._orders.take(event), *self.leader.told(event)]
 
@@ -254,7 +224,7 @@ class Core:
             return self._return_again(vehicle, at_s)
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if vehicle.doubt is not None and self.scenario.planner.rule != BURN:
+        if vehicle.doubt is not None and not self._way.prescribed:
             return []  # until its mission was read back
         if presence.in_failsafe and presence.mode == MISSION:
             return []  # ArduPlane lands by its mission in one: another mission would end that
@@ -400,7 +370,7 @@ class Core:
         was, vehicle.doubt = vehicle.doubt, None
         if was is None:
             return []
-        if self.scenario.planner.rule == BURN:
+        if self._way.prescribed:
             return [say(vehicle, in_words(event))]
         commands: list[AnyCommand] = [say(vehicle, in_words(event))]
         vehicle.read_back = recognised(vehicle, was, event)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import FORMATION
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.steering import Steering
 from mission_service.events import (
@@ -18,6 +17,7 @@ from mission_service.events import (
     Order,
     Ordered,
 )
+from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.state import Vehicle, say
 
@@ -39,7 +39,7 @@ class CrewOrders:
         start: Start,
         approvals: MissionApprovals | None,
     ) -> None:
-        self.scenario = scenario
+        self._resumes_mission = way_of(scenario).resumes_mission
         self.steering = steering
         self.vehicles = vehicles
         self._start = start
@@ -94,10 +94,10 @@ class CrewOrders:
 
     def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
         """Why an order cannot be carried out, confirmed or not; its mode is then as before."""
-        presence, formation = vehicle.presence, self.scenario.planner.rule == FORMATION
+        presence, on_board = vehicle.presence, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "told to hold: resume it first"
-        if order == "resume" and formation and presence.airborne and not presence.online:
+        if order == "resume" and on_board and presence.airborne and not presence.online:
             return "not heard: resume it when it is"
         return ""
 
@@ -162,15 +162,15 @@ class CrewOrders:
             vehicle.doubt = replace(vehicle.doubt, recalled=False)
 
     def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
-        in_formation = self.scenario.planner.rule == FORMATION
         vehicle.ordered, vehicle.hold_again_at_s = "", None
         self._call_off_return(vehicle)
         vehicle.return_again_at_s, vehicle.refusal = None, None
         vehicle.waits_for_crew = False
-        if in_formation and vehicle.presence.airborne and vehicle.doubt is not None:
+        on_board = self._resumes_mission and vehicle.presence.airborne
+        if on_board and vehicle.doubt is not None:
             vehicle.doubt = replace(vehicle.doubt, resumed=True)
             return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
-        if in_formation and vehicle.presence.airborne:
+        if on_board:
             if vehicle.flown_line is None:  # it has no mission on board that can be trusted
                 vehicle.deployed, vehicle.holding = False, True
                 return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]

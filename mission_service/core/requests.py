@@ -1,391 +1,163 @@
-"""What people may ask of the service (control socket, HTTP, MQTT) as events. Pure.
+"""Requests of operators (control socket, HTTP, MQTT) as events, and the table of all. Pure.
 
-A request is a JSON object: ``do`` says what, ``by`` who asks, ``station`` from where; further keys
-by what is asked. Unknown keys are refused: what is not understood is not done in part.
+Unknown keys are refused: what is not understood is not done in part.
 """
 
 from collections.abc import Callable, Collection
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import shapely
-from msgspec import Meta
 
 from mission_service import events
 from mission_service.errors import RequestError
 from mission_service.events import SERVICE, CrewEvent
 from mission_service.ground_distance import M_PER_DEG
+from mission_service.guidance.burn.requests import REQUESTS as OF_BURNS
+from mission_service.requests import (
+    OF_EVERY_RUN,
+    OF_VEHICLES,
+    Abort,
+    Name,
+    Replay,
+    Request,
+    name_of,
+)
 
-SLOWEST, FASTEST = 0.1, 100.0  # speeds of a replay
-LONGEST_S = 1e7  # times farther away are a mistake
-ELSEWHERE = "mqtt"  # "mqtt:west": whoever asks over MQTT is at no station, so never present
-LARGEST_M = 10_000.0  # and so are larger circles and longer lines
-LARGEST_FIRE_M = 500_000.0  # round fires that others have mapped
+if TYPE_CHECKING:
+    from mission_service.config.scenario import Scenario
 
-# Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
-Name = Annotated[
-    str,
-    Meta(
-        max_length=80,
-        pattern=r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)",
-    ),
-]
-VehicleName = Annotated[str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)")]
-OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
-Text = Annotated[str, Meta(min_length=1, max_length=200)]
-Latitude = Annotated[float, Meta(ge=-90, le=90)]
-Longitude = Annotated[float, Meta(ge=-180, le=180)]
-Radius = Annotated[float, Meta(ge=0, le=LARGEST_M)]
-Seconds = Annotated[float, Meta(ge=-LONGEST_S, le=LONGEST_S)]
-Spacing = Annotated[float, Meta(ge=1, le=1000)]
-Hash = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$(?!\n)")]
-Places = Annotated[tuple[tuple[Latitude, Longitude], ...], Meta(min_length=1, max_length=1000)]
+ELSEWHERE = "mqtt"  # "mqtt:west": a user of MQTT is at no station, so never present
+STATUS = "status"  # asks for the state; it is answered and becomes no event
+ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
 
-class Request(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag=str.lower, tag_field="do"
-):
-    """Something a person asks for."""
-
-    by: Name
-    station: Name
+def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
+    return {name_of(kind): kind for kind in kinds}
 
 
-class Plan(Request, frozen=True):
-    """Plan the next line."""
-
-    line_spacing_m: Spacing | None = None
-    drop_spacing_m: Spacing | None = None
+REQUESTS = _table(*OF_EVERY_RUN, *OF_VEHICLES, *OF_BURNS)
+# With those of replays, which become no events.
+ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
-class Approve(Request, frozen=True):
-    """Approve the plan of this hash, all 64 digits."""
-
-    hash: Hash
-
-
-class Reject(Request, frozen=True):
-    """Want no plan of this hash flown."""
-
-    hash: Hash
+def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
+    """The requests that a run of this scenario accepts."""
+    return _table(*OF_EVERY_RUN, *(OF_VEHICLES if scenario.burn_flown is None else OF_BURNS))
 
 
-class Go(Request, frozen=True):
-    """GO to an item."""
+@dataclass(frozen=True)
+class RequestScope:
+    """Which requests a run accepts, and what it has that they may name.
 
-    item: Text
-
-
-class NoGo(Request, frozen=True, tag="no-go"):
-    """NO-GO to an item."""
-
-    item: Text
-
-
-class Correct(Request, frozen=True):
-    """Draw where the fire is, ``in_s`` from now (negative: was)."""
-
-    state: Literal["burned", "burning", "unburned"]
-    shape: Literal["point", "line", "polygon"]
-    points: Places
-    in_s: Seconds = 0.0
-
-
-class Lit(Request, frozen=True):
-    """A point or a line was lit ``ago_s`` ago."""
-
-    points: Places
-    ago_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] = 0.0
-
-
-class Erase(Request, frozen=True):
-    """Take marks away."""
-
-    lat_deg: Latitude
-    lon_deg: Longitude
-    radius_m: Radius
-
-
-class Undo(Request, frozen=True):
-    """Take the last correction or erasure back."""
-
-
-class Redo(Request, frozen=True):
-    """Let what was taken back hold again."""
-
-
-class Wind(Request, frozen=True):
-    """The wind 6.1 m above the vegetation."""
-
-    speed_m_s: Annotated[float, Meta(ge=0, le=100)]
-    from_deg: Annotated[float, Meta(ge=0, le=360)]
-
-
-class Person(Request, frozen=True):
-    """Somebody is there; radius 0: no longer."""
-
-    name: Name
-    lat_deg: Latitude
-    lon_deg: Longitude
-    radius_m: Radius
-
-
-class Unit(Request, frozen=True):
-    """The burn unit's corners."""
-
-    points: Places
-
-
-class Present(Request, frozen=True):
-    """Somebody watches."""
-
-
-class OrderRequest(Request, frozen=True):
-    """An order to a vehicle; to all vehicles without a name.
-
-    ``confirmed``: even if that ends a mode that autopilot or pilot selected, such as a failsafe.
-    Without it such an order is answered with a line that begins with ``confirm:``.
+    Attributes:
+        stations: The places from which requests are accepted; empty: any.
+        items: The GO list; None: any.
+        on_map: Whether the landscape has a latitude and longitude, in degrees.
+        vehicles: The names of the vehicles; None: any.
+        accepted: The names of the requests.
     """
 
-    vehicle: VehicleName = ""
-    confirmed: bool = False
+    stations: Collection[str] = ()
+    items: Collection[str] | None = None
+    on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True
+    vehicles: Collection[str] | None = None
+    accepted: Collection[str] = tuple(REQUESTS)
 
 
-class Hold(OrderRequest, frozen=True):
-    """Loiter where it is until somebody says otherwise; all vehicles without a name."""
-
-
-class Resume(OrderRequest, frozen=True):
-    """Fly on by the planner, after hold, return or abort."""
-
-
-class Return(OrderRequest, frozen=True):
-    """Fly home."""
-
-
-class Start(OrderRequest, frozen=True):
-    """Arm and fly the mission on board."""
-
-
-class Renew(Request, frozen=True):
-    """Plan a new mission and send it now."""
-
-    vehicle: VehicleName = ""
-
-
-class Accept(Request, frozen=True):
-    """Let the mission of this hash go to the vehicle."""
-
-    vehicle: OneVehicle
-    hash: Hash
-
-
-class Refuse(Request, frozen=True):
-    """Want the mission of this hash not flown."""
-
-    vehicle: OneVehicle
-    hash: Hash
-
-
-class Settings(Request, frozen=True):
-    """Another α or first direction of the planner; all that is given holds from now on."""
-
-    alpha: Annotated[float, Meta(ge=0, le=100)] | None = None
-    reversal_margin: Annotated[float, Meta(ge=0, le=100)] | None = None
-    dwell_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] | None = None
-
-
-class Replay(Request, frozen=True):
-    """Pause or go on, at another speed or from another place; of replays alone, and no event."""
-
-    paused: bool | None = None
-    speed: Annotated[float, Meta(ge=SLOWEST, le=FASTEST)] | Literal["max"] | None = None
-    seek_s: Seconds | None = None  # from the replay's begin
-
-
-AnyRequest = (
-    Plan
-    | Approve
-    | Reject
-    | Go
-    | NoGo
-    | Correct
-    | Lit
-    | Erase
-    | Undo
-    | Redo
-    | Wind
-    | Person
-    | Unit
-    | Present
-    | Hold
-    | Resume
-    | Return
-    | Start
-    | Renew
-    | Accept
-    | Refuse
-    | Settings
-)
-# Whatever is flown, in burns alone, and in all but burns.
-ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", "present")
-OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
-NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
-KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
-OF_APPROVERS = ("approve", "reject", "go", "no-go", "present", "unit")  # take the role approve
-REPLAY = "replay"
-ORDERS: dict[type[Request], events.Order] = {
-    Hold: "hold",
-    Resume: "resume",
-    Return: "return",
-    Start: "start",
-}
-_LEAST_POINTS = {"point": 1, "line": 2, "polygon": 3}
+ANYWHERE = RequestScope()
 
 
 def event_of(
     request: dict[str, Any],
     at_us: int,
-    stations: Collection[str],
-    items: Collection[str] | None = None,
-    on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True,
-    vehicles: Collection[str] | None = None,
-    words: Collection[str] = KNOWN,
+    scope: RequestScope = ANYWHERE,
     may_approve: bool | None = None,
 ) -> CrewEvent:
-    """The event that a request stands for, at mission time ``at_us``.
+    """The event that a request stands for.
 
-    ``may_approve``: whether its user has the role approve; None where an interface does not check
-    users: then the requests that need that role count as such a user's, and no others.
+    Args:
+        request: The request as JSON has it.
+        at_us: Mission time.
+        scope: What it is checked against.
+        may_approve: Whether the user has the role approve; None where an interface does not check
+            users: then only requests that need that role count as such a user's.
 
-    ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
-    those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and
-    longitude: nothing can be told of other places; ``vehicles`` those there are; ``words`` what may
-    be asked for here. An abort is taken from anybody anywhere, whatever else the request says.
-    Raises RequestError in one line for all that is not right.
+    Returns:
+        The event.
+
+    Raises:
+        RequestError: In one line, for all that is not right. An abort is accepted whatever it says.
     """
     if not isinstance(request, dict):
         raise RequestError('a request is a JSON object, as {"do": "status"}')
     do = request.get("do")
-    if do == "abort":
-        return events.Aborted(at_us, _told(request, "by"), _told(request, "station"))
-    if do == REPLAY:
-        raise RequestError("replay: this run is no replay")
-    if not isinstance(do, str) or do not in words:
-        if do in KNOWN:
-            what = "only in a burn" if do in OF_BURNS else "not in a burn"
-            raise RequestError(f"{do}: {what}")
-        word = _cut(do) if isinstance(do, str) else "without a word"
-        raise RequestError(f"unknown request {word}: do is one of {', '.join(words)}")
-    if do == "status":
-        raise RequestError("status is answered, it is no event")
+    if do == ABORT:
+        return events.Aborted(at_us, _named(request, "by"), _named(request, "station"))
+    kind = _kind(do, scope.accepted)
     try:
-        asked: AnyRequest = msgspec.convert(request, AnyRequest)
+        asked = msgspec.convert(request, kind)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
     if _is_service(asked.by):
         raise RequestError(f"{do}: by {SERVICE!r} is the service's own name; give yours")
+    _check_names(asked, scope)
+    for place in _places(asked):
+        if not scope.on_map(*place):
+            raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
+    approver = kind.role == "approve" if may_approve is None else may_approve
+    return msgspec.structs.replace(asked.event(at_us), may_approve=approver)
+
+
+def _check_names(asked: Request, scope: RequestScope) -> None:
+    """Raises RequestError for a station, item or vehicle that the run has not."""
+    stations, items, vehicles = scope.stations, scope.items, scope.vehicles
     if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
         there = ", ".join(sorted(stations))
         raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
-    if isinstance(asked, Go | NoGo) and items is not None and asked.item not in items:
-        raise RequestError(f"no item {_cut(asked.item)} on the list: {'; '.join(items)}")
-    named = getattr(asked, "vehicle", "")
-    if named and vehicles is not None and named not in vehicles:
-        raise RequestError(f"no vehicle {_cut(named)}; there are {', '.join(vehicles)}")
-    for place in _places(asked):
-        if not on_map(*place):
-            raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
-    approver = do in OF_APPROVERS if may_approve is None else may_approve
-    return msgspec.structs.replace(_event(asked, at_us), may_approve=approver)
+    item, vehicle = getattr(asked, "item", ""), getattr(asked, "vehicle", "")
+    if item and items is not None and item not in items:
+        raise RequestError(f"no item {_cut(item)} on the list: {'; '.join(items)}")
+    if vehicle and vehicles is not None and vehicle not in vehicles:
+        raise RequestError(f"no vehicle {_cut(vehicle)}; there are {', '.join(vehicles)}")
 
 
-def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
+def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
+    if do == STATUS:
+        raise RequestError("status is answered, it is no event")
+    if do == REPLAY:
+        raise RequestError("replay: this run is no replay")
+    if isinstance(do, str) and do in accepted:
+        return REQUESTS[do]
+    if isinstance(do, str) and do in REQUESTS:
+        what = "only in a burn" if REQUESTS[do] in OF_BURNS else "not in a burn"
+        raise RequestError(f"{do}: {what}")
+    word = _cut(do) if isinstance(do, str) else "without a word"
+    raise RequestError(f"unknown request {word}: do is one of {', '.join((STATUS, *accepted))}")
+
+
+def _places(asked: Request) -> tuple[tuple[float, float], ...]:
     """All that a request names; raises RequestError if a line through them is too long."""
-    if isinstance(asked, Erase | Person):
-        return ((asked.lat_deg, asked.lon_deg),)
-    if not isinstance(asked, Correct | Lit | Unit):
-        return ()
-    # Twice, and half of it: with the way back to the first corner.
-    way = shapely.LineString([(lon, lat) for lat, lon in asked.points * 2])
-    length_m = M_PER_DEG * way.length / 2.0
-    if length_m > (LARGEST_FIRE_M if isinstance(asked, Correct) else LARGEST_M):
-        raise RequestError(f"{length_m / 1e3:.0f} km are too long to be meant")
-    return asked.points
+    lat_deg, lon_deg = getattr(asked, "lat_deg", None), getattr(asked, "lon_deg", None)
+    if lat_deg is not None and lon_deg is not None:
+        return ((lat_deg, lon_deg),)
+    points: tuple[tuple[float, float], ...] = getattr(asked, "points", ())
+    if points:
+        # Twice, and half of it: with the way back to the first corner.
+        way = shapely.LineString([(lon, lat) for lat, lon in points * 2])
+        length_m = M_PER_DEG * way.length / 2.0
+        if length_m > asked.max_length_m:
+            raise RequestError(f"{length_m / 1e3:.0f} km are too long to be meant")
+    return points
 
 
-def _event(asked: AnyRequest, at_us: int) -> CrewEvent:
-    who = (at_us, asked.by.strip(), asked.station)
-    match asked:
-        case Plan():
-            return events.PlanWanted(*who, asked.line_spacing_m, asked.drop_spacing_m)
-        case Approve():
-            return events.Approved(*who, asked.hash)
-        case Reject():
-            return events.Rejected(*who, asked.hash)
-        case Go() | NoGo():
-            return events.Answered(*who, asked.item, isinstance(asked, Go))
-        case Correct():
-            return _corrected(asked, who)
-        case Lit():
-            return events.Lit(*who, asked.points, at_us - round(asked.ago_s * 1e6))
-        case Erase():
-            if asked.radius_m == 0.0:
-                raise RequestError("erase: radius_m must be more than 0")
-            return events.Erased(*who, asked.lat_deg, asked.lon_deg, asked.radius_m)
-        case Undo():
-            return events.Undone(*who)
-        case Redo():
-            return events.Redone(*who)
-        case Wind():
-            return events.WindTold(*who, asked.speed_m_s, asked.from_deg)
-        case Person():
-            place = (asked.lat_deg, asked.lon_deg)
-            return events.PersonTold(*who, asked.name.strip(), *place, asked.radius_m)
-        case Unit():
-            _refuse_no_polygon("unit", asked.points)
-            return events.UnitTold(*who, asked.points)
-        case Present():
-            return events.Present(*who)
-        case Hold() | Resume() | Return() | Start():
-            return events.Ordered(*who, asked.vehicle, ORDERS[type(asked)], asked.confirmed)
-        case Renew():
-            return events.MissionWanted(*who, asked.vehicle)
-        case Accept():
-            return events.MissionAccepted(*who, asked.vehicle, asked.hash)
-        case Refuse():
-            return events.MissionRefused(*who, asked.vehicle, asked.hash)
-        case Settings():
-            given = (asked.alpha, asked.reversal_margin, asked.dwell_s)
-            if given == (None, None, None):
-                raise RequestError("settings: give alpha, reversal_margin or dwell_s")
-            return events.SettingsTold(*who, *given)
-
-
-def _corrected(asked: Correct, who: tuple[int, str, str]) -> events.Corrected:
-    count, least = len(asked.points), _LEAST_POINTS[asked.shape]
-    if count < least or (asked.shape == "point" and count > 1):
-        raise RequestError(f"correct: a {asked.shape} of {count} places; it takes {least}")
-    if asked.shape == "polygon":
-        _refuse_no_polygon("correct", asked.points)
-    marked_at_us = who[0] + round(asked.in_s * 1e6)
-    return events.Corrected(*who, asked.state, asked.shape, asked.points, marked_at_us)
-
-
-def _refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
-    if len(points) < 3:
-        raise RequestError(f"{do}: {len(points)} corners; a polygon takes 3")
-    polygon = shapely.Polygon([(lon, lat) for lat, lon in points])
-    if not polygon.is_valid or polygon.area == 0.0:
-        raise RequestError(f"{do}: these corners are no polygon: its sides cross or it has no area")
-
-
-def _told(request: dict[str, Any], key: str) -> str:
+def _named(request: dict[str, Any], key: str) -> str:
     try:
-        told = msgspec.convert(request.get(key), Name)
+        name = msgspec.convert(request.get(key), Name)
     except (msgspec.ValidationError, UnicodeError):
         return "unknown"
-    return "unknown" if _is_service(told) else told
+    return "unknown" if _is_service(name) else name
 
 
 def _is_service(name: str) -> bool:

@@ -1,6 +1,6 @@
-"""Events to decisions: which vehicles are available, and what the planners decide. No missions yet.
+"""From events to decisions: availability of the vehicles and decisions of their planners.
 
-The core flies by this, and ``decide`` runs it alone on a journal.
+The core turns decisions into missions. ``decide`` runs this part alone on a journal.
 """
 
 import math
@@ -46,20 +46,24 @@ from mission_service.vehicles.availability import (
 
 
 class Steering:
-    """What steers a scenario's vehicles, fed with events."""
+    """Updates the availability of vehicles by events and asks their planners for decisions."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, planners: Mapping[str, Steered]
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        planners: Mapping[str, Steered],
+        presence: dict[str, Presence],
     ) -> None:
         self.planners = planners
-        self.presence = {section.name: Presence() for section in scenario.vehicles}
+        self.presence = presence
         self._landscape = landscape
         self._deploy_at_s = scenario.deploy_at_s
         burn = scenario.burn
         self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
     def take(self, event: VehicleEvent) -> Decision | None:
-        """Take in one event; the decision it leads to, if any."""
+        """Apply one event; returns the planner's decision, if any."""
         name, at_s = event.vehicle, event.at_us / 1e6
         presence = self.presence[name]
         match event:
@@ -69,7 +73,7 @@ class Steering:
                 self.planners[name].correct(event)
             case Observed():
                 self.planners[name].observe(event)
-            case WindMeasured() if presence.airborne:  # on the ground it is a guess
+            case WindMeasured() if presence.airborne:  # on the ground the estimate is unreliable
                 presence.wind_m_s = event.speed_m_s
                 self.planners[name].wind(event.speed_m_s, event.from_deg, at_s)
             case VehicleConnected() | LinkRestored():
@@ -101,19 +105,19 @@ class Steering:
         return None
 
     def recall(self, name: str, at_s: float) -> None:
-        """Note an order to return; on the ground it stands until the vehicle is in the air."""
+        """Record an order to return; given on the ground it stands until takeoff."""
         presence = self.presence[name]
         presence.recalled, presence.recalled_on_ground = True, not presence.airborne
         self.planners[name].left(at_s)
 
     def sent(self, command: AnyCommand, at_s: float) -> None:
-        """Note a command that is sent: the modes that it leads to are expected from now on."""
+        """Record a command that is sent: the modes that it leads to are expected from now on."""
         if type(command) in LEADS_TO:
             presence = self.presence[command.vehicle]
             presence.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
     def ordered(self, name: str, event: Ordered) -> bool:
-        """Take in an order; whether it is carried out. The mode then counts as ordered."""
+        """Apply an order; returns whether it is carried out. Its mode then counts as ordered."""
         presence = self.presence[name]
         if event.by == SERVICE and not presence.flies:
             return False
@@ -127,9 +131,9 @@ class Steering:
         return True
 
     def aborted(self, name: str) -> bool:
-        """Take in an abort; whether the vehicle is ordered to hold now.
+        """Apply an abort; returns whether the vehicle is ordered to hold now.
 
-        In a mode that its autopilot or pilot selected it holds once that has ended.
+        In a mode that autopilot or pilot selected, it is ordered to hold when that mode ends.
         """
         presence = self.presence[name]
         holds_now = not presence.needs_confirmation("hold")
@@ -145,8 +149,8 @@ class Steering:
             presence.mode_is_ordered = True
             presence.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # flown by its mission, whatever changed the mode
-            if (event.mode, event.armed) != before:  # and not only reported once more
+        elif event.mode == MISSION:  # under control, whatever changed the mode
+            if (event.mode, event.armed) != before:  # not only reported again
                 presence.recalled &= presence.recalled_on_ground
             presence.held_by_upload, presence.mode_is_ordered = False, True
         else:
@@ -164,7 +168,7 @@ class Steering:
         leading = presence.leading_to(event.mode, at_s)
         arms = armed_now and not presence.airborne and event.mode not in GOING_HOME
         if arms and presence.is_expected(StartMission, at_s):
-            leading.add(StartMission)  # it arms first, in the mode in which it stands
+            leading.add(StartMission)  # it arms first, before the mode changes
         presence.held_by_upload = leading == {UploadMission}
         presence.mode_is_ordered = bool(leading)
         self._look_for_failsafe(event.vehicle, at_s)
@@ -183,7 +187,7 @@ class Steering:
         fix_good: bool | None = None,
         estimator_healthy: bool | None = None,
     ) -> None:
-        """Note whether positions are measured; if not, the vehicle leaves its planner."""
+        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
         presence = self.presence[name]
         was_good = presence.position_good
         if fix_good is not None:
@@ -201,11 +205,11 @@ class Steering:
         at_s = told.at_us / 1e6
         velocity = (told.velocity_east_m_s, told.velocity_north_m_s)
         presence.here = Here(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
-        # Home may lie on a hill: once up, a vehicle flies until it disarms.
+        # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
         if not presence.airborne and told.altitude_relative_m >= self._airborne_m:
             presence.airborne, presence.took_off_at_s = True, at_s
             presence.recalled_on_ground = False
-            if presence.mode in GOING_HOME:  # told before it was known to be in the air
+            if presence.mode in GOING_HOME:  # the mode was reported before the takeoff
                 self.recall(told.vehicle, at_s)
         if not presence.flies or at_s < self._deploy_at_s:
             return None

@@ -22,7 +22,7 @@ from mission_service.experiments.virtual_agents.tuning_scenarios import (
     STEP_S,
     fitness,
 )
-from mission_service.guidance.formation.forces import NAMES
+from mission_service.guidance.formation.virtual_forces_kernels import NAMES
 
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]

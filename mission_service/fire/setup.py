@@ -19,7 +19,6 @@ from firemodel.spread.fire import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import (
-    BURN,
     Ignition,
     LandscapeSection,
     VehicleSection,
@@ -241,9 +240,9 @@ def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, floa
 
     Of a burn it is where its firing boss stands.
     """
-    planner = scenario.planner
-    if planner.rule == BURN and scenario.burn is not None:
-        boss = scenario.burn.stations[0]
+    planner, burn = scenario.planner, scenario.burn_flown
+    if burn is not None:
+        boss = burn.stations[0]
         return landscape.xy_of_lat_lon(boss.lat_deg, boss.lon_deg)
     if planner.ignition_known:
         first = scenario.ignition[0]

@@ -139,7 +139,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
     In a burn it is the simulated truth: reports change the estimate, not what burns.
     """
     corrected = None
-    if scenario.planner.rule != "burn":
+    if scenario.burn_flown is None:
         corrected = CorrectedFire(landscape, partial(begun_again, scenario, landscape))
     return FireWorld(fire_of(scenario, landscape), landscape, corrected)
 

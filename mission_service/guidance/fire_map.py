@@ -2,8 +2,8 @@
 
 The map is kept around a centre (the ignition cell, or the fire's centre) in 360 whole-degree
 bearings, clockwise from north. For each bearing it holds the outer cell (the front as last seen),
-the inner cell (the front as seen before) and when. It is a picture of the fire, not the fire:
-nothing here ever reads the burning model.
+the inner cell (the front as seen before) and when. It holds observations only: nothing here reads
+the simulated fire.
 
 Distances are in cells, times in seconds of mission time.
 """
@@ -24,7 +24,7 @@ CODES[ord("b")] = BURNED
 
 # Front cells farther apart than this are not taken as neighbours on the front.
 LARGEST_GAP_CELLS = 3.0
-# A front this much nearer than burned ground on its bearing is the edge of an unburned island.
+# A front cell nearer than burned ground on its bearing by more than this borders an island.
 ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
@@ -56,8 +56,7 @@ def _grid_around(
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
     """Each cell's bearing, its distance, and how many bearings it spans to either side (y, x).
 
-    A cell near the centre spans many, not only the one of its own centre. Maps with the same
-    centre have them in common.
+    A cell near the centre spans many bearings. Maps with the same centre share these arrays.
     """
     rows, cols = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
     bearing, distance = polar(rows.astype(float), cols.astype(float), centre_row, centre_col)
@@ -67,7 +66,7 @@ def _grid_around(
 
 @compiled
 def front_in_window(window):  # type: ignore[no-untyped-def]
-    """Burned cells that have an unburned cell beside them (4 neighbours) in the same window."""
+    """Burned cells (y, x) with an unburned one beside them (4 neighbours) in the same window."""
     rows, cols = window.shape
     front = np.zeros((rows, cols), dtype=np.bool_)
     for row in range(rows):
@@ -82,11 +81,11 @@ def front_in_window(window):  # type: ignore[no-untyped-def]
 
 
 class FireMap:
-    """Outer and inner cells per bearing, fed by observations.
+    """Outer and inner cells per bearing, from observations.
 
-    ``baseline_s`` is the least time between the two visits from which a spread rate is computed.
-    With 0 the paper is followed to the letter: whenever a new cell is seen on a bearing, the
-    outer cell becomes the inner one, however short ago it was seen.
+    ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
+    With 0 it is the paper's map: whenever a new cell is seen on a bearing, the outer cell becomes
+    the inner one, however recent it is.
     """
 
     def __init__(
@@ -114,7 +113,7 @@ class FireMap:
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what follows from the centre, which is most of it."""
+        """Without the arrays that follow from the centre, which are most of it."""
         return {name: value for name, value in vars(self).items() if name != "_grid"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -129,20 +128,20 @@ class FireMap:
     def observe(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
-        """Take in one camera window; returns which bearings' fronts are in view (360 booleans)."""
+        """Update the map by one camera window; returns the bearings in view (360 booleans)."""
         here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
         seen, in_view = _seen(window, *(each[here] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Take in what people say of a window: ground thought burned may be unburned after all."""
-        not_burned, least = taken_back(
+        """Apply an operator's correction of a window, which may set burned ground to unburned."""
+        not_burned, still_burned = taken_back(
             row, col, window, (self.centre_row, self.centre_col), self.burned
         )
-        self.burned[not_burned] = least[not_burned]
+        self.burned[not_burned] = still_burned[not_burned]
         for front in (self.outer, self.inner, self._next_inner):
-            front[not_burned] = np.fmin(front[not_burned], least[not_burned])
+            front[not_burned] = np.fmin(front[not_burned], still_burned[not_burned])
         self.observe(row, col, window, at_s)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
@@ -177,7 +176,7 @@ def taken_back(
     centre: tuple[float, float],
     burned: Floats,
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Bearings whose outermost burned ground a window has unburned, and how far out fire is then.
+    """Bearings whose outermost burned ground is unburned in a window, and the distance left.
 
     ``burned`` is in cells on 360 bearings from ``centre`` (row, col).
     """
@@ -191,12 +190,12 @@ def taken_back(
 
     unburned = unburned_at(burned, NORTH, EAST)
     # From there inwards to the first cell that the window does not have unburned.
-    least = burned.copy()
+    still_burned = burned.copy()
     for bearing in np.flatnonzero(unburned).tolist():
         out = np.arange(burned[bearing], -0.5, -0.5)
         ends = np.flatnonzero(~unburned_at(out, NORTH[bearing], EAST[bearing]))
-        least[bearing] = out[ends[0]] if ends.size else 0.0
-    return unburned, least
+        still_burned[bearing] = out[ends[0]] if ends.size else 0.0
+    return unburned, still_burned
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
@@ -222,7 +221,7 @@ def fill_circular(values: Floats) -> Floats:
 
 @compiled
 def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
-    """Distance of the front on each bearing and whether it is in view; ``burned`` is brought up."""
+    """Distance of the front on each bearing, and whether it is in view; updates ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
     beside = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans

@@ -1,24 +1,38 @@
-"""What every planner does, so that the core, the experiments and the replay can fly any of them.
+"""What flies vehicles: planners, and the guidance that has vehicles fly by them.
 
 A planner steers one vehicle. Several vehicles that share a plan each have a seat in the team's
 planner; a seat is a planner too. Planners are pure: no clock, no network, no randomness of their
 own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
-from mission_service.commands import AnyCommand
-from mission_service.events import CrewEvent, Observed, VehicleEvent
+from firemodel.landscape.landscape import Landscape
+from mission_service.commands import AnyCommand, Decided, Drop, UploadMission
+from mission_service.events import AnyEvent, CrewEvent, Observed, VehicleEvent
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle
 
+if TYPE_CHECKING:
+    from mission_service.fire.estimated import EstimatedFire
+
 Floats = NDArray[np.float64]
 Phase = Literal["approach", "initial circle", "monitor"]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Where a fire is watched: the grid, the cell the fire is said to be in, and since when."""
+
+    landscape: Landscape
+    centre: tuple[float, float]  # row, col
+    burns_from_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,23 +91,66 @@ class Planner(Steered, Protocol):
         """The fire as the planner believes it to be: its front in cells on 360 bearings."""
 
 
-class Leader(Protocol):
-    """What a vehicle does in the air, while it can be counted on: along a front, or on orbits."""
+def decided(name: str, planner: Planner, decision: Decision) -> Decided:
+    """A vehicle's decision as it is announced and recorded."""
+    return Decided(
+        name,
+        "clockwise" if decision.clockwise else "anticlockwise",
+        decision.reversed,
+        planner.reversals,
+        decision.importance_back,
+        decision.importance_front,
+        decision.front_cells,
+    )
+
+
+class Compared(NamedTuple):
+    """What a planner compares where its vehicle is, cell by cell of the front, for people to see.
+
+    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are of the window
+    behind and of the window ahead.
+    """
+
+    rows: Floats
+    cols: Floats
+    values: Floats
+    back: float
+    front: float
+
+
+class Awaited(NamedTuple):
+    """What a guidance waits for: an approval of this plan ("": none), and answers to its list."""
+
+    plan_hash: str
+    answers: bool
+
+
+class Guidance(Protocol):
+    """What vehicles do in the air, while they can be counted on; ``planners`` steer them, by name.
+
+    To be inherited from: it does nothing where a way of flying has nothing to do.
+    """
+
+    planners: Mapping[str, Steered]
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Take note of any event; it has been taken in by ``Steering`` already."""
+        return []
 
     def told(self, event: CrewEvent) -> list[AnyCommand]:
         """What a person did or said."""
+        return []
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         """What there is to tell at a position."""
+        return []
 
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """What the vehicle is to do now; it flies, and has time left."""
 
     def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
         """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
+        return None
 
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
         """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
@@ -101,8 +158,59 @@ class Leader(Protocol):
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
 
-    def status(self) -> dict[str, Any]:
-        """Where it stands, for people; ``complete``: nothing would be lost if it ended now."""
-
     def in_mission(self, name: str) -> bool:
         """Whether the vehicle, in the air, flies the mission it has on board."""
+        return True
+
+    def sends(self, mission: UploadMission) -> None:
+        """Take note of a mission that leaves for its vehicle; it may have waited for approval."""
+
+    def after(self, event: AnyEvent, vehicles: Mapping[str, Vehicle]) -> list[AnyCommand]:
+        """What there is to tell once an event's other commands are known."""
+        return []
+
+    # For people and programs ------------------------------------------------------------------
+
+    def status(self) -> dict[str, Any]:
+        """Where it stands; ``complete``: nothing would be lost if it ended now."""
+        return {"complete": True}
+
+    def preview(self, vehicle: Vehicle, here: Here) -> tuple[MissionItem, ...] | None:
+        """The mission it would be sent now; nothing is changed by asking. None: there is none."""
+        return None
+
+    def compared(self, name: str, here: Here) -> Compared | None:
+        """What its planner compares at a place; None where it compares nothing."""
+        return None
+
+    def settings(self) -> dict[str, float]:
+        """The settings that may change in flight, as they are now."""
+        return {}
+
+    def awaited(self) -> Awaited:
+        """What people have to do before it goes on."""
+        return Awaited("", False)
+
+    @property
+    def estimated_fire(self) -> "EstimatedFire | None":
+        """The fire that it plans by, where that is not the one that is watched."""
+        return None
+
+
+class Lock(Protocol):
+    """The last check before a command is sent to a vehicle, independent of the guidance."""
+
+    def apply(self, event: AnyEvent) -> None:
+        """Apply an event."""
+
+    def on_commands(self, commands: Iterable[AnyCommand]) -> None:
+        """Apply the commands of the core."""
+
+    def refuses(self, drop: Drop, at_us: int) -> str | None:
+        """Why a drop must not be ordered now; None: it may."""
+
+    def may_drop(self, items: Iterable[MissionItem]) -> bool:
+        """Whether anything in a mission may switch an output."""
+
+    def status(self) -> dict[str, Any]:
+        """Its state, for interfaces."""

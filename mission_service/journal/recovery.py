@@ -16,7 +16,6 @@ from typing import Any
 
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BURN
 from mission_service.errors import JournalError, StateError, UnhandledLineError
 from mission_service.events import AnyEvent, LinesSkipped, Resumed
 from mission_service.journal.differences import difference_of
@@ -244,7 +243,7 @@ def unfinished(
     try:
         header = JournalReader(path).header
     except JournalError as error:
-        is_burn = scenario.planner.rule == BURN
+        is_burn = scenario.burn_flown is not None
         if not (is_burn or closed_segments(path) or begins_journal(path)):
             return None  # no journal; it is kept under another name
         raise JournalError(f"{error}{ANEW}") from None

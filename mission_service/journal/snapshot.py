@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from firemodel.landscape.landscape import Landscape
+from mission_service.config.rules import versions_of_others
 from mission_service.config.scenario import Scenario
 from mission_service.errors import StateError
 from mission_service.journal.journal import Rest
@@ -105,7 +106,7 @@ def code_digest() -> str:
         for path in sorted((here / package).rglob("*.py")):
             digest.update(f"{path.relative_to(here)}\0".encode())
             digest.update(path.read_bytes())
-    versions = {name: version(name) for name in COMPUTES_WITH}
+    versions = {name: version(name) for name in COMPUTES_WITH} | versions_of_others()
     digest.update(repr((versions, platform.python_version(), platform.machine())).encode())
     return digest.hexdigest()
 

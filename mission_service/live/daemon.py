@@ -11,15 +11,15 @@ from typing import Any
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BURN, FORMATION
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
-from mission_service.core.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
+from mission_service.core.requests import RequestScope, accepted_in
 from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, CrewEvent, Ordered
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import FireWorld, world_of
+from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.interfaces.mqtt.peers import Channel, Exchange
@@ -94,7 +94,7 @@ async def serve(
     sharing(scenario.flown)  # before anything is opened
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
-    warm_up_for(scenario, landscape)
+    way_of(scenario).warm_up(scenario, landscape)
     service: Service | None = None
     early: list[tuple[str, str]] = []  # told before there is a service
 
@@ -188,22 +188,6 @@ async def serve(
     progress(record, world)
     record.alarms = picture.alarm_counts
     return record, world
-
-
-def warm_up_for(scenario: Scenario, landscape: Landscape) -> None:
-    """Compiling takes long: nobody flies yet."""
-    if scenario.planner.rule == FORMATION:
-        from mission_service.guidance.formation.warm_up import warm_up
-
-        warm_up(scenario.formation.avoidance)
-    elif scenario.planner.rule == BURN:
-        from mission_service.guidance.burn.preview import warm_up as warm_up_burn
-
-        warm_up_burn(scenario, landscape)
-    else:
-        from mission_service.guidance.front.warm_up import warm_up as warm_up_planners
-
-        warm_up_planners(scenario, landscape)
 
 
 def _journal_of(
@@ -348,10 +332,10 @@ def desk_of(
         service.world.advance(clock.now_us)
         return service.world.fire.burned_ha
 
-    words = (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS))
     names = tuple(section.name for section in scenario.flown)
+    scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
-    return Desk(told, status, lambda: clock.now_us, stations, items, on_map, names, words, area)
+    return Desk(told, status, lambda: clock.now_us, scope, area)
 
 
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
@@ -391,7 +375,7 @@ async def _told_to_stop(hub: Hub) -> None:
     One in a mode that its autopilot or pilot chose is left in it (``Steering.ordered``).
     """
     settings = hub.settings
-    if settings.on_shutdown == "leave" or hub.scenario.planner.rule == BURN:
+    if settings.on_shutdown == "leave" or hub.scenario.burn_flown is not None:
         return
     presence = hub.core.steering.presence
     waiting = {name for name in hub.links if presence[name].flies}

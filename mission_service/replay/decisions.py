@@ -7,11 +7,12 @@ would have decided in the places where the vehicles were.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from mission_service.commands import Decided, Return
+from mission_service.config.rules import rules
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BURN, FORMATION
+from mission_service.core.core import Core
 from mission_service.core.steering import Steering
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
@@ -25,10 +26,8 @@ from mission_service.events import (
     VehicleEvent,
     VehicleRebooted,
 )
-from mission_service.guidance.front.controller import FrontFlight, decided
-from mission_service.guidance.front.perimeter import PerimeterPlanner
-from mission_service.guidance.protocol import Planner
-from mission_service.guidance.registry import RULES, planners_of
+from mission_service.guidance.protocol import Planner, decided
+from mission_service.guidance.registry import way_for
 from mission_service.journal.differences import compare, fields_that_differ
 from mission_service.journal.journal import Entry, JournalReader
 from mission_service.journal.recorded import Recorded
@@ -58,14 +57,14 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
     if rule is not None:
         scenario = with_rule(scenario, rule)
     rule = scenario.planner.rule
-    if rule in (FORMATION, BURN):
+    if not way_for(rule).along_front:
         raise MissionServiceError(
             f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
             "or --planner with another rule"
         )
     found, told = decisions_alone(journal, scenario, journal.intact())
     difference = None
-    if rule == own:
+    if own == rule:
         difference, _ = first_difference(found, told, may_lack_one=journal.cut_off)
     return Decisions(rule, own, found, told, difference)
 
@@ -74,7 +73,9 @@ def decisions_alone(
     journal: Recorded, scenario: Scenario, entries: Iterable[tuple[JournalReader, Entry]]
 ) -> tuple[list[Timed], list[Timed]]:
     """The decisions of a scenario's planners on the events of a journal, and those recorded."""
-    steering, planners, silent = _begun(journal, scenario)
+    core, silent = _begun(journal, scenario)
+    steering = core.steering
+    planners = cast(Mapping[str, Planner], steering.planners)  # of all rules along a front
     found: list[Timed] = []
     recorded: list[Timed] = []
     at_us = 0
@@ -88,7 +89,7 @@ def decisions_alone(
             steering.sent(content, at_us / 1e6)
         elif isinstance(content, Crew):
             at_us = content.at_us
-            _told(content, steering, silent)
+            _told(content, core, silent)
         elif not entry.is_event:
             steering.sent(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
@@ -110,33 +111,28 @@ class _Silent:
     doubted: set[str]
 
 
-def _begun(
-    journal: Recorded, scenario: Scenario
-) -> tuple[Steering, Mapping[str, Planner], _Silent]:
+def _begun(journal: Recorded, scenario: Scenario) -> tuple[Core, _Silent]:
     """What a journal begins with; another rule begins anew there."""
     if journal.segment == 1:
-        planners = planners_of(scenario, journal.landscape)
-        return Steering(scenario, journal.landscape, planners), planners, _Silent(set(), set())
+        return Core(scenario, journal.landscape), _Silent(set(), set())
     core = journal.core()
     silent = _Silent(
         {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
         {name for name, vehicle in core.vehicles.items() if vehicle.doubt is not None},
     )
-    if isinstance(core.leader, FrontFlight) and scenario == journal.scenario:
-        return core.steering, core.leader.planners, silent
-    planners = planners_of(scenario, journal.landscape)
-    steering = Steering(scenario, journal.landscape, planners)
-    steering.presence = core.steering.presence
-    return steering, planners, silent
+    if scenario == journal.scenario:
+        return core, silent
+    anew = Core(scenario, journal.landscape)
+    anew.steering.presence = core.steering.presence
+    return anew, silent
 
 
-def _told(event: CrewEvent, steering: Steering, silent: _Silent) -> None:
+def _told(event: CrewEvent, core: Core, silent: _Silent) -> None:
     """What people say that planners decide by, and whether a vehicle is led at all."""
+    steering = core.steering
     match event:
         case SettingsTold():
-            for planner in steering.planners.values():
-                if isinstance(planner, PerimeterPlanner):
-                    planner.tune(event)
+            core.leader.told(event)
         case Aborted():
             silent.held |= set(steering.presence)
             for name in steering.presence:
@@ -164,9 +160,10 @@ def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> 
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
-    """The scenario with another rule."""
-    if rule not in RULES:
-        raise MissionServiceError(f"--planner {rule}: no such rule; there are {', '.join(RULES)}")
+    """The scenario with another rule. Raises MissionServiceError for one that is not there."""
+    able = [each for each in rules() if way_for(each).along_front]
+    if rule not in able:
+        raise MissionServiceError(f"--planner {rule}: no such rule; there are {', '.join(able)}")
     planner = scenario.planner.model_copy(update={"rule": rule})
     return scenario.model_copy(update={"planner": planner})
 

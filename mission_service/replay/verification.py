@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from mission_service.commands import AnyCommand
-from mission_service.config.sections import BURN, FORMATION
 from mission_service.errors import JournalError, MissionServiceError
 from mission_service.events import LinesSkipped
+from mission_service.guidance.registry import way_for
 from mission_service.journal.differences import cut, difference_of, fields_that_differ
 from mission_service.journal.recorded import Recorded
 from mission_service.replay.decisions import decisions_alone, first_difference
@@ -166,7 +166,7 @@ def file_stage(recorded: Recorded) -> Stage:
 def planner_stage(recorded: Recorded) -> Stage:
     """The planners alone, on the recorded observations, must decide as recorded."""
     rule = recorded.scenario.planner.rule
-    if rule in (FORMATION, BURN):
+    if not way_for(rule).along_front:
         return Stage("planner", {}, note=f"rule {rule} takes no such decisions", left_out=True)
     found, told = decisions_alone(recorded, recorded.scenario, recorded.readable())
     difference, fields = first_difference(found, told, may_lack_one=recorded.cut_off)

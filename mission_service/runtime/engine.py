@@ -1,16 +1,17 @@
-"""One turn of the loop, the same for simulation and live flight.
+"""The engine: applies each event, in simulation and live flight alike.
 
-Journal the event, let the core and all other folds have it, journal the commands, carry them out;
-and let the camera look at the fire whenever a position arrives.
+The engine journals the event, applies it to the core and to all other folds, journals the commands
+and carries them out. At each position the simulated camera observes the fire.
 
-**Nothing in the journal can make a restart fail.** Requests of operators are rare and may have any
-content: each is first applied to a copy of all folds (core, record, picture, interlock, missions),
-as a restart applies it, and journalled only if none of them raises; the copy takes milliseconds,
-tens of them for a formation's maps. The fire is too large to be copied: it applies a request before
-all other folds, completely or not at all. Events of vehicles are too frequent for a copy: their
-types limit their values (``events.py``), and the journal refuses any other before it is handled. If
-one still raises, that is a defect: it is removed from the journal, none of its commands is carried
-out, and the run ends with one line, since memory and journal differ; after a restart it resumes.
+**No event in the journal can make a restart fail.** Requests of operators are rare and may have any
+content. The engine first applies each request to a copy of all folds (core, record, picture,
+interlock, missions), as a restart does, and journals it only if no fold raises. The copy takes
+milliseconds, for the maps of a formation tens of milliseconds. The fire is too large to be copied;
+it applies a request before all other folds, completely or not at all. Events of vehicles are too
+frequent for a copy. Their types limit their values (``events.py``), and the journal refuses other
+values. An event of a vehicle that still raises is a defect: the engine removes it from the journal,
+carries out none of its commands, and the run ends with one line, because memory and journal differ.
+A restart resumes the run.
 """
 
 import copy
@@ -19,12 +20,7 @@ from collections.abc import Callable, Iterable
 from functools import cached_property, partial
 from typing import Any
 
-import numpy as np
-import shapely
-from numpy.typing import NDArray
-
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,
@@ -36,7 +32,6 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BurnSection
 from mission_service.core.core import Core
 from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
@@ -60,8 +55,7 @@ from mission_service.events import (
 )
 from mission_service.fire.simulated import FireWorld, Window
 from mission_service.fire.watched import OF_FIRE, WatchedFire
-from mission_service.guidance.burn.interlock import Interlock
-from mission_service.guidance.burn.mission import has_drop
+from mission_service.guidance.registry import lock_of
 from mission_service.journal.journal import Journal, command_body, event_body
 from mission_service.journal.recording import Recording
 from mission_service.journal.snapshot import Known, copied
@@ -74,7 +68,7 @@ from mission_service.vehicles.availability import MISSION
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
-# What a state holds of a service; all else follows from the scenario.
+# The fields of a snapshot; the scenario determines the others.
 KEPT = (
     "core",
     "fire",
@@ -91,27 +85,11 @@ Progress = Callable[[Record, FireWorld], None]
 
 
 def unshown(record: Record, world: FireWorld) -> None:
-    """Progress that nobody looks at."""
+    """Show no progress."""
 
 
 def unheard(message: AnyMessage) -> None:
-    """Said where nobody else is."""
-
-
-def interlock_of(burn: BurnSection | None, landscape: Landscape) -> Interlock | None:
-    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
-    if burn is None:
-        return None
-    if burn.unit_file is None:
-        return Interlock(burn)
-    from firemodel.landscape.readers.shapes import read_shapes
-
-    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
-        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
-        return np.column_stack([lon, lat])
-
-    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
-    return Interlock(burn, shapely.transform(unit, lon_lat))
+    """Drop a message: there are no other processes."""
 
 
 class Service:
@@ -128,7 +106,7 @@ class Service:
         say: Callable[[AnyMessage], None] = unheard,
         picture: Picture | None = None,
     ) -> None:
-        """``say`` tells other processes; ``picture`` is what interfaces show, if there are any."""
+        """``say`` sends messages to other processes; ``picture`` is the state for interfaces."""
         self._scenario = scenario
         self.core = core
         self.fire = WatchedFire(scenario, world)
@@ -136,36 +114,36 @@ class Service:
         self.picture = picture
         self.recording = Recording(journal)
         self._missions = MissionsHeld()
-        self._owed: dict[str, Window] = {}  # corrections of the fire that a vehicle is to be told
+        self._owed: dict[str, Window] = {}  # corrected windows that a planner has not received yet
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
         self._say = say
         self._said_yes: dict[tuple[str, str], int] = {}
-        self._modes_meanwhile: dict[str, str] = {}  # that are not recorded
+        self._modes_meanwhile: dict[str, str] = {}  # since the journal cannot be written
         self._held_back: deque[DropFinished | UploadFinished] = deque()
-        self._interlock = interlock_of(scenario.burn, world.landscape)
-        self._refusals: set[str] = set()  # alarms of events that were refused
+        self._interlock = lock_of(scenario, world.landscape)
+        self._refusals: set[str] = set()  # alarms about refused events
         self.defect: RefusedEventError | None = None  # memory and journal differ
 
     @property
     def world(self) -> FireWorld:
-        """What burns."""
+        """The simulated fire."""
         return self.fire.world
 
     @cached_property
     def known(self) -> Known:
-        """What copies share."""
+        """The objects that a copy of the state shares with it."""
         return Known(self._scenario, self.world.landscape)
 
     def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
-        """Handle what a gateway reports; ``now_us`` is the link's clock."""
+        """Handle the events of a gateway; ``now_us`` is the link's clock."""
         self.clock_read(now_us)
         for event in events:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us):
                     self._not_followed(event)
-            elif self._is_good(event):  # before the fire burns on until then
+            elif self._is_good(event):  # checked before the fire advances to its time
                 observed = self.fire.look(event)
                 if observed is not None:
                     self._handle(observed, now_us)
@@ -173,9 +151,9 @@ class Service:
                     self.picture.take(event, [])
 
     def _not_followed(self, event: VehicleEvent) -> None:
-        """Report what operators must see though it is not recorded and nothing follows from it.
+        """Show operators an event that could not be journalled and was not handled.
 
-        A mode that a vehicle has changed to meanwhile was chosen by its autopilot or pilot.
+        Autopilot or pilot selected a mode that a vehicle changed to meanwhile.
         """
         if not self.recording.trouble or self.picture is None:
             return
@@ -188,7 +166,7 @@ class Service:
             self.announce(name, f"autopilot: {event.text}")
 
     def _is_left(self, command: AnyCommand) -> bool:
-        """Whether an abort leaves a vehicle in a mode that the core has not followed."""
+        """Whether an abort leaves a vehicle in a mode that was not journalled."""
         mode = self._modes_meanwhile.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
@@ -196,7 +174,7 @@ class Service:
         return True
 
     def clock_read(self, now_us: int) -> None:
-        """In burns handle the host's monotonic clock, about once a second."""
+        """In a burn, handle the host's monotonic time about once a second."""
         if self._interlock is None or now_us < self._host_time_due_us:
             return
         self._host_time_due_us = now_us + HOST_TIME_EVERY_US
@@ -204,16 +182,16 @@ class Service:
             self._handle(HostTime(self.record.at_us, name, now_us), now_us)
 
     def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
-        """Handle what a vehicle of another process has said; all here hear it."""
+        """Handle a message from a vehicle of another process, for each vehicle of this one."""
         for name in self._gateways:
             self._handle(Heard(at_us, name, message), now_us)
 
     def tell(self, event: CrewEvent, now_us: int) -> None:
-        """Handle what a person did or said; it is in the journal, on the disk, when this returns.
+        """Handle an operator's event; the journal on disk has it when this returns.
 
-        Raises NotRecordedError if it cannot be, FireModelError for what cannot be true of the fire,
-        and RefusedEventError for what cannot be handled; nothing was done then. An abort is carried
-        out whatever happens.
+        Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
+        correction of the fire, and RefusedEventError for an event that a fold cannot handle. The
+        state is unchanged then. An abort is always carried out.
         """
         self.clock_read(now_us)
         self._try(event, now_us)
@@ -239,27 +217,27 @@ class Service:
                 command_body(command)
                 trial._refused(command)
                 if trial._interlock is not None:
-                    trial._interlock.sent([command])
+                    trial._interlock.on_commands([command])
         except Exception as error:
-            if isinstance(event, Aborted):  # past the core, which cannot handle it
+            if isinstance(event, Aborted):  # the core cannot handle it
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
             raise _cannot(event, error) from error
 
     def _told_of_fire(self, event: CrewEvent) -> Window | None:
-        """What people say of the fire, before it is written down: what cannot be is refused."""
+        """Apply an operator's event to the fire, which refuses impossible ones."""
         found = self.fire.apply_report(event)
         if self.picture is not None and isinstance(event, OF_FIRE):
             self.picture.fire_changed()
         return found
 
     def contact(self, there: bool, at_us: int, now_us: int) -> None:
-        """Whether other processes can be talked to; for all vehicles here."""
+        """Handle a lost or restored link to other processes, for each vehicle of this one."""
         for name in self._gateways:
             self._handle(Contact(at_us, name, there), now_us)
 
     def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        """What a journal tells of before: all that follows from it but the orders."""
+        """Apply an event of the journal with its commands, without carrying them out."""
         self.world.advance(event.at_us)
         window = self.fire.past(event, commands)
         if isinstance(event, OF_FIRE) and self.picture is not None:
@@ -269,8 +247,8 @@ class Service:
         if isinstance(event, Observed) and event.corrects:
             self._owed.pop(event.vehicle, None)
         if self._interlock is not None:
-            self._interlock.take(event)
-            self._interlock.sent(commands)
+            self._interlock.apply(event)
+            self._interlock.on_commands(commands)
 
     def go_on(
         self,
@@ -279,46 +257,46 @@ class Service:
         now_us: int,
         skipped: LinesSkipped | None = None,
     ) -> None:
-        """After the past events: journal the last commands that it lacks, then handle ``event``.
+        """Continue after the history: journal commands missing at its end, handle ``event``.
 
-        ``skipped`` are lines of the journal that were left out of the past.
+        ``skipped`` are lines of the journal that were not applied.
         """
         self.recording.commands(list(missing))
-        self.record.news.clear()  # told before
+        self.record.news.clear()  # announced before
         if skipped is not None:
             self._handle(skipped, now_us)
         self._begin_again(event, now_us)
 
     def _begin_again(self, event: Resumed, now_us: int) -> None:
-        """Nothing of before is trusted: each vehicle's mission is read back when it is heard."""
+        """Handle a restart, and read back each vehicle's mission as soon as it is connected."""
         self._handle(event, now_us)
         self._pay(event.at_us, now_us)
         for name, gateway in self._gateways.items():
             gateway.read_back(partial(self._missions.recognised, name), now_us)
 
     def mend(self, at_us: int, now_us: int) -> bool:
-        """Try to write again; goes on as after a restart. Whether there is no trouble any more."""
+        """Try to write the journal again; returns whether it can be written."""
         if not self.recording.works_again():
             return False
         for name in self._modes_meanwhile:
             if self.picture is not None:
                 self.picture.clear(f"unrecorded/{name}")
-        self._modes_meanwhile.clear()  # each vehicle's mode is reported anew
+        self._modes_meanwhile.clear()  # each vehicle's mode is reported again
         down_us = max(at_us - self._down_since_us, 0)
         self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
         return not self.recording.trouble
 
     def kept(self) -> dict[str, Any]:
-        """What a state holds; with the scenario it is all that there is to know."""
+        """The fields of a snapshot; with the scenario they are the whole state."""
         return {name: getattr(self, name) for name in KEPT}
 
     def restore(self, kept: dict[str, Any]) -> None:
-        """Have a state again."""
+        """Set the fields of a snapshot."""
         for name in kept:
             setattr(self, name, kept[name])
 
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
-        """Tell the user of something beside the journal."""
+        """Show a line to the operators that is not in the journal."""
         self.record.news.append((self.record.at_us, Announce(about, text, level)))
         if self.picture is not None:
             self.picture.tell(about, text, level)
@@ -328,29 +306,29 @@ class Service:
             self._owed = dict.fromkeys(self._gateways, window)
 
     def _pay(self, at_us: int, now_us: int) -> None:
-        """Tell each vehicle's planner what people have said of the fire."""
+        """Deliver operators' corrections of the fire to each vehicle's planner."""
         for name, window in list(self._owed.items()):
             if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
                 del self._owed[name]
 
     def answered(self, command: str, since_us: int) -> set[str]:
-        """Vehicles that have said yes to an order since a mission time."""
+        """The vehicles that have acknowledged a command since a mission time."""
         said = self._said_yes.items()
         return {name for (name, word), at_us in said if word == command and at_us >= since_us}
 
     def status(self) -> dict[str, Any]:
-        """What the interlock has of plans, vehicles and the crew."""
+        """The interlock's state of plans, vehicles and crew, for interfaces."""
         return {} if self._interlock is None else self._interlock.status()
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
-        """One turn; whether there was one. What is not written down did not happen."""
+        """Journal and apply an event; False if the journal refused it, and nothing was done."""
         if not self._is_good(event) or not self._written(event):
             return False
         self._follow(event, now_us)
         return True
 
     def _is_good(self, event: AnyEvent) -> bool:
-        """Whether an event can be journalled; if not, raise an alarm until one of its kind can."""
+        """Whether an event can be journalled; if not, an alarm stands until one of its kind can."""
         try:
             event_body(event)
         except RefusedEventError as error:
@@ -401,7 +379,7 @@ class Service:
                 self.fire.ordered(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
-                self._interlock.sent([command])
+                self._interlock.on_commands([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
 
@@ -410,7 +388,7 @@ class Service:
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:
-            self._interlock.take(event)
+            self._interlock.apply(event)
         return commands
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
@@ -422,7 +400,7 @@ class Service:
             self.picture.take(event, commands)
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
-        """The last lock: no drop leaves that the interlock does not allow, no mission with one."""
+        """The last check before sending: the interlock refuses drops, and missions with drops."""
         at_us, lock = self.record.at_us, self._interlock
         if isinstance(command, Drop):
             why = NO_BURN if lock is None else lock.refuses(command, at_us)
@@ -430,7 +408,7 @@ class Service:
                 return None
             named = (command.plan_hash, command.number)
             return DropFinished(at_us, command.vehicle, *named, False, True, f"interlock: {why}")
-        if isinstance(command, UploadMission) and lock is not None and has_drop(command.items):
+        if isinstance(command, UploadMission) and lock is not None and lock.may_drop(command.items):
             reason = "interlock: something in it may drop"
             return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
         return None

@@ -1,4 +1,4 @@
-"""Between the core's vocabulary and one vehicle's MAVLink client. No input or output of its own."""
+"""Translates between the core's events and commands and one vehicle's client. Sans-IO."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -6,22 +6,17 @@ from collections.abc import Callable, Iterator
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.autopilot import Autopilot
+from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
-from autopilot_bridge.vehicle.rates import RatesHz
 from mission_service.commands import (
+    ORDER_NAMES,
     AnyCommand,
-    ChangeSpeed,
-    ClimbAndHold,
     Drop,
-    Hold,
-    Orbit,
-    Return,
-    StartMission,
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
@@ -47,34 +42,12 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.guidance.registry import way_of
 from mission_service.missions.held import as_uploaded
 from mission_service.runtime.speed_reports import SpeedReports
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
-# What the core lives on; nothing else is asked for, and nothing is switched off for others.
-RATES_HZ = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
-    mavlink.MAVLINK_MSG_ID_WIND: 0.2,  # ArduPilot's
-    mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,  # PX4's
-    # Reports of failures must arrive within two seconds.
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
-    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot's
-    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,  # ArduPilot's
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,  # PX4's
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
-}
-BURN_RATES_HZ = {
-    **RATES_HZ,
-    # At 5 m/s half a metre: what is dropped is dropped when a position comes.
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-}
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 # Texts below this severity, and repetitions of a text within this time, are dropped.
@@ -86,14 +59,14 @@ StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
 )
 
-# A vehicle that stays so far behind mission time, for so long on our own clock, is set to it.
+# A vehicle that stays so far behind mission time for so long on the link's clock is set to it.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
-    """Which messages the vehicles of a scenario are asked for, and how often."""
-    return BURN_RATES_HZ if scenario.planner.rule == "burn" else RATES_HZ
+    """The messages requested from the vehicles of a scenario, with their rates in Hz."""
+    return {**RATES_HZ, **way_of(scenario).rates_hz}
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:
@@ -104,13 +77,12 @@ def dropper_of(scenario: Scenario) -> Dropper | None:
 
 
 class MissionClock:
-    """Mission time, told by the autopilots' own clocks or by the wall clock.
+    """Mission time, by the autopilots' clocks or by the wall clock.
 
-    With the autopilots' clocks a simulation that runs faster than real time keeps fire and flight
-    together; the first autopilot heard begins at ``start_us`` and each later one, or one that was
-    restarted, joins at the time reached so far. So does one whose clock is slower, or that others
-    had to wait for: who is behind is not seen by its team. With the wall clock, mission time is
-    the time since the service began.
+    The autopilots' clocks keep fire and flight together in a simulation that runs faster than real
+    time. The first autopilot begins at ``start_us``. Each later one, a restarted one and one whose
+    clock is slower joins at the time reached so far, because a vehicle that is behind is not
+    counted by its team. With the wall clock, mission time is the time since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
@@ -123,12 +95,12 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Have this mission time at that time of the machine, before any vehicle is heard."""
+        """Set the mission time at a time of the machine, before any vehicle is connected."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
     def wall_passed(self, wall_us: int) -> None:
-        """Tell the time of the machine; counts only for a wall clock."""
+        """Advance by the time of the machine; without effect for autopilots' clocks."""
         if not self.wall:
             return
         if self._began_us is None:
@@ -136,14 +108,14 @@ class MissionClock:
         self.now_us = max(self.now_us, self._start_us + wall_us - self._began_us)
 
     def autopilot_passed(self, mission_us: int) -> None:
-        """An autopilot's clock has reached this mission time."""
+        """Advance to the mission time of an autopilot's clock."""
         self.now_us = max(self.now_us, mission_us)
         self.latest_us = max(self.latest_us, mission_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
-        """Another process has reached this mission time: who joins late, joins there.
+        """Advance to the mission time of another process, at which a late vehicle joins.
 
-        Who is only a little late stays so: all events of a process are on one time.
+        A vehicle that is only a little late stays so: all events of a process share one time.
         """
         self.latest_us = max(self.latest_us, mission_us)
         self.wall_passed(wall_us)
@@ -157,27 +129,27 @@ class Gateway:
     def __init__(
         self,
         name: str,
-        client: Autopilot,
+        client: VehicleClient,
         clock: MissionClock,
         dropper: Dropper | None = None,
         return_height_m: float | None = None,
     ) -> None:
         """Without a ``dropper`` every drop is refused.
 
-        ``return_height_m`` above home is set on the vehicle when it is heard.
+        ``return_height_m`` above home is set on the vehicle when it is connected.
         """
         self.name = name
         self.client = client
         self._clock = clock
         self._dropper = dropper
         self._return_height_m = return_height_m
-        self._drops: dict[int, Drop] = {}  # under way, by the client's number
+        self._drops: dict[int, Drop] = {}  # not finished, by the client's number
         self._told: deque[VehicleEvent] = deque()  # without the client
         self._battery_pct: dict[int, float] = {}
-        self._last: dict[type, VehicleEvent] = {}  # of what is told when it changes
+        self._last: dict[type, VehicleEvent] = {}  # of each event that is reported on change
         self._status: dict[type, StatusChanged] = {}  # the newest of each
         self._speed_reports = SpeedReports()
-        self._texts: dict[str, int] = {}  # when each was written last, on the link's clock
+        self._texts: dict[str, int] = {}  # time of the last report of each, on the link's clock
         self._offset_us: int | None = None
         self._least_behind_us = 0
         self._watched_from_us = 0
@@ -185,14 +157,16 @@ class Gateway:
         self._recognise: Recognise | None = None
         self._reading: int | None = None  # the client's number of the download
         self._mode: tuple[int, bool, str] | None = None
-        self.link_alarms: deque[tuple[str, str]] = deque()  # kind and words, none where it ended
-        self._connected = False  # and told so
+        self.link_alarms: deque[tuple[str, str]] = (
+            deque()
+        )  # kind and words; empty words end the alarm
+        self._connected = False  # and reported
         self._lost = False
 
     def read_back(self, recognise: Recognise, now_us: int) -> None:
-        """Read the mission on board as soon as the vehicle is heard, and tell all of it anew.
+        """Read the mission on board as soon as the vehicle is connected; report all states again.
 
-        ``recognise`` gives the number of a mission that was read; 0 if it is none of ours.
+        ``recognise`` returns the number of a mission that was read; 0 if it was not sent from here.
         """
         self._recognise = recognise
         self._last.clear()
@@ -200,7 +174,7 @@ class Gateway:
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
-            if self._mode is not None:  # before anything is ordered again
+            if self._mode is not None:  # before any command
                 self._told.append(ModeChanged(at_us, self.name, *self._mode))
             self._told.append(_connected(at_us, self.name, stack))
             for status in self._status.values():
@@ -208,7 +182,7 @@ class Gateway:
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
-        """What happened since the last call, in the core's words, on mission time."""
+        """The events since the last call, translated for the core, in mission time."""
         self._clock.wall_passed(now_us)
         while True:
             while self._told:
@@ -221,30 +195,17 @@ class Gateway:
                 yield translated
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
-        """Carry out one command; what it leads to comes back as events."""
+        """Carry out one command; its outcome comes back as events."""
         match command:
             case UploadMission():
                 items = as_uploaded(command.items, self.client.stack)
                 transfer_id = self.client.upload(items, now_us, holds_first=True)
                 self._mission_of_transfer[transfer_id] = command.mission_id
-            case StartMission():
-                self.client.start_mission(now_us)
-            case Hold():
-                self.client.hold(now_us)
-            case Return():
-                self.client.return_home(now_us)
-            case Orbit():
-                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
-                self.client.orbit(*place, command.radius_m, now_us)
-            case ChangeSpeed():
-                self.client.change_speed(command.airspeed_m_s, now_us)
-            case ClimbAndHold():
-                place = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
-                self.client.climb_and_hold(*place, now_us)
             case Drop():
                 self._drop(command, now_us)
-            case _:  # Decided and Announce are for people
-                pass
+            case _ if (order := ORDER_NAMES.get(type(command))) is not None:
+                _vehicle, *arguments = msgspec.structs.astuple(command)
+                self.client.command(order, now_us, *arguments)
 
     def _drop(self, command: Drop, now_us: int) -> None:
         try:
@@ -277,7 +238,7 @@ class Gateway:
         return mission_us
 
     def _watch_behind(self, behind_us: int, now_us: int) -> None:
-        # The least of a while: what is only delayed on its way is not behind.
+        # The minimum over a while: a delayed message alone does not count as behind.
         self._least_behind_us = min(self._least_behind_us, behind_us)
         if now_us - self._watched_from_us < BEHIND_FOR_US:
             return
@@ -304,7 +265,7 @@ class Gateway:
             case bridge.Connected():
                 stack = event.stack
                 if self._return_height_m is not None:
-                    self.client.set_return_height(self._return_height_m, link_us)
+                    self.client.command("return height", link_us, self._return_height_m)
                 self._connected = True
                 if self._recognise is not None:
                     self._reading = self.client.download(link_us)
@@ -328,7 +289,7 @@ class Gateway:
                 return None
             case bridge.Rebooted():
                 self._offset_us = None
-                self._last.clear()  # all is to be told anew
+                self._last.clear()  # all is reported again
                 self._speed_reports = SpeedReports()
                 self._texts.clear()
                 return VehicleRebooted(now_us, name)
@@ -403,12 +364,12 @@ class Gateway:
         return AutopilotText(self._clock.now_us, self.name, event.severity, text)
 
     def _status_changed(self, status: StatusChanged) -> StatusChanged:
-        """Keep a state, which the client reports only on change, for a restart."""
+        """Keep a state for a restart; the client reports it only on change."""
         self._status[type(status)] = status
         return status
 
     def _news(self, told: BatteryTold | FixTold) -> VehicleEvent | None:
-        """What is told, unless it was told before."""
+        """The event, unless the last one of its kind was the same."""
         before = self._last.get(type(told))
         self._last[type(told)] = told
         if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
@@ -417,7 +378,7 @@ class Gateway:
 
 
 def printable(text: str) -> str:
-    """A text on one line, without characters that a terminal would obey."""
+    """A text on one line, without control characters."""
     shown = "".join(each if each.isprintable() else " " for each in text)
     return " ".join(shown.split())
 

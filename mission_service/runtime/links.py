@@ -1,7 +1,7 @@
-"""The links of a live run: each opened once, with a client for each of its vehicles.
+"""The links of a live run: each is opened once, with a client for each of its vehicles.
 
-Vehicles that name the same link share it: they are told apart by their system ids. Each is bound to
-the remote it was found on (``autopilot_bridge/vehicle/sources.py``).
+Vehicles with the same link share it and differ by their system ids. Each vehicle is bound to the
+remote on which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
 """
 
 import asyncio
@@ -11,26 +11,26 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from autopilot_bridge.clients.client_protocol import VehicleClient
+from autopilot_bridge.clients.mavsdk import MavsdkClient
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.signing import Signing
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.mavsdk.vehicle import MavsdkVehicle
-from autopilot_bridge.vehicle.autopilot import Autopilot
-from autopilot_bridge.vehicle.fleet import FleetLink
+from autopilot_bridge.links.tlog_writer import Tlog
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.burn.mission import return_height_m
+from mission_service.guidance.registry import way_of
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.signed import Refusals, refusal, signings
 
 TELL_SILENCE_AFTER_US = 4_000_000
-# Airframes exceed the commanded airspeed: ArduPlane 23 m/s of 15 (seen), and more in a dive.
+# Airframes exceed the commanded airspeed: ArduPlane flew 23 instead of 15 m/s, more in a dive.
 FASTER = 2.0
-STRONGEST_WIND_M_S = 30.0  # for flights; a scenario may have more
+STRONGEST_WIND_M_S = 30.0  # for flights; a scenario may have stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
     "clock": "severe",
@@ -44,23 +44,23 @@ Tell = Callable[[str, str], None]  # a vehicle, or "service", and a warning
 
 @dataclass
 class Link:
-    """One vehicle's link: its connection, what speaks over it, and what was not believed."""
+    """One vehicle's link: gateway, connection, and frames that were refused."""
 
     section: VehicleSection
     gateway: Gateway
-    connection: Connection | MavsdkVehicle  # shared with other vehicles on the same link
+    connection: Connection | MavsdkClient  # shared with other vehicles on the same link
     refusals: Refusals
 
     @property
     def heard(self) -> bool:
-        """Whether its autopilot has been heard."""
+        """Whether its autopilot has been connected."""
         return self.gateway.client.stack is not None
 
 
 def most_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
     """The upper bound of a vehicle's ground speed, in m/s."""
     fastest_m_s = section.airspeed_m_s
-    if scenario.planner.rule == "formation":
+    if way_of(scenario).changes_airspeed:
         fastest_m_s = max(fastest_m_s, section.most_airspeed_m_s)
     wind_m_s = max(entry.wind_speed_m_s for entry in weather_of(scenario).entries)
     return FASTER * fastest_m_s + max(STRONGEST_WIND_M_S, FASTER * wind_m_s)
@@ -83,7 +83,7 @@ async def open_links(
     """
     together = sharing(scenario.flown)
     if any(section.backend == "mavsdk" for section in scenario.flown):
-        # Each may have a transfer and a command under way, in a thread each.
+        # A transfer and a command of each vehicle may run at once, in a thread each.
         threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
         asyncio.get_running_loop().set_default_executor(threads)
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
@@ -108,7 +108,7 @@ async def open_links(
                 client,
                 clock,
                 dropper_of(scenario),
-                return_height_m(scenario, landscape),
+                way_of(scenario).return_height_m(scenario, landscape),
             )
             refusals = Refusals(section.link, section.system_id, signing)
             links[section.name] = Link(section, gateway, connection, refusals)
@@ -127,11 +127,11 @@ def _clients_of(
     tlog: Tlog | None,
     signing: Signing | None,
     link_id: int,
-) -> tuple[Sequence[Autopilot], Connection | MavsdkVehicle]:
+) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
     """The clients of the vehicles of one link, and that link, to be opened."""
     first = sections[0]
     if first.backend == "mavsdk":
-        vehicle = MavsdkVehicle(
+        vehicle = MavsdkClient(
             first.link,
             first.system_id,
             clock_us,
@@ -141,7 +141,7 @@ def _clients_of(
             most_speed_m_s(first, scenario),
         )
         return [vehicle], vehicle
-    link = FleetLink(
+    link = SharedLink(
         first.link, rates_hz=rates_hz(scenario), expects=True, signed=signing is not None
     )
     clients = [
@@ -161,7 +161,7 @@ def connected(links: dict[str, Link]) -> list[list[Link]]:
 
 
 def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
-    """Vehicle, kind and words of link alarms since the last call; no words: it has ended."""
+    """Vehicle, kind and text of link alarms since the last call; an empty text ends one."""
     found = []
     for name, link in links.items():
         while link.gateway.link_alarms:
@@ -170,14 +170,14 @@ def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
 
 
 class Silence:
-    """Tells once of each vehicle that has not been heard since the service began."""
+    """Reports once each vehicle that has not been connected since the service began."""
 
     def __init__(self, links: dict[str, Link], now_us: int) -> None:
         self._unheard = dict(links)
         self._tell_at_us = now_us + TELL_SILENCE_AFTER_US
 
     def news(self, now_us: int) -> list[tuple[str, str]]:
-        """Whom nobody has heard yet, and what that may be; once, when it is time."""
+        """The vehicles without a heartbeat and possible reasons; once, when it is due."""
         if now_us < self._tell_at_us:
             return []
         found = []

@@ -13,6 +13,7 @@ from firemodel.spread.arrival_map import frame_around, start_map
 from firemodel.spread.fire import Fire
 from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
+from mission_service.guidance.registry import way_of
 from mission_service.runtime.record import Record, VehicleRecord
 
 FRONT_EVERY_S = 1800.0
@@ -155,7 +156,7 @@ def write_outputs(out: Path, scenario: Scenario, record: Record, fire: Fire) -> 
         scenario.name,
         scenario.time_zero,
     )
-    if scenario.planner.rule == "burn":
+    if scenario.burn_flown is not None:
         write_drops(out / "drops.csv", record)
     draw_map(out / "map.png", scenario, record, fire)
     return summary
@@ -181,9 +182,8 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None
         elif vehicle.orders:
             label = name
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
-    rule, alpha = scenario.planner.rule, f", α = {scenario.planner.alpha:g}"
-    if rule in ("formation", "burn"):
-        alpha = ""
+    rule = scenario.planner.rule
+    alpha = f", α = {scenario.planner.alpha:g}" if way_of(scenario).along_front else ""
     axes.set_title(f"{scenario.name}: {rule} rule{alpha}, {record.at_us / 3.6e9:.1f} h")
     if len(handles) > LEGEND_INSIDE:
         axes.legend(handles=handles, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.06))

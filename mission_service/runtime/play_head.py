@@ -4,8 +4,8 @@ from typing import Literal
 
 import msgspec
 
-from mission_service.core.requests import FASTEST, SLOWEST
 from mission_service.errors import RequestError
+from mission_service.requests import MAX_SPEED, MIN_SPEED
 
 Speed = float | Literal["max"]
 
@@ -31,8 +31,8 @@ class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
 
 def checked_speed(speed: Speed) -> Speed:
     """The speed itself. Raises RequestError for one that is not possible."""
-    if speed != "max" and not SLOWEST <= speed <= FASTEST:
-        raise RequestError(f"speed: from {SLOWEST:g} to {FASTEST:g} times, or max")
+    if speed != "max" and not MIN_SPEED <= speed <= MAX_SPEED:
+        raise RequestError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g} times, or max")
     return speed
 
 

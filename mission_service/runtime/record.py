@@ -26,6 +26,7 @@ from mission_service.events import (
 )
 from mission_service.ground_distance import offset_m
 from mission_service.ignition_plan import IgnitionPlan
+from mission_service.runtime.published_states import DropState
 from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
 from mission_service.vehicles.availability import AIRBORNE_M
@@ -34,23 +35,6 @@ MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal ha
 MAX_REASONS = 100  # different ones, of missions (they may name users); others count as OTHER
 OTHER = "other"
 HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
-
-
-@dataclass(slots=True)
-class DropRecord:
-    """One sphere: ordered when, as which of which plan, to fall where, and what became of it."""
-
-    at_us: int
-    plan_hash: str
-    number: int
-    lat_deg: float
-    lon_deg: float
-    outcome: str = "ordered"
-
-    @property
-    def place(self) -> tuple[float, float]:
-        """Latitude and longitude in degrees."""
-        return self.lat_deg, self.lon_deg
 
 
 @dataclass
@@ -69,7 +53,7 @@ class VehicleRecord:
     orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
     here: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed, by their hashes
-    drops: list[DropRecord] = field(default_factory=list)
+    drops: list[DropState] = field(default_factory=list)
     sortie: Sortie = field(default_factory=Sortie)
 
 
@@ -163,10 +147,9 @@ class Record:
             case Propose():
                 vehicle.plans[command.plan_hash] = command.plan
             case Drop():
+                named = (command.vehicle, command.plan_hash, command.number)
                 place = (command.lat_deg, command.lon_deg)
-                vehicle.drops.append(
-                    DropRecord(self.at_us, command.plan_hash, command.number, *place)
-                )
+                vehicle.drops.append(DropState(self.at_us, *named, *place))
             case Announce():
                 self.news.append((self.at_us, command))
             case _:

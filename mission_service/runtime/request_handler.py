@@ -1,6 +1,6 @@
 """Requests of operators become events; what they lead to becomes the reply."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -8,7 +8,7 @@ import msgspec
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
 from mission_service.commands import CONFIRM
-from mission_service.core.requests import KNOWN, event_of
+from mission_service.core.requests import ANYWHERE, STATUS, RequestScope, event_of
 from mission_service.errors import MissionServiceError
 from mission_service.events import Corrected, CrewEvent, Erased, Redone, Undone
 
@@ -25,26 +25,18 @@ class Desk:
         tell: Callable[[CrewEvent], list[str]],
         status: Callable[[], dict[str, Any]],
         now_us: Callable[[], int],
-        stations: Collection[str],
-        items: Collection[str],
-        on_map: Callable[[float, float], bool],
-        vehicles: Collection[str] | None = None,
-        words: Collection[str] = KNOWN,
+        scope: RequestScope = ANYWHERE,
         burned_ha: Callable[[], float] | None = None,
     ) -> None:
         """``tell`` handles an event, and returns what was said in answer to it.
 
-        ``words``: the requests of this scenario (``core/requests.py``). ``burned_ha``: the area
-        burned now, where corrections change it; their replies have the old and the new area.
+        ``scope``: what requests are checked against. ``burned_ha``: the area burned now, where
+        corrections change it; their replies have the old and the new area.
         """
         self._tell = tell
         self._status = status
         self._now_us = now_us
-        self._stations = stations
-        self._items = items
-        self._on_map = on_map
-        self._vehicles = vehicles
-        self._words = words
+        self.scope = scope
         self._burned_ha = burned_ha
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
@@ -54,19 +46,10 @@ class Desk:
         ``confirm`` in the reply: the order was not carried out, since it would end a mode that
         autopilot or pilot selected; the same request with ``confirmed`` is carried out.
         """
-        if isinstance(request, dict) and request.get("do") == "status":
+        if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}
         try:
-            event = event_of(
-                request,
-                self._now_us(),
-                self._stations,
-                self._items,
-                self._on_map,
-                self._vehicles,
-                self._words,
-                may_approve,
-            )
+            event = event_of(request, self._now_us(), self.scope, may_approve)
             burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
             before_ha = None if burned_ha is None else burned_ha()
             said = self._tell(event)

@@ -6,7 +6,8 @@ import numpy as np
 
 from mission_service.commands import Severity
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.runtime.picture import Picture, TelemetryState
+from mission_service.runtime.picture import Picture
+from mission_service.runtime.published_states import TelemetryState
 from mission_service.vehicles.availability import AIRBORNE_M
 
 LATE_US, LATE_SEVERE_US = 500_000, 3_000_000

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from mission_service.config.sections import BurnSection
 from mission_service.core.core import Core
 from mission_service.events import Answered, Approved, CrewEvent, Present
-from mission_service.guidance.burn.controller import BurnFlight
 
 NAME = "simulated crew"
 
@@ -27,22 +26,20 @@ class SimulatedCrew:
 
     def due(self, now_us: int, core: Core) -> list[CrewEvent]:
         """What it does by now."""
-        leader = core.leader
-        assert isinstance(leader, BurnFlight)
+        awaited = core.leader.awaited()
         events: list[CrewEvent] = []
         while self._script and self._script[0].at_us <= now_us:
             events.append(self._script.pop(0))
         if now_us >= self._present_us:
             self._present_us = now_us + self._says_us
             events.append(Present(now_us, NAME, self._station))
-        if not leader.checklist.complete and now_us >= self._answers_us:
+        if awaited.answers and now_us >= self._answers_us:
             self._answers_us = now_us + self._thinks_us
             events += [Answered(now_us, NAME, self._station, item, True) for item in self._items]
-        return [*events, *self._approves(now_us, leader)]
+        return [*events, *self._approves(now_us, awaited.plan_hash)]
 
-    def _approves(self, now_us: int, leader: BurnFlight) -> list[CrewEvent]:
-        wanted = leader.approvals.plan_hash
-        if leader.approvals.approval is not None or not wanted:
+    def _approves(self, now_us: int, wanted: str) -> list[CrewEvent]:
+        if not wanted:
             return []
         if wanted != self._thinks_of:
             self._thinks_of, self._since_us = wanted, now_us

@@ -8,21 +8,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from autopilot_bridge.items import MissionItem, Plan
+from autopilot_bridge.items import Plan
 from autopilot_bridge.links.link import other_end
 from autopilot_bridge.missions.planfile import write_any
 from autopilot_bridge.stacks.stacks import stack_named
-from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
-from mission_service.config.sections import FORMATION, VehicleSection
+from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire.setup import home_of, landscape_of
-from mission_service.guidance.formation.controller import waits_at
-from mission_service.guidance.formation.seats import Formation
+from mission_service.guidance.registry import way_of
 from mission_service.live.daemon import Run, serve
-from mission_service.missions.approach import approach_mission
-from mission_service.missions.landing import Landing
-from mission_service.missions.orbits import Circle, first_mission
 from mission_service.runtime.engine import Progress
 from mission_service.runtime.outputs import write_outputs
 
@@ -93,24 +88,12 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
     raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
 
 
-def _first_mission(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> tuple[MissionItem, ...]:
-    if scenario.planner.rule != FORMATION:
-        return approach_mission(scenario, section, landscape)
-    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
-    place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
-    circle = Circle(*place_m, -section.loiter_radius_m)
-    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
-    return first_mission(landscape, circle, section, landing)
-
-
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
     """Write a vehicle's first mission as a .plan file; returns the number of items."""
     scenario = flying(load_scenario(name, overrides))
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)
-    items = _first_mission(scenario, section, landscape)
+    items = way_of(scenario).first_mission(scenario, section, landscape)
     write_any(
         output,
         Plan(items, home=home_of(section, landscape)),

@@ -12,11 +12,11 @@ from typing import Any
 from autopilot_bridge.links.link import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.fleet import Fleet
 from autopilot_bridge.mock.kinematics import CALM, Wind
-from autopilot_bridge.mock.process import serve
-from autopilot_bridge.mock.troubled import Troubled
+from autopilot_bridge.mock.local_frame import LocalFrame
+from autopilot_bridge.mock.serving import MockGroup, serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import flying, load_scenario
@@ -51,10 +51,8 @@ class Surroundings:
             )
         mock = MockAutopilot(
             stack_named(stack, kind),
+            LocalFrame(lat_deg, lon_deg, altitude_m),
             system_id=system_id,
-            home_lat_deg=lat_deg,
-            home_lon_deg=lon_deg,
-            home_altitude_amsl_m=altitude_m,
             wind=self.wind,
             terrain=None if ground_m is None else lambda lat_deg, lon_deg: ground_m,
             battery_minutes=self.battery_minutes,
@@ -69,13 +67,13 @@ class Surroundings:
                 ) from None
         return mock
 
-    def fleet(self, mocks: list[MockAutopilot]) -> Fleet:
+    def fleet(self, mocks: list[MockAutopilot]) -> MockGroup:
         """The mocks with their faults. Raises BridgeError for faults that there are not."""
         if not self.faults:
-            return Fleet(mocks)
-        return Fleet(
+            return MockGroup(mocks)
+        return MockGroup(
             [
-                Troubled(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
+                FaultyMock(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
                 for mock in mocks
             ]
         )
@@ -125,7 +123,7 @@ def _numbers(
 
 def by_hand(
     stack: str, kind: str, system_id: int, home: str, count: int, around: Surroundings
-) -> Fleet:
+) -> MockGroup:
     """Mocks with system ids in a row, a thousandth of a degree of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
@@ -148,7 +146,7 @@ def by_hand(
 class OnLink:
     """Mocks on a link, and where their key is."""
 
-    fleet: Fleet
+    fleet: MockGroup
     link: str
     signing_key: str | None = None
 
@@ -176,7 +174,7 @@ def from_scenario(
     ]
 
 
-def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> Fleet:
+def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> MockGroup:
     plain = mock_of(section, landscape)
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
@@ -197,7 +195,7 @@ def listening(listen: str) -> str:
     return link
 
 
-def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
+def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]]:
     """One mapping a vehicle."""
     return [
         {

@@ -4,11 +4,12 @@ import heapq
 from collections.abc import Callable
 from pathlib import Path
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
@@ -17,7 +18,7 @@ from mission_service.core.core import Core
 from mission_service.events import CrewEvent
 from mission_service.fire.setup import home_of, landscape_of, weather_of
 from mission_service.fire.simulated import FireWorld, world_of
-from mission_service.guidance.burn.mission import return_height_m
+from mission_service.guidance.registry import way_of
 from mission_service.journal.journal import Journal, header_of
 from mission_service.runtime.engine import Progress, Service, unshown
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
@@ -42,13 +43,10 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
     """The mock autopilot of a vehicle, standing at its home."""
-    home_lat_deg, home_lon_deg, home_altitude_amsl_m = home_of(section, landscape)
     return MockAutopilot(
         stack_named(section.stack, section.kind),
+        LocalFrame(*home_of(section, landscape)),
         system_id=section.system_id,
-        home_lat_deg=home_lat_deg,
-        home_lon_deg=home_lon_deg,
-        home_altitude_amsl_m=home_altitude_amsl_m,
         airspeed_m_s=section.airspeed_m_s,
     )
 
@@ -62,7 +60,7 @@ class Rig:
         seed = scenario.seed * 1000 + section.system_id * 2
         self.mock = mock_of(section, landscape)
         rates = rates_hz(scenario)
-        self.client = VehicleClient(target_system=section.system_id, rates_hz=rates)
+        self.client = NativeClient(target_system=section.system_id, rates_hz=rates)
         self.mock.intervals.only(*rates)
         self._clock = clock
         self._weather = weather_of(scenario) if scenario.fly_in_wind else None
@@ -72,7 +70,7 @@ class Rig:
             self.client,
             clock,
             dropper_of(scenario),
-            return_height_m(scenario, landscape),
+            way_of(scenario).return_height_m(scenario, landscape),
         )
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)

@@ -1,1 +1,1 @@
-"""What is known of each vehicle: availability, mission on board, mission under way, separation."""
+"""The state of each vehicle: availability, missions on board and under way, separation."""

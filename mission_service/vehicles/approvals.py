@@ -11,13 +11,13 @@ from mission_service.missions.mission_hash import mission_hash
 from mission_service.vehicles.state import Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0
-GOOD_FOR_S = 60.0  # afterwards it is planned anew: the front has moved on
-AHEAD_SHARE = 0.5  # of the horizon: a mission that extends so far beyond a refused one differs
+GOOD_FOR_S = 60.0  # an older proposal is planned again, because the front has moved
+AHEAD_SHARE = 0.5  # of the horizon; a mission that extends farther beyond a refused one differs
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A mission that waits for an operator's approval since ``at_s``."""
+    """A mission that was proposed to the operators at ``at_s``."""
 
     at_s: float
     command: UploadMission
@@ -25,13 +25,13 @@ class Proposal:
 
 
 class MissionApprovals:
-    """Proposes each mission instead of sending it, until it is accepted by its hash.
+    """Proposes each mission; it is sent when an operator accepts its hash.
 
-    A mission that keeps aircraft apart is sent at once, and takes the place of a proposal.
+    A mission that separates two aircraft is sent at once and replaces a proposal.
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set how far beside or beyond a refused mission another one must lead to differ."""
+        """Set the distances beside and beyond a refused mission at which another one differs."""
         self._proposals: dict[str, Proposal] = {}
         self._beside_m = path_tolerance_m
         self._beyond_m = AHEAD_SHARE * horizon_m
@@ -39,7 +39,7 @@ class MissionApprovals:
     def held_back(
         self, commands: Iterable[AnyCommand], vehicles: Mapping[str, Vehicle], at_s: float
     ) -> list[AnyCommand]:
-        """The commands, with each upload replaced by a proposal; dropped if it was refused."""
+        """Replace each upload by a proposal, and drop one like a mission that was refused."""
         found: list[AnyCommand] = []
         for command in commands:
             if not isinstance(command, UploadMission):
@@ -68,7 +68,7 @@ class MissionApprovals:
         return [ProposeMission(vehicle.name, *mission)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Whether a mission differs from a refused one in its path or in why it was due."""
+        """Whether a mission differs from a refused one in its path or its reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
@@ -80,7 +80,7 @@ class MissionApprovals:
         return bool((apart_m > most_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
-        """The mission of this hash, to be sent; None: another one, or none, is proposed."""
+        """The proposed mission with this hash, to be sent; None if it is not proposed."""
         proposal = self._taken(vehicle, named)
         if proposal is None:
             return None
@@ -88,7 +88,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the mission of this hash, and similar ones; False if it was not proposed."""
+        """Refuse the mission with this hash and similar ones; False if it is not proposed."""
         proposal = self._taken(vehicle, named)
         if proposal is None:
             return False
@@ -96,7 +96,7 @@ class MissionApprovals:
         return True
 
     def lapsed(self, vehicle: Vehicle, at_s: float) -> list[WithdrawMission]:
-        """Withdraw an expired proposal; its reason stays due."""
+        """Withdraw an expired proposal; a new mission stays due for the same reason."""
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
@@ -104,7 +104,7 @@ class MissionApprovals:
         return self.withdraw(vehicle, f"not answered for {GOOD_FOR_S:.0f} s: a new one is planned")
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
-        """Nothing is proposed for a vehicle any more."""
+        """Withdraw the proposal of a vehicle, if there is one."""
         vehicle.proposed = None
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:

@@ -1,4 +1,4 @@
-"""Whether a vehicle can be counted on: link, mode, failsafe, position. Pure."""
+"""The availability of a vehicle for planning: link, mode, failsafe, position. Pure."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from mission_service.commands import (
+    ORDER_NAMES,
     AnyCommand,
     ClimbAndHold,
     Hold,
@@ -18,11 +19,11 @@ from mission_service.events import Order
 from mission_service.position_fix import Here
 
 AIRBORNE_M = 15.0
-GOING_HOME = ("return", "land")  # by the bridge's names of modes
+GOING_HOME = ("return", "land")  # modes, by the bridge's names
 MISSION = "mission"
-# Modes that our commands lead to, by the bridge's names: any other change of mode in flight was
-# made by the autopilot or by its pilot. During an upload ArduPilot is ordered to hold, and PX4
-# holds when it finds the new mission unfit.
+# The modes, by the bridge's names, that each command of the service leads to. Any other change of
+# mode in flight is the autopilot's or its pilot's. During an upload ArduPilot is commanded to hold,
+# and PX4 holds if it rejects the new mission.
 LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     StartMission: (MISSION, "guided", "takeoff", "ready"),
     UploadMission: (MISSION, "hold"),
@@ -31,32 +32,26 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
 }
-ANSWERS: dict[str, type[AnyCommand]] = {
-    "start mission": StartMission,
-    "hold": Hold,
-    "return": Return,
-    "orbit": Orbit,
-    "climb and hold": ClimbAndHold,
-}
-UNANSWERED_S = 60.0  # an unanswered command may still change the mode for so long
-TAKES_EFFECT_S = 5.0  # and an answered one for so long after its answer
+ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
+UNANSWERED_S = 60.0  # a command without acknowledgement may change the mode until then
+TAKES_EFFECT_S = 5.0  # after its acknowledgement a command may change the mode until then
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
 
 @dataclass(slots=True)
 class Presence:
-    """Whether a vehicle can be counted on."""
+    """What decides whether planners may count on a vehicle."""
 
     online: bool = False
     airborne: bool = False
-    recalled: bool = False  # on its way home, or told to go
-    recalled_on_ground: bool = False  # and not in the air since
+    recalled: bool = False  # flies home, or is ordered to
+    recalled_on_ground: bool = False  # ordered home before takeoff
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
-    mode: str = ""  # as told last
+    mode: str = ""  # as reported last
     armed: bool = False
-    mode_is_ordered: bool = True  # False: its autopilot or its pilot chose the mode
-    held_by_upload: bool = False  # nothing but an upload explains why it holds
+    mode_is_ordered: bool = True  # False: autopilot or pilot selected it
+    held_by_upload: bool = False  # it holds, and only an upload is a reason for it
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
     fix_good: bool = True
@@ -66,7 +61,7 @@ class Presence:
 
     @property
     def position_good(self) -> bool:
-        """Whether its positions are measured: a fix in three dimensions, a healthy estimator."""
+        """Whether its position is reliable: a fix in three dimensions and a healthy estimator."""
         return self.fix_good and self.estimator_healthy
 
     @property
@@ -76,12 +71,12 @@ class Presence:
 
     @property
     def taken_over(self) -> bool:
-        """Its autopilot or its pilot chose the mode: only an operator's order may change it."""
+        """Whether autopilot or pilot selected the mode: only an operator's order may change it."""
         return self.armed and not self.mode_is_ordered
 
     @property
     def flies(self) -> bool:
-        """Online, in the air at a measured position, in a mode that was ordered, not returning."""
+        """Whether planners count on it: online, airborne, position reliable, under control."""
         counted_on = self.online and self.airborne and not self.recalled
         return counted_on and self.position_good and not self.taken_over
 
@@ -95,15 +90,15 @@ class Presence:
         return at_s <= self.expected_until_s.get(kind, -math.inf)
 
     def answered(self, kind: type[AnyCommand], at_s: float) -> None:
-        """Note an acknowledged command: its mode change follows soon or not at all."""
+        """Record an acknowledged command: its change of mode follows within ``TAKES_EFFECT_S``."""
         if kind in self.expected_until_s:
             self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
 
     def restart(self) -> None:
         """Reset after a restart of the autopilot; in flight its mode then counts as not ordered.
 
-        The mode stays the last one until another is reported, and an order home stays in force
-        while the vehicle is armed. Watchdogs restart autopilots in flight too.
+        The last mode stands until another is reported, and an order to return stands while the
+        vehicle is armed. A watchdog may restart an autopilot in flight.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)

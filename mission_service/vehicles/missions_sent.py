@@ -1,4 +1,4 @@
-"""Missions as they go to vehicles: numbered, and noted until their outcome is known."""
+"""Numbers the missions that are sent and records each until its outcome is reported."""
 
 import numpy as np
 import shapely
@@ -15,7 +15,7 @@ LINE_TOLERANCE_M = 5.0
 
 
 class MissionsSent:
-    """Gives each mission its number."""
+    """Numbers the missions of all vehicles."""
 
     def __init__(self) -> None:
         self._next_id = 1
@@ -29,13 +29,13 @@ class MissionsSent:
         why: str,
         keeps_apart: bool = False,
     ) -> UploadMission:
-        """The upload of a mission along a path (n, 2), of which one is under way from now on.
+        """Make the upload of a mission along a path (n, 2), and record it as pending.
 
-        ``keeps_apart``: it keeps the vehicle clear of another one, and waits for no approval.
+        A mission that ``keeps_apart`` separates two vehicles and needs no approval.
         """
         mission_id = self._next_id
         self._next_id += 1
-        if len(path_m) == 1:  # a place to loiter at
+        if len(path_m) == 1:  # the centre of a loiter
             path_m = np.array([(here.x_m, here.y_m), path_m[0]])
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
         takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF

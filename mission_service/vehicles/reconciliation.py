@@ -1,4 +1,4 @@
-"""What is known of a vehicle after the service was down, and what its read-back says of it."""
+"""Restarts: which state of a vehicle is unconfirmed until its mission is read back."""
 
 from typing import Literal
 
@@ -7,11 +7,11 @@ from mission_service.vehicles.state import Doubt, Vehicle
 
 
 def doubt(vehicle: Vehicle) -> None:
-    """The service was down: nothing that was under way is trusted until its mission is read back.
+    """Mark all that was under way as unconfirmed until the vehicle's mission is read back.
 
-    What people have ordered holds.
+    Operators' orders stay in force.
     """
-    was = vehicle.doubt  # down again before it was heard
+    was = vehicle.doubt  # another restart before the first read-back
     pending = vehicle.pending or (was.pending if was else None)
     sent_home = vehicle.presence.recalled and vehicle.sent_home
     recalled = sent_home or bool(was and was.recalled)
@@ -24,9 +24,9 @@ def doubt(vehicle: Vehicle) -> None:
 def recognised(
     vehicle: Vehicle, was: Doubt, event: MissionHeld
 ) -> Literal["same", "new", "unknown"]:
-    """Which mission it has: the one before, the one that was on its way, or any other.
+    """Which mission is on board: the accepted one, the one that was being sent, or another.
 
-    The one before is flown on, unless a new one was wanted.
+    The vehicle continues the accepted mission, unless a new one is due.
     """
     pending, accepted = was.pending, vehicle.accepted
     if pending is not None and event.mission_id == pending.mission_id:
@@ -39,7 +39,7 @@ def recognised(
 
 
 def in_words(event: MissionHeld) -> str:
-    """For the operator."""
+    """The result of a read-back, as a line for the operator."""
     if event.items is None:
         return "its mission could not be read back: it is sent another"
     if event.mission_id:

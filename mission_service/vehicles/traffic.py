@@ -1,4 +1,4 @@
-"""Which vehicles must give way to which, now, by the rules of ``missions/separation.py``."""
+"""Separation of all vehicles in flight, by the rules of ``missions/separation.py``."""
 
 import math
 from dataclasses import dataclass, replace
@@ -31,21 +31,21 @@ Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
-LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # to the place where it waits
-WAITS_AT_MOST_S = 120.0  # whatever the others do
-UNHEARD_S = 5.0  # where a vehicle was so long ago says little
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # towards its waiting place
+WAITS_AT_MOST_S = 120.0  # then it flies on
+UNHEARD_S = 5.0  # an older position is not used
 
 
 @dataclass(slots=True, eq=False)
 class Flown:
-    """What a vehicle flies, and whom it has given way to."""
+    """A vehicle's planned track and the vehicle that it gives way to."""
 
     section: VehicleSection
     presence: Presence
     home_m: tuple[float, float]
     track: Track | None = None
-    sent: int = 0  # missions so far
-    compared: tuple[int, ...] = ()  # those of the vehicles below when they were last looked at
+    sent: int = 0  # number of missions
+    compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
     waits_since_s: float = 0.0
     waits_at: Floats | None = None  # (1, 2)
@@ -53,7 +53,7 @@ class Flown:
 
 
 class Spacing:
-    """Keeps account of all vehicles' missions and places."""
+    """Keeps the tracks and positions of all vehicles and decides which one gives way."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, presence: dict[str, Presence]
@@ -79,7 +79,7 @@ class Spacing:
     # Missions one above the other -------------------------------------------------------------
 
     def sends(self, name: str, items: tuple[MissionItem, ...]) -> None:
-        """A mission goes to the vehicle."""
+        """Record a mission that is sent to the vehicle."""
         flown = self._all[name]
         here = flown.presence.here
         start_m = (here.x_m, here.y_m) if here and flown.presence.airborne else None
@@ -88,7 +88,7 @@ class Spacing:
         flown.compared = self._missions_below(name)
 
     def forget(self, name: str) -> None:
-        """The vehicle stands on the ground without a mission."""
+        """Forget the mission of a vehicle on the ground."""
         self._all[name].track = self._all[name].gave_way_to = None
 
     def least_altitudes(self, name: str) -> LeastAltitude:
@@ -107,7 +107,7 @@ class Spacing:
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
-        """What the vehicles in lower layers are to fly, and where they are."""
+        """Tracks and positions of the vehicles in lower layers."""
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
         places = [other.presence.here for other in below if other.presence.airborne]
@@ -120,11 +120,11 @@ class Spacing:
     # Giving way -------------------------------------------------------------------------------
 
     def gave_way_to(self, name: str) -> str | None:
-        """Whom the vehicle waits for."""
+        """The vehicle that this one waits for, if any."""
         return self._all[name].gave_way_to
 
     def give_way_to(self, name: str) -> str | None:
-        """Whom the vehicle has to let pass, now or still."""
+        """Decide which vehicle this one gives way to now, if any."""
         own = self._all[name]
         here = own.presence.here
         assert here is not None
@@ -181,7 +181,7 @@ class Spacing:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Whether nobody who gives way to the vehicle is still about to."""
+        """Whether no other vehicle is flying out of this one's way just now."""
         here = self._all[name].presence.here
         for other in self._all.values():
             there = other.presence.here
@@ -199,7 +199,7 @@ class Spacing:
         return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
-        """Whether nobody is near its home, or about to take off there; if so, it is to start."""
+        """Whether its home is clear of other vehicles; if so, record its start."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:
@@ -218,6 +218,6 @@ class Spacing:
 
 
 def _is_told_of(presence: Presence, at_s: float) -> bool:
-    """Whether it is in the air, by word not too old."""
+    """Whether it is airborne by a recent position."""
     here = presence.here
     return presence.airborne and here is not None and at_s - here.at_s < UNHEARD_S

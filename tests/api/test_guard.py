@@ -9,7 +9,7 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from mission_service.core.requests import OF_APPROVERS
+from mission_service.core.requests import REQUESTS
 from mission_service.errors import MissionServiceError
 from mission_service.events import Aborted
 from mission_service.interfaces.api.access import guard
@@ -17,7 +17,6 @@ from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.api.access.guard import Guard
 from mission_service.interfaces.api.answers import MOST_BODY_BYTES
 from mission_service.interfaces.api.app import role_of, routes_of
-from mission_service.interfaces.api.burn import WORDS
 from tests.api.worlds import HOST, Call, Served, World, calls, client, scenario_of, served, world_in
 
 V1 = "/api/v1"
@@ -364,7 +363,8 @@ def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool)
 
 
 def test_what_takes_the_role_approve_is_the_same_for_all_interfaces() -> None:
-    assert {do for do, (role, *_) in WORDS.items() if role == "approve"} == set(OF_APPROVERS)
+    approvers = {"approve", "reject", "go", "no-go", "present", "unit"}
+    assert {do for do, kind in REQUESTS.items() if kind.role == "approve"} == approvers
 
 
 def test_the_address_that_a_connection_came_to_is_a_right_host(flying: World) -> None:

@@ -11,7 +11,7 @@ from mission_service.interfaces.api import live
 from mission_service.interfaces.api.access import guard
 from mission_service.interfaces.api.live import MOST_STREAMS, LiveStream
 from mission_service.interfaces.api.server import Connection
-from mission_service.runtime.picture import TelemetryState
+from mission_service.runtime.published_states import TelemetryState
 from tests.api.worlds import Served, World, client, listened_to, served, stream_of
 from tests.patience import PATIENCE_S, until
 

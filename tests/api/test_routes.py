@@ -7,7 +7,7 @@ import re
 import zipfile
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import httpx
 import jsonschema
@@ -18,6 +18,7 @@ from PIL import Image
 
 from autopilot_bridge.missions.planfile import read_plan
 from mission_service.events import Corrected, Ordered, SettingsTold, WindTold
+from mission_service.guidance.protocol import Planner
 from mission_service.interfaces.api.access.guard import Guard
 from mission_service.interfaces.api.app import role_of, routes_of
 from mission_service.interfaces.api.journal_lines import JournalLines
@@ -187,7 +188,7 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
         assert "no importances yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
 
     asked(world, early)
-    planner = world.hub.core.leader.planners["hawk"]  # type: ignore[attr-defined]
+    planner = cast(Planner, world.hub.core.leader.planners["hawk"])
     until_s = 3900.0
     while planner.phase != "monitor":
         until_s += 20.0

@@ -11,15 +11,15 @@ from typing import Any
 import httpx
 
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.sections import BURN
 from mission_service.config.service import HttpSection, ServiceSection
-from mission_service.core.requests import ALWAYS, NOT_OF_BURNS, OF_BURNS
+from mission_service.core.requests import RequestScope, accepted_in
 from mission_service.events import CrewEvent
 from mission_service.fire.setup import landscape_of
-from mission_service.interfaces.api.access.auth import ROLES, Role, Tokens, Who, new_token, sum_of
+from mission_service.interfaces.api.access.auth import ROLES, Tokens, Who, new_token, sum_of
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
 from mission_service.journal.journal import Journal, header_of
+from mission_service.requests import Role
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.request_handler import Desk
@@ -76,18 +76,16 @@ def world_in(out: Path, scenario: Scenario) -> World:
         simulation.world.advance(clock.now_us)
         return simulation.world.fire.burned_ha
 
-    burn = scenario.burn if scenario.planner.rule == BURN else None
-    desk = Desk(
-        tell,
-        service.status,
-        lambda: clock.now_us,
+    burn = scenario.burn_flown
+    scope = RequestScope(
         () if burn is None else tuple(station.name for station in burn.stations),
         () if burn is None else burn.go_items,
         on_map,
         tuple(section.name for section in scenario.vehicles),
-        (*ALWAYS, *(NOT_OF_BURNS if burn is None else OF_BURNS)),
-        None if burn is not None else burned_ha,
+        accepted_in(scenario),
     )
+    area = None if burn is not None else burned_ha
+    desk = Desk(tell, service.status, lambda: clock.now_us, scope, area)
     settings = ServiceSection(http=HttpSection())
     hub = Hub(scenario, settings, service, picture, desk, clock, {}, out, out / "journal.jsonl")
     return World(simulation, hub, told)

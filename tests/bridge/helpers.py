@@ -5,13 +5,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import ClientEvent, TransferFinished
 
 HOME = (36.3, -84.2, 300.0)
@@ -22,9 +23,7 @@ def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopil
     """A mock; the lines flown here have no landing, so a PX4 plane is set not to ask for one."""
     mock = MockAutopilot(
         stack,
-        home_lat_deg=HOME[0],
-        home_lon_deg=HOME[1],
-        home_altitude_amsl_m=HOME[2],
+        LocalFrame(HOME[0], HOME[1], HOME[2]),
         **more,
     )
     if stack.name == "px4":
@@ -74,7 +73,7 @@ class Pair:
     mock: MockAutopilot
     up: MemoryLink = field(default_factory=MemoryLink)
     down: MemoryLink = field(default_factory=MemoryLink)
-    client: VehicleClient = field(default_factory=VehicleClient)
+    client: NativeClient = field(default_factory=NativeClient)
     events: list[ClientEvent] = field(default_factory=list)
     now_us: int = 0
     mock_alive: bool = True
@@ -109,6 +108,7 @@ class Pair:
             self.events.append(event)
         for datagram in self.client.data_to_send():
             self.up.send(datagram, now_us)
+        self.client.validate_state()
 
     def run_for(self, seconds: float) -> None:
         self.run(self.now_us + round(seconds * SECOND))

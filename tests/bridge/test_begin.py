@@ -11,7 +11,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, stack_named
-from autopilot_bridge.vehicle.begin import Begin, Onboard
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
@@ -26,7 +26,7 @@ def flying(stack: Stack, **more: Any) -> Pair:
     pair = Pair(mock_of(stack), **more)
     pair.run_for(1.0)
     pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(6)), pair.now_us))
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(45.0)
     assert pair.mock.flight.mode == "mission"
     assert pair.mock.flight.airborne
@@ -62,7 +62,7 @@ def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
         rng = Random(seed)
         pair = flying(stack)
         if loiters:
-            pair.client.hold(pair.now_us)
+            pair.client.command("hold", pair.now_us)
             pair.run_for(3.0)
         new = near(pair, rng.randint(3, 12))
         if rng.random() < 0.5:
@@ -115,7 +115,7 @@ def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bo
     """Seen on PX4 1.17 in LOITER: acknowledged, "Mission rejected" in its log, told as accepted."""
     pair = flying(PX4)
     if loiters:
-        pair.client.hold(pair.now_us)
+        pair.client.command("hold", pair.now_us)
         pair.run_for(3.0)
     pair.mock.parameters.change("MIS_TKO_LAND_REQ", 2)
     result = pair.result_of(pair.client.upload(line_of(6, first=2), pair.now_us))
@@ -134,10 +134,10 @@ def current(seq: int, plan_id: int = 77, state: int = 3, total: int = 9) -> Mess
     return heard
 
 
-def begun(stack: Stack, seq: int = 0, before: Onboard | None = None) -> Begin:
+def begun(stack: Stack, seq: int = 0, before: Onboard | None = None) -> MissionActivation:
     plan_id = 77 if stack is PX4 else None
     before = before or Onboard(5, 66 if stack is PX4 else None, False)
-    return Begin(ADDRESS, seq, seq, 9, plan_id, before, TransferTiming())
+    return MissionActivation(ADDRESS, seq, seq, 9, plan_id, before, TransferTiming())
 
 
 def acknowledged(result: int) -> Message:

@@ -6,14 +6,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.clients.native import NativeClient
+from autopilot_bridge.clients.shared_link import FleetEvent, SharedLink, VehicleKey
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.fleet import Fleet as Mocks
+from autopilot_bridge.mock.local_frame import LocalFrame
+from autopilot_bridge.mock.serving import MockGroup
 from autopilot_bridge.stacks.stacks import STACKS, stack_named, stack_of
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
     Connected,
@@ -23,7 +24,6 @@ from autopilot_bridge.vehicle.client_events import (
     SameSystemId,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.fleet import Fleet, FleetEvent, FleetLink, VehicleKey
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.wire_helpers import clock_us, free_port
 from tests.patience import PATIENCE_S
@@ -37,21 +37,20 @@ class Air:
 
     def __init__(self, **remotes: list[MockAutopilot]) -> None:
         """``remotes`` are named ``link_remote``."""
-        self.fleet = Fleet()
-        self.remotes: dict[tuple[str, str], tuple[Mocks, MemoryLink, MemoryLink]] = {}
+        self.links: dict[str, SharedLink] = {}
+        self.remotes: dict[tuple[str, str], tuple[MockGroup, MemoryLink, MemoryLink]] = {}
         self.events: list[FleetEvent] = []
         self.now_us = 0
         for name, mocks in remotes.items():
             link, _, remote = name.partition("_")
-            if link not in self.fleet.links:
-                self.fleet.add(FleetLink(link))
-            self.remotes[link, remote] = (Mocks(mocks), MemoryLink(), MemoryLink())
+            self.links.setdefault(link, SharedLink(link))
+            self.remotes[link, remote] = (MockGroup(mocks), MemoryLink(), MemoryLink())
 
     def run_for(self, seconds: float) -> None:
         end_us = self.now_us + round(seconds * SECOND)
         while self.now_us < end_us:
             self.now_us += 25_000
-            for link in self.fleet.links.values():
+            for link in self.links.values():
                 if link.next_timer() <= self.now_us:
                     link.handle_timer(self.now_us)
                 for datagram in link.data_to_send():
@@ -65,8 +64,18 @@ class Air:
                 for datagram in mocks.data_to_send():
                     down.send(datagram, self.now_us)
                 for datagram in down.receive(self.now_us):
-                    self.fleet.links[name].receive_frames(remote, [datagram], self.now_us)
-            self.events += self.fleet.events()
+                    self.links[name].receive_frames(remote, [datagram], self.now_us)
+            for link in self.links.values():
+                while (event := link.next_event()) is not None:
+                    self.events.append(event)
+
+    @property
+    def vehicles(self) -> dict[VehicleKey, NativeClient]:
+        return {
+            VehicleKey(name, system): link.clients[system]
+            for name, link in self.links.items()
+            for system in sorted(link.clients)
+        }
 
     def of(self, kind: type, system_id: int | None = None, link: str | None = None) -> list[Any]:
         return [
@@ -86,7 +95,7 @@ def test_all_four_kinds_are_found_on_one_link() -> None:
     air.run_for(4.0)
     found = {key.system_id: e.stack for key, e in air.events if isinstance(e, Connected)}
     assert found == dict(enumerate(STACKS, start=1))
-    assert list(air.fleet.vehicles) == [VehicleKey("a", n) for n in (1, 2, 3, 4)]
+    assert list(air.vehicles) == [VehicleKey("a", n) for n in (1, 2, 3, 4)]
     assert all(len(air.of(Position, n)) > 4 for n in (1, 2, 3, 4))
 
 
@@ -107,7 +116,7 @@ def test_all_four_kinds_are_found_on_one_link() -> None:
 def test_only_autopilots_of_aircraft_are_vehicles(
     component: int, autopilot: int, mav_type: int
 ) -> None:
-    link = FleetLink("a")
+    link = SharedLink("a")
     link.receive_data(heartbeat(9, component, autopilot, mav_type), 0)
     assert link.clients == {}
     link.receive_data(heartbeat(9, 1, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_HEXAROTOR), 0)
@@ -121,11 +130,11 @@ def test_vtols_count_as_planes() -> None:
 def test_the_same_id_on_two_links_is_two_vehicles() -> None:
     air = Air(a_1=[mock_of(PX4)], b_1=[mock_of(COPTER)])
     air.run_for(3.0)
-    assert {str(key): client.stack for key, client in air.fleet.vehicles.items()} == {
+    assert {str(key): client.stack for key, client in air.vehicles.items()} == {
         "1 on a": PX4,
         "1 on b": COPTER,
     }
-    air.fleet.client(VehicleKey("b", 1)).upload(line_of(3), air.now_us, by_file=False)
+    air.vehicles[VehicleKey("b", 1)].upload(line_of(3), air.now_us, by_file=False)
     air.run_for(5.0)
     assert [e.result.outcome for e in air.of(TransferFinished, link="b")] == ["accepted"]
     assert air.of(TransferFinished, link="a") == []
@@ -182,19 +191,17 @@ def test_orders_go_to_the_vehicle_they_are_for() -> None:
     mocks = [mock_of(COPTER, system_id=n) for n in (1, 2, 3)]
     air = Air(a_1=mocks)
     air.run_for(4.0)
-    command_id = air.fleet.client(VehicleKey("a", 2)).takeoff(25.0, air.now_us)
+    command_id = air.vehicles[VehicleKey("a", 2)].command("takeoff", air.now_us, 25.0)
     air.run_for(20.0)
     assert [(e.command_id, e.accepted) for e in air.of(CommandFinished, 2)] == [(command_id, True)]
     assert [mock.flight.airborne for mock in mocks] == [False, True, False]
-    with pytest.raises(BridgeError, match="vehicle 7 on a was not heard"):
-        air.fleet.client(VehicleKey("a", 7))
 
 
 def test_one_heartbeat_a_second_for_the_whole_link() -> None:
     air = Air(a_1=[mock_of(PX4, system_id=n) for n in range(1, 6)])
     air.run_for(10.0)
     heard: list[str] = []
-    air.remotes["a", "1"] = (Mocks([]), Tap(heard), MemoryLink(loss=1.0))
+    air.remotes["a", "1"] = (MockGroup([]), Tap(heard), MemoryLink(loss=1.0))
     air.run_for(2.0)
     assert heard.count("HEARTBEAT") == 2
 
@@ -209,10 +216,10 @@ class Tap(MemoryLink):
 
 
 def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
-    link = FleetLink("a")
+    link = SharedLink("a")
     timers, handled = [5 * SECOND, 7 * SECOND, 5 * SECOND], []
 
-    class Fickle(VehicleClient):
+    class Fickle(NativeClient):
         def next_timer(self) -> int:
             return timers.pop(0) if timers else 9 * SECOND
 
@@ -231,18 +238,11 @@ def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
     assert handled == [5 * SECOND, 9 * SECOND]
 
 
-def test_links_need_different_names() -> None:
-    fleet = Fleet()
-    fleet.add(FleetLink("a"))
-    with pytest.raises(BridgeError, match="'a' is there already"):
-        fleet.add(FleetLink("a"))
-
-
 def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
     port = free_port()
 
     async def run() -> list[FleetEvent]:
-        link = FleetLink("udp")
+        link = SharedLink("udp")
         events: list[FleetEvent] = []
         mocks = [mock_of(PX4), mock_of(PX4)]
         async with (
@@ -275,16 +275,10 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
             super().receive_data(data, now_us)
 
     def spy(system_id: int) -> Spy:
-        return Spy(
-            PX4,
-            system_id=system_id,
-            home_lat_deg=36.3,
-            home_lon_deg=-84.2,
-            home_altitude_amsl_m=300.0,
-        )
+        return Spy(PX4, LocalFrame(36.3, -84.2, 300.0), system_id=system_id)
 
     async def run() -> None:
-        link = FleetLink("udp")
+        link = SharedLink("udp")
         async with (
             Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as here,
             Connection(f"udpout:127.0.0.1:{port}", spy(1), clock_us),
@@ -302,7 +296,7 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
 
 def test_each_of_250_vehicles_has_its_own_client_and_events() -> None:
     """Ten seconds of traffic; ``benchmarks.streaming`` measures the share of a core."""
-    link = FleetLink("a")
+    link = SharedLink("a")
     mock = mock_of(PX4)
     traffic: list[tuple[int, Any]] = []
     for now_us in range(0, 12 * SECOND, 125_000):

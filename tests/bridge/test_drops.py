@@ -1,4 +1,4 @@
-"""Drops by order: each release once, at its time or not at all; what comes back."""
+"""DropSender by order: each release once, at its time or not at all; what comes back."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ from autopilot_bridge.vehicle.client_events import (
     ModeChanged,
     Position,
 )
-from autopilot_bridge.vehicle.drops import FIRST_COMPONENT
+from autopilot_bridge.vehicle.drop_sender import FIRST_COMPONENT
 from autopilot_bridge.vehicle.orders import Dropper
 from tests.bridge.helpers import HOME, SECOND, Pair, line_of, mock_of
 
@@ -81,7 +81,7 @@ def flying(stack: Stack, **link: Any) -> tuple[Pair, Heard]:
     pair.run_for(4.0)
     items = (takeoff(*HOME[:2], 330.0), *(replace(item, z=330.0) for item in line_of(12)))
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(25.0)
     assert mock.flight.mode == "mission"
     assert mock.flight.motion.altitude_m > 325.0
@@ -172,7 +172,7 @@ def test_a_drop_goes_past_orders_and_transfers_that_wait(stack: Stack) -> None:
     pair.down = MemoryLink(loss=1.0)  # nothing is acknowledged any more
     pair.client.upload(line_of(30, 7), pair.now_us)
     for speed in (6.0, 7.0, 8.0):
-        pair.client.change_speed(speed, pair.now_us)
+        pair.client.command("change speed", pair.now_us, speed)
     pair.run_for(1.0)
     ordered_us = pair.now_us
     drop(pair, GRIPPER)
@@ -247,12 +247,12 @@ def test_a_drop_over_a_lost_link_is_refused_at_once() -> None:
     assert mock.releases(SERVO) == []
 
 
-@pytest.mark.parametrize("order", ["climb_and_hold", "hold", "return_home", "land"])
+@pytest.mark.parametrize("order", ["climb and hold", "hold", "return", "land"])
 def test_an_urgent_order_takes_back_drops_that_are_not_sent_yet(order: str) -> None:
     pair, mock = flying(ARDUPILOT)
     pair.client.drop(SERVO, pair.now_us)
-    place = (36.305, -84.198, 380.0) if order == "climb_and_hold" else ()
-    getattr(pair.client, order)(*place, pair.now_us)
+    place = (36.305, -84.198, 380.0) if order == "climb and hold" else ()
+    pair.client.command(order, pair.now_us, *place)
     pair.run_for(3.0)
     (told,) = pair.of(DropFinished)
     assert told.outcome == "refused"
@@ -302,7 +302,7 @@ def test_it_leaves_its_mission_climbs_in_place_and_holds(stack: Stack, loss: flo
     place = (here.lat_deg, here.lon_deg, 390.0)
     begun = mock.flight.motion
     at_m = (begun.north_m, begun.east_m)
-    pair.client.climb_and_hold(*place, pair.now_us)
+    pair.client.command("climb and hold", pair.now_us, *place)
     pair.run_for(10.0)
     assert mock.flight.motion.altitude_m > 345.0
     pair.run_for(25.0)
@@ -319,10 +319,10 @@ def test_it_leaves_its_mission_climbs_in_place_and_holds(stack: Stack, loss: flo
 def test_it_takes_the_place_of_orders_under_way_and_is_repeated_soon(stack: Stack) -> None:
     pair, mock = flying(stack)
     pair.up = MemoryLink(loss=1.0)
-    pair.client.change_speed(4.0, pair.now_us)
+    pair.client.command("change speed", pair.now_us, 4.0)
     pair.run_for(0.5)
     asked_us = pair.now_us
-    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.client.command("climb and hold", pair.now_us, 36.305, -84.198, 390.0)
     pair.run_for(1.0)
     pair.up = MemoryLink()
     pair.run_for(0.5)
@@ -344,7 +344,7 @@ def test_an_upload_under_way_does_not_fly_on_after_it() -> None:
             by_file=False,
         )
         pair.run_for(after_s)
-        pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+        pair.client.command("climb and hold", pair.now_us, 36.305, -84.198, 390.0)
         pair.run_for(25.0)
         assert mock.flight.mode == "guided", after_s
         assert mock.flight.motion.altitude_m > 380.0
@@ -356,13 +356,13 @@ def test_without_satellites_a_mock_lands_blind_as_the_real_ones_do(stack: Stack)
     pair, mock = flying(stack)
     mock.positions = False
     pair.run_for(3.0)
-    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.client.command("climb and hold", pair.now_us, 36.305, -84.198, 390.0)
     pair.run_for(1.5)
     assert pair.of(CommandFinished)[-1].accepted
     assert mock.flight.motion.altitude_m > 332.0
     pair.run_for(5.0)
     assert mock.flight.mode == "land"
-    pair.client.climb_and_hold(36.305, -84.198, 390.0, pair.now_us)
+    pair.client.command("climb and hold", pair.now_us, 36.305, -84.198, 390.0)
     pair.run_for(3.0)
     ended = pair.of(CommandFinished)[-1]
     assert not ended.accepted
@@ -379,10 +379,10 @@ def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
     for height_m in (None, 75.0):
         pair, _ = flying(stack, loss=0.1)
         if height_m is not None:
-            pair.client.set_return_height(height_m, pair.now_us)
+            pair.client.command("return height", pair.now_us, height_m)
             pair.run_for(10.0)
             assert pair.of(CommandFinished)[-1].accepted
-        pair.client.return_home(pair.now_us)
+        pair.client.command("return", pair.now_us)
         told = len(pair.of(Position))
         pair.run_for(25.0)
         heights.append(max(at.altitude_relative_m for at in pair.of(Position)[told:]))
@@ -404,11 +404,11 @@ def test_planes_cannot() -> None:
 @copters
 def test_after_it_a_new_mission_is_flown_from_its_beginning(stack: Stack) -> None:
     pair, mock = flying(stack, delay_us=50_000)
-    pair.client.climb_and_hold(36.303, -84.199, 360.0, pair.now_us)
+    pair.client.command("climb and hold", pair.now_us, 36.303, -84.199, 360.0)
     pair.run_for(25.0)
     items = (waypoint(36.304, -84.199, 330.0), loiter_unlimited(36.304, -84.198, 360.0, 0.0))
     pair.result_of(pair.client.upload(items, pair.now_us, holds_first=True))
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(120.0)
     assert mock.flight.mode == "mission"
     assert mock.flight.motion.altitude_m == pytest.approx(360.0, abs=1.0)

@@ -29,7 +29,7 @@ def flying(stack: Stack) -> Pair:
     pair = Pair(mock_of(stack))
     pair.run_for(2.0)
     pair.result_of(pair.client.upload(flight_of(), pair.now_us))
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(2.0)
     return pair
 
@@ -88,7 +88,7 @@ def test_ardupilot_flies_its_old_target_until_the_index_is_set() -> None:
 def test_hold_stops_a_mission_where_it_is() -> None:
     pair = flying(stack_named("px4", "plane"))
     pair.run_for(60.0)
-    pair.client.hold(pair.now_us)
+    pair.client.command("hold", pair.now_us)
     pair.run_for(5.0)
     assert pair.mock.flight.mode == "hold"
 

@@ -10,8 +10,8 @@ from autopilot_bridge.items import takeoff
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
-from autopilot_bridge.vehicle.asked_modes import AskedModes
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
@@ -33,10 +33,10 @@ def flying(stack: Stack, mode: str = "mission") -> Pair:
     pair = Pair(mock_of(stack))
     pair.run_for(1.0)
     pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(30)), pair.now_us))
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(40.0)
     if mode == "hold":
-        pair.client.hold(pair.now_us)
+        pair.client.command("hold", pair.now_us)
         pair.run_for(15.0)
     assert pair.mock.flight.mode == mode
     pair.events.clear()
@@ -93,16 +93,16 @@ def test_a_failsafe_over_a_lossy_link_is_left_alone(stack: Stack, seed: int) -> 
 
 Order = Callable[[Pair], object]
 ORDERS: dict[str, tuple[str, Order]] = {
-    "start mission": ("hold", lambda pair: pair.client.start_mission(pair.now_us)),
-    "resume": ("hold", lambda pair: pair.client.resume(pair.now_us)),
-    "hold": ("mission", lambda pair: pair.client.hold(pair.now_us)),
+    "start mission": ("hold", lambda pair: pair.client.command("start mission", pair.now_us)),
+    "resume": ("hold", lambda pair: pair.client.command("resume", pair.now_us)),
+    "hold": ("mission", lambda pair: pair.client.command("hold", pair.now_us)),
     "reposition": (
         "mission",
-        lambda pair: pair.client.reposition(36.305, -84.195, 420.0, pair.now_us),
+        lambda pair: pair.client.command("reposition", pair.now_us, 36.305, -84.195, 420.0),
     ),
     "orbit": (
         "mission",
-        lambda pair: pair.client.orbit(36.305, -84.195, 420.0, 90.0, pair.now_us),
+        lambda pair: pair.client.command("orbit", pair.now_us, 36.305, -84.195, 420.0, 90.0),
     ),
 }
 
@@ -127,8 +127,8 @@ def test_an_order_is_not_repeated_against_a_failsafe(stack: Stack, name: str) ->
 def test_an_order_that_waits_does_not_go_out_against_a_failsafe() -> None:
     pair = flying(ARDUPLANE, "hold")
     pair.down = Deaf()
-    pair.client.change_speed(20.0, pair.now_us)
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("change speed", pair.now_us, 20.0)
+    pair.client.command("start mission", pair.now_us)
     run_with_failsafe(pair, 1.0)
     assert pair.mock.flight.mode == "rtl"
     started, changed = sorted(pair.of(CommandFinished), key=lambda ended: ended.at_us)
@@ -139,7 +139,7 @@ def test_an_order_that_waits_does_not_go_out_against_a_failsafe() -> None:
 def test_a_person_may_still_order_it_out_of_its_failsafe() -> None:
     pair = flying(ARDUPLANE)
     run_with_failsafe(pair, 1.0)
-    pair.client.hold(pair.now_us)
+    pair.client.command("hold", pair.now_us)
     pair.run_for(3.0)
     assert pair.mock.flight.mode == "hold"
     assert pair.of(CommandFinished)[-1].accepted
@@ -150,10 +150,10 @@ def test_an_order_that_took_anothers_place_is_not_stopped_by_that_ones_mode() ->
     pair = flying(PX4, "hold")
     slow = MemoryLink(delay_us=900_000)
     pair.up = slow
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(0.2)
     pair.up = MemoryLink(loss=1.0)
-    pair.client.hold(pair.now_us)
+    pair.client.command("hold", pair.now_us)
     pair.run_for(1.0)
     for datagram in slow.receive(pair.now_us):
         pair.mock.receive_data(datagram, pair.now_us)
@@ -169,7 +169,7 @@ def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
     pair.run_for(1.0)
     pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(5)), pair.now_us))
     pair.down = Deaf()
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(1.1)
     assert pair.mock.flight.armed
     pair.mock.flight.armed = False
@@ -179,7 +179,7 @@ def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
 
 
 def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_later() -> None:
-    asked = AskedModes()
+    asked = CommandedModes()
     asked.ask((10,), 0)
     assert asked.has(10, 9 * SECOND)
     asked.ask((12,), 1 * SECOND)
@@ -218,7 +218,7 @@ def test_no_command_is_repeated_or_continued_while_the_autopilot_may_have_restar
         pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(5)), pair.now_us))
         pair.run_for(3.0)
         pair.down = Deaf()
-        pair.client.start_mission(pair.now_us)
+        pair.client.command("start mission", pair.now_us)
         pair.run_for(after_s)
         pair.mock.reboot(pair.now_us)
         pair.up = Noted()

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import (
@@ -18,9 +19,8 @@ from autopilot_bridge.links.link import (
     reconnect_wait_s,
 )
 from autopilot_bridge.missions.transfer import TransferResult
-from autopilot_bridge.mock.process import serve
+from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 
@@ -86,7 +86,7 @@ def test_a_memory_link_treats_the_same_traffic_the_same_way() -> None:
 
 
 async def upload_over_udp(port: int) -> TransferResult:
-    client = VehicleClient()
+    client = NativeClient()
     async with Connection(f"udpin:127.0.0.1:{port}", client, clock_us) as connection:
         while True:
             await connection.wait()
@@ -117,7 +117,7 @@ def test_a_mission_is_uploaded_over_real_udp() -> None:
 def test_a_port_in_use_is_named() -> None:
     async def twice(port: int) -> None:
         link = f"udpin:127.0.0.1:{port}"
-        first, second = (Connection(link, VehicleClient(), clock_us) for _ in range(2))
+        first, second = (Connection(link, NativeClient(), clock_us) for _ in range(2))
         async with first, second:
             pass
 

@@ -15,8 +15,8 @@ from pyulog import ULog
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import MemoryLink
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.logs import pieces
+from autopilot_bridge.links.tlog_writer import Tlog
+from autopilot_bridge.logs import record_scanner
 from autopilot_bridge.logs.dataflash import DataFlashLog
 from autopilot_bridge.logs.entries import (
     Entry,
@@ -75,7 +75,7 @@ def recorded(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     pair = Pair(mock_of(stack_named(request.param, "plane")), up=up, down=down)
     pair.run_for(3.0)
     assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run_for(30.0)
     pair.mock_alive = False
     pair.run_for(5.0)
@@ -288,7 +288,7 @@ def test_a_log_cut_at_any_byte_tells_all_up_to_there(
     path, data, reader = written
     whole, log = entries_of(path, data, reader)
     assert len(whole) > 50
-    monkeypatch.setattr(pieces, "PIECE_BYTES", piece_bytes)
+    monkeypatch.setattr(record_scanner, "PIECE_BYTES", piece_bytes)
     assert entries_of(path, data, reader)[0] == whole
     messages = log.messages
     cuts = sorted({*range(40), *random.Random(1).sample(range(len(data)), 150), len(data) - 1})

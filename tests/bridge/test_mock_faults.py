@@ -3,10 +3,10 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.mock.fleet import Fleet
+from autopilot_bridge.mock.serving import MockGroup
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import Position, Rebooted, TransferFinished
 from tests.bridge.helpers import Pair, line_of, mock_of
 from tests.bridge.mock_talk import (
@@ -96,8 +96,8 @@ def test_a_low_battery_is_told() -> None:
 
 
 def test_the_vehicles_of_a_fleet_share_a_link_and_keep_apart() -> None:
-    fleet = Fleet([mock_of(PX4, system_id=number) for number in (1, 2, 3)])
-    clients = [VehicleClient(target_system=number) for number in (1, 2, 3)]
+    fleet = MockGroup([mock_of(PX4, system_id=number) for number in (1, 2, 3)])
+    clients = [NativeClient(target_system=number) for number in (1, 2, 3)]
     for now_us in range(0, 4_000_000, 10_000):
         if now_us == 1_500_000:
             clients[1].upload(line_of(3), now_us)

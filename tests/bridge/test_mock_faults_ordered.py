@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
+from autopilot_bridge.mock.fault_injection import GROUND, SECOND_GROUND, FaultyMock
 from autopilot_bridge.mock.faults import Faults, parse_faults
-from autopilot_bridge.mock.fleet import Fleet
-from autopilot_bridge.mock.troubled import GROUND, SECOND_GROUND, Troubled
-from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.mock.serving import MockGroup
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.mock_talk import PLANE, PX4, count, each_stack, item, listing
 
@@ -57,7 +57,7 @@ class Listener:
     """A ground station that hears all and says what it is told to."""
 
     def __init__(self, faults: Faults, stack: Any = PLANE, seed: int = 0) -> None:
-        self.peer = Troubled(mock_of(stack), faults, seed)
+        self.peer = FaultyMock(mock_of(stack), faults, seed)
         self.now_us = 0
         self.heard: list[tuple[float, Any]] = []
         self._codec = Codec(*GROUND)
@@ -218,8 +218,8 @@ def test_the_same_seed_gives_the_same_faults() -> None:
 def test_the_client_lives_through_all_of_it() -> None:
     words = ("loss=0.1", "delay=0.1", "jitter=0.1", "duplication=0.1", "stray-ack@9", "late-ack=1")
     more = ("reboot@30", "silence@40..50", "gps-loss@20..25", "second-download@12", "refuse=2:13")
-    fleet = Fleet([Troubled(mock_of(PX4), parse_faults((*words, *more)), 3)])
-    client = VehicleClient()
+    fleet = MockGroup([FaultyMock(mock_of(PX4), parse_faults((*words, *more)), 3)])
+    client = NativeClient()
     for now_us in range(0, 60 * SECOND, 20_000):
         if now_us == 8 * SECOND:
             client.upload(line_of(5), now_us)

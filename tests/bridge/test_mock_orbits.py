@@ -22,7 +22,7 @@ def speed_m_s(pair: Pair) -> float:
 
 def test_arduplane_circles_wider_than_asked() -> None:
     pair = airborne(PLANE)
-    accepted(pair, pair.client.orbit(*PLACE, 390.0, -150.0, pair.now_us, speed_m_s=22.0))
+    accepted(pair, pair.client.command("orbit", pair.now_us, *PLACE, 390.0, -150.0, 22.0))
     pair.run_for(120.0)
     assert distances_m(pair, PLACE)[-1] == pytest.approx(162.0, abs=1.5)
     assert turned_deg(pair, PLACE) < 0.0
@@ -46,13 +46,15 @@ def test_a_px4_plane_orbits_where_it_is_by_its_own_radius_if_nothing_is_said() -
 def test_a_speed_survives_a_new_orbit_and_goes_with_a_change_of_mode(stack: Stack) -> None:
     pair = airborne(stack)
     cruise_m_s = speed_m_s(pair)
-    accepted(pair, pair.client.orbit(*PLACE, 390.0, -120.0, pair.now_us))
-    accepted(pair, pair.client.change_speed(13.0, pair.now_us))
+    accepted(pair, pair.client.command("orbit", pair.now_us, *PLACE, 390.0, -120.0))
+    accepted(pair, pair.client.command("change speed", pair.now_us, 13.0))
     pair.run_for(20.0)
-    accepted(pair, pair.client.orbit(PLACE[0] + 0.001, PLACE[1], 390.0, -120.0, pair.now_us))
+    accepted(
+        pair, pair.client.command("orbit", pair.now_us, PLACE[0] + 0.001, PLACE[1], 390.0, -120.0)
+    )
     pair.run_for(20.0)
     assert speed_m_s(pair) == pytest.approx(13.0, abs=0.1)
-    accepted(pair, pair.client.return_home(pair.now_us))
+    accepted(pair, pair.client.command("return", pair.now_us))
     pair.run_for(20.0)
     assert pair.of(ModeChanged)[-1].name == "return"
     assert speed_m_s(pair) == pytest.approx(cruise_m_s, abs=0.1)

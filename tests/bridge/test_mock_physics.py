@@ -19,7 +19,7 @@ from autopilot_bridge.mock.kinematics import (
     step_copter,
     step_plane,
 )
-from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import HOME, mock_of
 from tests.bridge.mock_talk import COPTER, PLANE, PX4, each_stack
 
@@ -225,3 +225,18 @@ def test_a_copter_that_returns_lands_at_home_and_disarms(stack: Stack) -> None:
     motion = flight.mock.flight.motion
     assert (motion.altitude_m, flight.mock.flight.armed) == (300.0, False)
     assert math.hypot(motion.north_m, motion.east_m) < 1.5
+
+
+def test_an_engine_that_runs_again_has_the_limits_it_had() -> None:
+    for stack in STACKS:
+        mock = mock_of(stack, airspeed_m_s=18.1)
+        before = mock.flight.limits
+        for _ in range(3):
+            mock.flight.fail_engine(True)
+            assert mock.flight.limits.airspeed_m_s < before.airspeed_m_s
+            mock.flight.fail_engine(False)
+        assert mock.flight.limits == before
+        mock.flight.fail_engine(True)
+        mock.reboot(0)
+        mock.flight.fail_engine(False)
+        assert mock.flight.limits == before

@@ -13,7 +13,7 @@ from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named
 from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import CommandFinished, ModeChanged, Position, Rebooted
-from autopilot_bridge.vehicle.command import CommandSequence
+from autopilot_bridge.vehicle.command_sequence import CommandSequence
 from tests.bridge.helpers import HOME, Pair, flight_of, mock_of
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
@@ -52,7 +52,7 @@ def standing(stack: Stack, **link: float) -> Pair:
 
 def airborne(stack: Stack, **link: float) -> Pair:
     pair = standing(stack, **link)
-    accepted(pair, pair.client.takeoff(60.0, pair.now_us))
+    accepted(pair, pair.client.command("takeoff", pair.now_us, 60.0))
     pair.run_for(60.0)
     return pair
 
@@ -95,7 +95,7 @@ def test_takeoff_ends_at_the_height_asked_for(stack: Stack, loss: float) -> None
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_a_vehicle_goes_where_it_is_told_and_stays(stack: Stack, loss: float) -> None:
     pair = airborne(stack, loss=loss)
-    accepted(pair, pair.client.reposition(*PLACE, 390.0, pair.now_us))
+    accepted(pair, pair.client.command("reposition", pair.now_us, *PLACE, 390.0))
     pair.run_for(120.0)
     assert max(distances_m(pair, PLACE)) < (95.0 if stack.vehicle == "plane" else 2.0)
     assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(390.0, abs=1.0)
@@ -107,7 +107,7 @@ def test_an_orbit_is_flown_at_its_radius_and_in_its_direction(
     stack: Stack, radius_m: float
 ) -> None:
     pair = airborne(stack, loss=0.1)
-    accepted(pair, pair.client.orbit(*PLACE, 390.0, radius_m, pair.now_us, speed_m_s=12.0))
+    accepted(pair, pair.client.command("orbit", pair.now_us, *PLACE, 390.0, radius_m, 12.0))
     pair.run_for(160.0)
     flown_m = abs(radius_m) + (wider_m(stack) if stack.vehicle == "plane" else 0.0)
     off_m = [abs(distance - flown_m) for distance in distances_m(pair, PLACE)]
@@ -120,10 +120,10 @@ def test_an_orbit_is_flown_at_its_radius_and_in_its_direction(
 @circling
 def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None:
     pair = airborne(stack)
-    accepted(pair, pair.client.orbit(*PLACE, 390.0, 120.0, pair.now_us, speed_m_s=12.0))
+    accepted(pair, pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 120.0, 12.0))
     pair.run_for(100.0)
     there = (PLACE[0] + 0.002, PLACE[1])
-    accepted(pair, pair.client.orbit(*there, 390.0, -90.0, pair.now_us, speed_m_s=12.0))
+    accepted(pair, pair.client.command("orbit", pair.now_us, *there, 390.0, -90.0, 12.0))
     pair.run_for(100.0)
     flown_m = 90.0 + (wider_m(stack) if stack.vehicle == "plane" else 0.0)
     assert max(abs(distance - flown_m) for distance in distances_m(pair, there)) < 4.0
@@ -133,22 +133,22 @@ def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None
 def test_arducopter_says_that_it_has_no_orbit() -> None:
     pair = standing(COPTER)
     with pytest.raises(BridgeError, match="no orbit command; fly LOITER_TURNS"):
-        pair.client.orbit(*PLACE, 390.0, 100.0, pair.now_us)
+        pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 100.0)
 
 
 @each_stack
 def test_a_mission_is_paused_and_resumed_where_it_was_left(stack: Stack) -> None:
     pair = standing(stack, loss=0.1)
     pair.result_of(pair.client.upload(flight_of(), pair.now_us, by_file=False))
-    accepted(pair, pair.client.start_mission(pair.now_us))
+    accepted(pair, pair.client.command("start mission", pair.now_us))
     pair.run_for(60.0)
     before = pair.mock.flight.current
     assert before > 1
-    accepted(pair, pair.client.hold(pair.now_us))
+    accepted(pair, pair.client.command("hold", pair.now_us))
     assert mode(pair) == "hold"
     pair.run_for(20.0)
     assert pair.mock.flight.current == before
-    accepted(pair, pair.client.resume(pair.now_us))
+    accepted(pair, pair.client.command("resume", pair.now_us))
     assert mode(pair) == "mission"
     assert pair.mock.flight.current in (before, before + 1)
 
@@ -156,9 +156,9 @@ def test_a_mission_is_paused_and_resumed_where_it_was_left(stack: Stack) -> None
 @each_stack
 def test_a_hold_ends_a_reposition_where_the_vehicle_is(stack: Stack) -> None:
     pair = airborne(stack)
-    accepted(pair, pair.client.reposition(36.33, -84.2, 390.0, pair.now_us))
+    accepted(pair, pair.client.command("reposition", pair.now_us, 36.33, -84.2, 390.0))
     pair.run_for(15.0)
-    accepted(pair, pair.client.hold(pair.now_us))
+    accepted(pair, pair.client.command("hold", pair.now_us))
     here = pair.of(Position)[-1]
     pair.run_for(60.0)
     assert max(distances_m(pair, (here.lat_deg, here.lon_deg))) < 170.0
@@ -168,9 +168,9 @@ def test_a_hold_ends_a_reposition_where_the_vehicle_is(stack: Stack) -> None:
 @each_stack
 def test_a_vehicle_returns(stack: Stack) -> None:
     pair = airborne(stack)
-    accepted(pair, pair.client.reposition(*PLACE, 390.0, pair.now_us))
+    accepted(pair, pair.client.command("reposition", pair.now_us, *PLACE, 390.0))
     pair.run_for(60.0)
-    accepted(pair, pair.client.return_home(pair.now_us))
+    accepted(pair, pair.client.command("return", pair.now_us))
     assert mode(pair) == "return"
     pair.run_for(90.0)
     assert max(distances_m(pair, HOME[:2], last=8)) < 95.0
@@ -179,7 +179,7 @@ def test_a_vehicle_returns(stack: Stack) -> None:
 @pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.vehicle}")
 def test_a_vehicle_lands_where_it_is_and_disarms(stack: Stack) -> None:
     pair = airborne(stack)
-    accepted(pair, pair.client.land(pair.now_us))
+    accepted(pair, pair.client.command("land", pair.now_us))
     pair.run_for(60.0)
     assert pair.of(Position)[-1].altitude_relative_m == pytest.approx(0.0, abs=0.6)
     assert not pair.client.armed
@@ -187,7 +187,7 @@ def test_a_vehicle_lands_where_it_is_and_disarms(stack: Stack) -> None:
 
 def test_arduplane_lands_only_by_its_mission() -> None:
     pair = airborne(PLANE)
-    ended = outcome(pair, pair.client.land(pair.now_us))
+    ended = outcome(pair, pair.client.command("land", pair.now_us))
     assert (ended.accepted, ended.reason) == (
         False,
         "DO_LAND_START failed: Unable to start landing sequence",
@@ -197,8 +197,8 @@ def test_arduplane_lands_only_by_its_mission() -> None:
 @each_stack
 def test_speed_is_changed_in_flight(stack: Stack) -> None:
     pair = airborne(stack)
-    accepted(pair, pair.client.reposition(36.33, -84.2, 390.0, pair.now_us))
-    accepted(pair, pair.client.change_speed(11.0, pair.now_us))
+    accepted(pair, pair.client.command("reposition", pair.now_us, 36.33, -84.2, 390.0))
+    accepted(pair, pair.client.command("change speed", pair.now_us, 11.0))
     pair.run_for(30.0)
     here = pair.of(Position)[-1]
     ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
@@ -208,9 +208,9 @@ def test_speed_is_changed_in_flight(stack: Stack) -> None:
 @circling
 def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
     pair = airborne(stack)
-    accepted(pair, pair.client.orbit(*PLACE, 390.0, 90.0, pair.now_us, speed_m_s=15.0))
+    accepted(pair, pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 90.0, 15.0))
     pair.run_for(80.0)
-    accepted(pair, pair.client.change_speed(11.0, pair.now_us))
+    accepted(pair, pair.client.command("change speed", pair.now_us, 11.0))
     pair.run_for(15.0)
     here = pair.of(Position)[-1]
     ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
@@ -221,19 +221,19 @@ def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
 
 def test_a_refusal_is_told_with_its_command_and_result() -> None:
     pair = airborne(PLANE)
-    accepted(pair, pair.client.hold(pair.now_us))
-    ended = outcome(pair, pair.client.change_speed(20.0, pair.now_us))
+    accepted(pair, pair.client.command("hold", pair.now_us))
+    ended = outcome(pair, pair.client.command("change speed", pair.now_us, 20.0))
     assert (ended.accepted, ended.reason) == (False, "DO_CHANGE_SPEED failed")
 
 
 def test_a_return_takes_the_place_of_orders_that_have_not_ended() -> None:
     pair = airborne(PX4)
     pair.up = MemoryLink(loss=1.0)
-    first = pair.client.reposition(*PLACE, 390.0, pair.now_us)
-    second = pair.client.change_speed(15.0, pair.now_us)
+    first = pair.client.command("reposition", pair.now_us, *PLACE, 390.0)
+    second = pair.client.command("change speed", pair.now_us, 15.0)
     pair.run_for(1.0)
     pair.up = MemoryLink()
-    accepted(pair, pair.client.return_home(pair.now_us))
+    accepted(pair, pair.client.command("return", pair.now_us))
     for command_id in (first, second):
         assert outcome(pair, command_id).reason == "return took its place"
     assert mode(pair) == "return"
@@ -243,7 +243,7 @@ def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
     """The new mode ends it, sooner than the times since boot show the restart."""
     pair = airborne(COPTER)
     pair.up = MemoryLink(loss=1.0)
-    command_id = pair.client.start_mission(pair.now_us)
+    command_id = pair.client.command("start mission", pair.now_us)
     pair.mock.reboot(pair.now_us)
     pair.run_for(0.1)
     pair.up = MemoryLink()
@@ -259,7 +259,7 @@ def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
 def test_an_order_that_leaves_the_mode_ends_when_the_restart_is_recognised() -> None:
     pair = airborne(COPTER)
     pair.up = MemoryLink(loss=1.0)
-    command_id = pair.client.change_speed(6.0, pair.now_us)
+    command_id = pair.client.command("change speed", pair.now_us, 6.0)
     pair.mock.reboot(pair.now_us)
     pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, 250_000)
     ended = outcome(pair, command_id)
@@ -270,11 +270,11 @@ def test_an_order_that_leaves_the_mode_ends_when_the_restart_is_recognised() -> 
 def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
     pair = Pair(mock_of(COPTER))
     with pytest.raises(BridgeError, match="no autopilot was heard"):
-        pair.client.arm(0)
+        pair.client.command("arm", 0)
     pair.mock.positions = False
     pair.run_for(3.0)
     with pytest.raises(BridgeError, match="no position yet"):
-        pair.client.takeoff(20.0, pair.now_us)
+        pair.client.command("takeoff", pair.now_us, 20.0)
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def test_a_parameter_that_keeps_its_value_is_told() -> None:
     pair.mock.parameters._held["TKOFF_ALT"] = Stubborn(held.value, held.kind)
     result = result_of(pair, pair.client.set_parameter("TKOFF_ALT", 80.0, pair.now_us))
     assert (result.outcome, result.reason) == ("rejected", "the autopilot keeps TKOFF_ALT at 50")
-    takeoff = pair.client.takeoff(80.0, pair.now_us)
+    takeoff = pair.client.command("takeoff", pair.now_us, 80.0)
     pair.run_for(15.0)
     assert takeoff
     assert not pair.mock.flight.armed  # the order ends at its first step

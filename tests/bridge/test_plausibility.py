@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.missions.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
     ClockChanged,
@@ -22,10 +23,9 @@ from autopilot_bridge.vehicle.client_events import (
     RemoteChanged,
     SameSystemId,
 )
-from autopilot_bridge.vehicle.fleet import FleetLink
+from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from autopilot_bridge.vehicle.plausibility import BootClock
-from autopilot_bridge.vehicle.sources import Source
-from autopilot_bridge.vehicle.watch import Watch
+from autopilot_bridge.vehicle.remote_binding import RemoteBinding
 from tests.bridge.helpers import SECOND
 
 LAT, LON = 36.3, -84.2
@@ -201,7 +201,7 @@ class Vehicle:
     """A client fed with one vehicle's messages, at 4 positions a second."""
 
     def __init__(self, most_speed_m_s: float | None = 60.0) -> None:
-        self.client = VehicleClient(most_speed_m_s=most_speed_m_s)
+        self.client = NativeClient(most_speed_m_s=most_speed_m_s)
         self.now_us = 0
         self.boot_us = 0
         self.north_m = 0.0
@@ -334,7 +334,7 @@ def filled(kind: str, value: float) -> Iterator[tuple[str, Any]]:
 def test_no_value_that_is_not_finite_becomes_an_event(kind: str, value: float) -> None:
     read = {bound.field for bound in BOUNDS[kind]}
     for field, message in filled(kind, value):
-        watch = Watch()
+        watch = VehicleMonitor()
         events = watch.receive(message, 5)
         if field in read and not (math.isnan(value) and field in UNKNOWN.get(kind, ())):
             assert [type(event) for event in events] == [Implausible], field
@@ -376,14 +376,14 @@ def test_an_item_that_is_nowhere_is_not_read() -> None:
 # Remotes ------------------------------------------------------------------------------------------
 
 
-def kinds(source: Source) -> list[type]:
+def kinds(source: RemoteBinding) -> list[type]:
     found = [type(alarm) for alarm in source.alarms]
     source.alarms.clear()
     return found
 
 
 def test_the_remote_of_the_first_heartbeat_is_the_vehicles() -> None:
-    source = Source(3 * SECOND)
+    source = RemoteBinding(3 * SECOND)
     assert not source.accepts("forger", False, 0)
     assert source.accepts("own", True, 1)
     assert not source.accepts("forger", True, SECOND)
@@ -402,7 +402,7 @@ def test_the_remote_of_the_first_heartbeat_is_the_vehicles() -> None:
 
 @pytest.mark.parametrize("signed", [False, True])
 def test_another_remote_takes_over_after_silence_by_a_heartbeat(signed: bool) -> None:
-    source = Source(3 * SECOND, signed=signed)
+    source = RemoteBinding(3 * SECOND, signed=signed)
     source.accepts("own", True, 0)
     assert not source.accepts("other", True, 3 * SECOND - 1)
     assert not source.accepts("other", False, 3 * SECOND)
@@ -417,7 +417,7 @@ def test_another_remote_takes_over_after_silence_by_a_heartbeat(signed: bool) ->
 
 
 def test_on_a_link_that_calls_the_one_called_is_the_vehicle() -> None:
-    source = Source(3 * SECOND, called="10.0.0.1:14550")
+    source = RemoteBinding(3 * SECOND, called="10.0.0.1:14550")
     assert source.accepts("forger", True, 0)
     assert source.accepts("10.0.0.1:14550", True, 1)
     assert not source.accepts("forger", True, 2)
@@ -425,7 +425,7 @@ def test_on_a_link_that_calls_the_one_called_is_the_vehicle() -> None:
 
 
 def test_ever_new_remotes_are_not_remembered_for_ever() -> None:
-    source = Source(3 * SECOND)
+    source = RemoteBinding(3 * SECOND)
     for number in range(1000):
         assert source.accepts(f"10.0.0.1:{number}", True, 4 * SECOND * number)
     assert len(source._ranked) <= 8
@@ -433,7 +433,7 @@ def test_ever_new_remotes_are_not_remembered_for_ever() -> None:
 
 
 def test_a_link_that_expects_its_vehicles_takes_notice_of_no_other() -> None:
-    link = FleetLink("a", expects=True)
+    link = SharedLink("a", expects=True)
     hawk = link.expect(1)
     for system in (1, 2, 9):
         link.receive_frames("there", [Codec(system, 1).encode(heartbeat())], SECOND)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
@@ -27,9 +28,8 @@ from autopilot_bridge.links.signing import (
     read_key,
     ticks_of,
 )
-from autopilot_bridge.links.tlog import Tlog
+from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.stacks.stacks import stack_named
-from autopilot_bridge.vehicle.client import VehicleClient
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
@@ -319,7 +319,7 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
 
 @pytest.mark.parametrize(("key", "accepted"), [(KEY, True), (OTHER_KEY, False)])
 def test_a_mission_goes_up_between_two_who_share_a_key(key: Key, accepted: bool) -> None:
-    mock, client = mock_of(stack_named("px4", "plane")), VehicleClient()
+    mock, client = mock_of(stack_named("px4", "plane")), NativeClient()
 
     async def exchange() -> None:
         port = free_port()

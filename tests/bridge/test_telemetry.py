@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link import MemoryLink
-from autopilot_bridge.mock import instruments
+from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.kinematics import Wind as Breeze
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from autopilot_bridge.vehicle.client_events import (
@@ -22,7 +22,7 @@ from autopilot_bridge.vehicle.client_events import (
     Speed,
     Wind,
 )
-from autopilot_bridge.vehicle.rates import RATES_HZ
+from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ
 from autopilot_bridge.vehicle.telemetry import (
     Telemetry,
     battery,
@@ -47,8 +47,8 @@ def told(message: Any) -> Any:
 
 @pytest.mark.parametrize("from_deg", [0.0, 45.0, 120.0, 240.0, 359.0])
 def test_both_stacks_tell_the_same_wind(from_deg: float) -> None:
-    arduplane = told(instruments.wind(from_deg, 6.0))
-    px4 = told(instruments.wind_cov(1, from_deg, 6.0, 300.0))
+    arduplane = told(telemetry_source.wind(from_deg, 6.0))
+    px4 = told(telemetry_source.wind_cov(1, from_deg, 6.0, 300.0))
     for event in (arduplane, px4):
         off_deg = (event.from_deg - from_deg + 180.0) % 360.0 - 180.0
         assert off_deg == pytest.approx(0.0, abs=1e-4)
@@ -112,7 +112,7 @@ def test_late_and_doubled_messages_are_dropped_for_each_kind() -> None:
     telemetry = Telemetry()
 
     def attitude(boot_ms: int) -> int:
-        return len(telemetry.events(instruments.attitude(boot_ms, 0.0, 0.0, 0.0), 0))
+        return len(telemetry.events(telemetry_source.attitude(boot_ms, 0.0, 0.0, 0.0), 0))
 
     assert [attitude(ms) for ms in (0, 100, 100, 50, 200)] == [1, 1, 0, 0, 1]
     at_150 = mavlink.MAVLink_global_position_int_message(150, 360000000, 0, 0, 0, 0, 0, 0, 0)
@@ -125,12 +125,12 @@ def test_states_are_told_when_they_change() -> None:
         [type(event).__name__ for event in telemetry.events(message, at)]
         for at, message in enumerate(
             (
-                instruments.sys_status(80, 15.0),
-                instruments.sys_status(80, 15.0),
-                instruments.sys_status(79, 15.0),
-                instruments.sys_status(79, 15.0, mavlink.MAV_SYS_STATUS_SENSOR_GPS),
-                instruments.battery_status(78, 14.9),
-                instruments.sys_status(77, 14.8, mavlink.MAV_SYS_STATUS_SENSOR_GPS),
+                telemetry_source.sys_status(80, 15.0),
+                telemetry_source.sys_status(80, 15.0),
+                telemetry_source.sys_status(79, 15.0),
+                telemetry_source.sys_status(79, 15.0, mavlink.MAV_SYS_STATUS_SENSOR_GPS),
+                telemetry_source.battery_status(78, 14.9),
+                telemetry_source.sys_status(77, 14.8, mavlink.MAV_SYS_STATUS_SENSOR_GPS),
             )
         )
     ]
@@ -144,7 +144,7 @@ def test_a_vehicle_tells_all_at_the_rates_asked_for(stack: Stack, loss: float) -
     mock = mock_of(stack, wind=Breeze(240.0, 5.0))
     pair = Pair(mock, up=MemoryLink(loss=loss, seed=5), down=MemoryLink(loss=loss / 3, seed=6))
     pair.run_for(5.0)
-    pair.client.takeoff(30.0, pair.now_us)
+    pair.client.command("takeoff", pair.now_us, 30.0)
     pair.run_for(60.0)
     since_us = pair.now_us
     pair.down = MemoryLink()
@@ -202,7 +202,7 @@ def test_asking_for_rates_ends_where_nobody_answers() -> None:
     pair.up = Deaf()
     pair.run_for(120.0)
     before = len(asked)
-    assert len(RATES_HZ) < before < 120
+    assert len(ALL_RATES_HZ) < before < 120
     pair.run_for(60.0)
     assert len(asked) == before
 

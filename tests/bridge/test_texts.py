@@ -1,4 +1,4 @@
-"""Texts of autopilots as events: whole ones, however many chunks they come in."""
+"""StatustextAssembler of autopilots as events: whole ones, however many chunks they come in."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import MissionProgress, Text
-from autopilot_bridge.vehicle.watch import Watch
+from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from tests.bridge.helpers import Pair, mock_of
 
 # As PX4 1.17 sent it: 50 characters, then the rest.
@@ -73,7 +73,7 @@ def test_a_text_whose_end_is_lost_is_told_with_the_next_heartbeat() -> None:
 
 def test_home_is_no_item_that_is_flown() -> None:
     # ArduPilot tells item 0 until it has a mission.
-    watch, codec = Watch(), Codec(1, 1)
+    watch, codec = VehicleMonitor(), Codec(1, 1)
     beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, 3, 0, 0, 4, 3)
 
     def receive(message: Any) -> list[Any]:

@@ -18,8 +18,8 @@ from autopilot_bridge.items import Plan
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.link import other_end
-from autopilot_bridge.links.tlog import Tlog
-from autopilot_bridge.mock.process import serve
+from autopilot_bridge.links.tlog_writer import Tlog
+from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.cli.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of

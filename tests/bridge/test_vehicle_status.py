@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import (
     EstimatorStatus,
@@ -16,8 +16,8 @@ from autopilot_bridge.vehicle.client_events import (
     SystemState,
     Text,
 )
+from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from autopilot_bridge.vehicle.telemetry import Telemetry
-from autopilot_bridge.vehicle.watch import Watch
 from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
 
 ALL_WELL = 0x033F  # attitude, velocities, positions and their predictions
@@ -51,13 +51,13 @@ def heartbeat(stack: str, state: int, mode: int = 10) -> Any:
 def test_the_state_of_a_heartbeat_is_told_after_the_vehicle_is_known(
     number: int, word: str
 ) -> None:
-    events = Watch().receive(heartbeat("ardupilot", number), 5)
+    events = VehicleMonitor().receive(heartbeat("ardupilot", number), 5)
     assert [type(event).__name__ for event in events] == ["Connected", "ModeChanged", "SystemState"]
     assert events[-1] == SystemState(5, word)
 
 
 def test_states_are_told_when_they_change_and_anew_after_a_restart() -> None:
-    watch = Watch()
+    watch = VehicleMonitor()
     for state in (4, 4, 5, 5, 4):
         watch.receive(heartbeat("px4", state), 1)
     assert watch.receive(heartbeat("px4", 4), 2) == []
@@ -71,7 +71,7 @@ def test_states_are_told_when_they_change_and_anew_after_a_restart() -> None:
 
 
 def test_a_state_without_a_name_is_told_by_its_number() -> None:
-    watch = Watch()
+    watch = VehicleMonitor()
     watch.receive(heartbeat("px4", 4), 1)
     assert watch.receive(heartbeat("px4", 77), 2) == [SystemState(2, "state 77")]
 
@@ -130,10 +130,10 @@ def test_before_it_has_begun_an_estimate_has_one_problem() -> None:
 def flown_with(stack: str, *faults: str, vehicle: str = "plane", until_s: float = 60.0) -> Pair:
     """A flight of a mission to whose mock this happens; times are seconds."""
     mock = mock_of(stack_named(stack, vehicle))
-    pair = Pair(Troubled(mock, parse_faults(faults)))  # type: ignore[arg-type]
+    pair = Pair(FaultyMock(mock, parse_faults(faults)))  # type: ignore[arg-type]
     pair.run_for(2.0)
     assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     pair.run(round(until_s * SECOND))
     return pair
 
@@ -197,6 +197,6 @@ def test_a_copter_that_loses_its_position_tells_that_it_lands(stack: str) -> Non
 
 def test_px4_is_out_of_its_failsafe_when_a_person_orders_another_mode() -> None:
     pair = flown_with("px4", "battery-low@40")
-    pair.client.hold(pair.now_us)
+    pair.client.command("hold", pair.now_us)
     pair.run_for(3.0)
     assert pair.of(SystemState)[-1].state == "active"

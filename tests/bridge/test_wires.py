@@ -13,7 +13,7 @@ import pytest
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.wires import MOST_UNSENT_BYTES
+from autopilot_bridge.links.transports import MOST_UNSENT_BYTES
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S
 
@@ -127,7 +127,7 @@ def test_a_network_that_is_away_is_silence_but_a_forbidden_address_is_told() -> 
         ear = Ear()
         async with Connection(f"udpout:127.0.0.1:{free_port()}", ear, clock_us) as connection:
             await connection.wait()
-            wire = connection._wire
+            wire = connection._transport
             for code in (errno.ENETUNREACH, errno.ECONNREFUSED, errno.EHOSTUNREACH):
                 wire.error_received(OSError(code, os.strerror(code)))  # type: ignore[attr-defined]
             with pytest.raises(TimeoutError):
@@ -253,7 +253,7 @@ def test_what_a_remote_does_not_read_is_dropped_in_whole_frames() -> None:
             for _ in range(1000):
                 ear.to_say = [frame] * 300
                 connection.flush()
-            (stream,) = connection._wire._streams  # type: ignore[attr-defined]
+            (stream,) = connection._transport._streams  # type: ignore[attr-defined]
             waiting = stream.out.get_write_buffer_size()
             assert MOST_UNSENT_BYTES < waiting < MOST_UNSENT_BYTES + 300 * len(frame)
             closing = asyncio.create_task(stream.close())

@@ -19,7 +19,7 @@ from mission_service.interfaces.cot import sender as cot_sender
 from mission_service.interfaces.cot.messages import MOST_CORNERS, fire_events, vehicle_event, zulu
 from mission_service.interfaces.cot.sender import cot_door
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import TelemetryState
+from mission_service.runtime.published_states import TelemetryState
 from tests.mqtt.certificates import make_certificates
 from tests.mqtt.stage import here, hub_of
 from tests.patience import PATIENCE_S, until

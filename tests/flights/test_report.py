@@ -77,8 +77,8 @@ def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -
     assert "http" not in page
     assert page.count("data:image/png;base64,") == len([f for f in files if f.endswith(".png")])
     assert re.search(r"100\.\d s</td><td>round-1</td><td>turns back: anticlockwise", page)
-    assert "Nothing of it was sent to a vehicle" in page
-    assert "servo 3 lets go" in page
+    assert "No decision was sent to a vehicle" in page
+    assert "servo 3 opens" in page
     assert "missions sent" not in page  # a shadow sends none
     (told,) = json.loads((tmp_path / "figures.json").read_text())
     assert told["vehicles"][0]["turned_back"][0]["at_s"] == pytest.approx(100.0, abs=1.5)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.core.requests import KNOWN, REPLAY, event_of
+from mission_service.core.requests import ALL_REQUESTS, RequestScope, event_of
 from mission_service.interfaces.mqtt.commands import (
     A_SECOND,
     AT_ONCE,
@@ -82,8 +82,7 @@ def test_fire_is_never_let_fall_over_mqtt(name: str) -> None:
 
 
 def test_all_requests_there_are_were_thought_of() -> None:
-    assert set(KNOWN) - set(TAKEN) == {"approve", "go", "present", "status"}
-    assert set(TAKEN) <= {*KNOWN, REPLAY}
+    assert set(ALL_REQUESTS) - set(TAKEN) == {"approve", "go", "present"}
 
 
 def test_nobody_is_present_by_a_message() -> None:
@@ -92,7 +91,7 @@ def test_nobody_is_present_by_a_message() -> None:
     for station in ("firing-boss", ""):
         door.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
     for request in door.desk.asked:
-        event = event_of(request, 0, stations=["firing-boss"])
+        event = event_of(request, 0, RequestScope(["firing-boss"]))
         assert event.station in ("mqtt:firing-boss", "mqtt")
 
 
@@ -125,7 +124,7 @@ def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
 
 
 def test_unknown_commands_are_told_which_there_are() -> None:
-    Door().refuses("fly", "there are abort, hold")
+    Door().refuses("fly", "there are abort, correct")
     assert len(Door().refuses("f" * 60_000, "no such command").error) < 400
 
 
@@ -236,7 +235,7 @@ def test_a_defect_of_a_client_does_not_reach_the_desk_as_another_person() -> Non
     door = Door()
     door.takes("hold", by="x" * 70)
     assert door.desk.asked[0]["by"].startswith("mqtt:")
-    event_of(door.desk.asked[0], 0, stations=["firing-boss"])
+    event_of(door.desk.asked[0], 0, RequestScope(["firing-boss"]))
 
 
 JSON = st.recursive(
@@ -273,7 +272,7 @@ def test_what_the_desk_is_asked_it_can_answer(name: str, more: dict[str, Any]) -
     msgspec.json.encode(reply)
     for request in door.desk.asked:
         try:
-            event = event_of(request, 0, stations=["firing-boss"], vehicles=["hawk"])
+            event = event_of(request, 0, RequestScope(["firing-boss"], vehicles=["hawk"]))
         except RequestError as error:
             str(error).encode()
         else:

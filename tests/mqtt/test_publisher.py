@@ -22,7 +22,6 @@ from mission_service.config.service import MqttSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.mqtt import connection, publisher
 from mission_service.interfaces.mqtt.connection import OPEN, Access, tls_of
-from mission_service.interfaces.mqtt.inbox import MOST_WAITING, Inbox
 from mission_service.interfaces.mqtt.peers import channel_of
 from mission_service.interfaces.mqtt.site import access_for, site_in
 from tests.mqtt.certificates import make_certificates
@@ -418,21 +417,23 @@ def test_aborts_come_first_and_what_waits_is_bounded() -> None:
     def message(name: str, number: int) -> aiomqtt.Message:
         return aiomqtt.Message(f"test/cmd/{name}", str(number).encode(), 1, False, 0, None)
 
-    inbox = Inbox()
-    for number in range(2 * MOST_WAITING):
+    inbox = publisher._inbox()
+    for number in range(2 * publisher.MOST_UNREAD):
         inbox.put_nowait(message("hold", number))
     for number in range(2):
         inbox.put_nowait(message("abort", number))
     got = [inbox.get_nowait() for _ in range(inbox.qsize())]
     told = [(each.topic.value.rpartition("/")[2], int(each.payload)) for each in got]
-    holds = [("hold", number) for number in range(MOST_WAITING - 2)]
+    holds = [("hold", number) for number in range(publisher.MOST_UNREAD - 2)]
     assert told == [("abort", 0), ("abort", 1), *holds]
-    for number in range(2 * MOST_WAITING):
+    for number in range(2 * publisher.MOST_UNREAD):
         inbox.put_nowait(message("abort", number))
-    assert inbox.qsize() == MOST_WAITING
+    assert inbox.qsize() == publisher.MOST_UNREAD
     inbox.get_nowait()
     inbox.put_nowait(message("hold", 0))
-    assert [inbox.get_nowait() for _ in range(MOST_WAITING)][-1].topic.value == "test/cmd/hold"
+    assert [inbox.get_nowait() for _ in range(publisher.MOST_UNREAD)][
+        -1
+    ].topic.value == "test/cmd/hold"
 
 
 @needs_mosquitto

@@ -11,10 +11,12 @@ import msgspec
 import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
-from benchmarks.mqtt_schemas import EXAMPLES, FOLDER, command_file, documents, file_of, texts
-from mission_service.core.requests import REPLAY, Replay, event_of
+from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, page, texts
+from mission_service.core.requests import REPLAY, RequestScope, event_of
+from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
+from mission_service.requests import Replay
 from tests.mqtt.stage import ROOT, listening, telling
 from tests.patience import until
 
@@ -34,6 +36,7 @@ def test_no_schema_is_missing_stale_or_left_over() -> None:
     assert sorted(there) == sorted(made), MADE_ANEW
     for name, text in made.items():
         assert there[name] == text, f"{name}: {MADE_ANEW}"
+    assert page(PAGE) == PAGE, MADE_ANEW
 
 
 @pytest.mark.parametrize("name", sorted(documents()))
@@ -94,7 +97,7 @@ def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
         if request["do"] == REPLAY:  # no event
             events.append(msgspec.convert(request, Replay))
         else:
-            events.append(event_of(request, 0, stations=["west"], vehicles=["hawk"]))
+            events.append(event_of(request, 0, RequestScope(["west"], vehicles=["hawk"])))
         return {"ok": True}
 
     sent_us = example["sent_at_unix_us"]
@@ -111,7 +114,7 @@ def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) ->
     async def look() -> dict[str, Any]:
         async with (
             listening(broker.port) as ear,
-            telling(broker.port, replay=EXAMPLES["replay/1"], commands=True) as stage,
+            telling(broker.port, replay=REPLAY_STATE, commands=True) as stage,
         ):
             await until(lambda: stage.publisher.connected)
             stage.moves(1_000_000)

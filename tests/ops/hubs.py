@@ -31,7 +31,7 @@ def hub_after_a_flight(out: Path) -> Iterator[Hub]:
     simulation.run(scenario.start_s + FLIGHT_S)
     simulation.world.advance(simulation.clock.now_us)
     service, clock = simulation.service, simulation.clock
-    desk = Desk(lambda event: [], service.status, lambda: clock.now_us, (), (), lambda *at: True)
+    desk = Desk(lambda event: [], service.status, lambda: clock.now_us)
     settings, journal_path = ServiceSection(), out / "journal.jsonl"
     yield Hub(scenario, settings, service, picture, desk, clock, {}, out, journal_path)
     journal.close()

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
-from mission_service.guidance.burn.planner import Situation
-from mission_service.guidance.burn.unit import Unit
+from mission_service.guidance.burn.line_planner import Situation
+from mission_service.guidance.burn.unit import BurnUnit
 
 Floats = NDArray[np.float64]
 
@@ -41,8 +41,8 @@ def lights(sources: Floats) -> EllipseFire:
     return EllipseFire(SPREADS, sources)
 
 
-def unit(**changes: Any) -> Unit:
-    return replace(Unit(AREA, shapely.MultiPolygon(), None, (), SETTINGS.edge_m), **changes)
+def unit(**changes: Any) -> BurnUnit:
+    return replace(BurnUnit(AREA, shapely.MultiPolygon(), None, (), SETTINGS.edge_m), **changes)
 
 
 def situation(**changes: Any) -> Situation:

@@ -15,8 +15,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from firemodel.compiled import NUMBA, cache_folder
-from mission_service.guidance.formation import intent, loiter, peers, phase, rvo
-from mission_service.guidance.formation.intent_kernels import NOTES, think
+from mission_service.guidance.formation import intent_avoidance as intent
+from mission_service.guidance.formation import loiter_kernels as loiter
+from mission_service.guidance.formation import orbit_phase_kernels as phase
+from mission_service.guidance.formation import peer_table as peers
+from mission_service.guidance.formation import rvo_kernels as rvo
+from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, decide_orbit
 from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
@@ -169,7 +173,7 @@ def _fly(  # type: ignore[no-untyped-def]
                         keys[who], x[who], y[who], altitude_m[who], heading[who], airspeed[who],
                         wind_x, wind_y,
                     )  # fmt: skip
-                    changed, _, clear_s = think(
+                    changed, _, clear_s = decide_orbit(
                         at_s, own, wanted, orbit[who], others[:heard], rule, frame,
                         path, paths, notes, adopted,
                     )  # fmt: skip
@@ -206,7 +210,7 @@ def _fly(  # type: ignore[no-untyped-def]
                     x[who], y[who], over_x, over_y, aim, airspeed[who],
                     wind_x, wind_y, others[:heard], 60.0, 500.0,
                 )  # fmt: skip
-            x[who], y[who], heading[who], airspeed[who] = loiter.steered(
+            x[who], y[who], heading[who], airspeed[who] = loiter.heading_step(
                 x[who], y[who], heading[who], airspeed[who], aim, orbit[who, 3], wind_x, wind_y,
                 STEP_S, bank_rad,
             )  # fmt: skip
@@ -250,7 +254,7 @@ def fly(
     world: World,
     avoidance: str,
     until_s: float,
-    rules: intent.Rules | None = None,
+    rules: intent.AvoidanceRules | None = None,
     trace: Floats | None = None,
 ) -> Outcome:
     """All vehicles with one of AVOIDANCES.
@@ -258,7 +262,7 @@ def fly(
     ``trace`` (steps, n, 11) is filled, to look at: x, y, heading, orbit, agent, how long the orbit
     was clear when last thought about, whether it was a new one then.
     """
-    rules = rules or intent.rules(SETTINGS)
+    rules = rules or intent.avoidance_rules(SETTINGS)
     count = len(world.start)
     settled_s = np.empty(count)
     conflicts, collisions, nearest_m, on_orbit, changes, spread_rad, thoughts = _fly(
@@ -277,7 +281,7 @@ def fly(
         rules.frame,
         rules.every_s,
         rules.horizon_s,
-        np.array([float(peers.key_of(f"uav{number}")) for number in range(count)]),
+        np.array([float(peers.priority_key(f"uav{number}")) for number in range(count)]),
         until_s,
         np.random.default_rng(world.seed),
         settled_s,

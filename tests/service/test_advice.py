@@ -2,11 +2,16 @@
 
 import numpy as np
 
-from mission_service.guidance.front.advice import AGAIN_S, Adviser, Wishes, advice
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.ring import FrontRing
+from mission_service.guidance.team.team_size import (
+    ADVISE_EVERY_S,
+    CoverageTargets,
+    TeamSizeAdviser,
+    team_size_advice,
+)
 
 # patrolling.md's example: 5 km, 0.5 m/s, 15 m/s.
-RING = Ring(np.full(100, 50.0), np.full(100, 0.5), np.zeros(100))
+RING = FrontRing(np.full(100, 50.0), np.full(100, 0.5), np.zeros(100))
 
 
 def speeds(vehicles: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -15,35 +20,39 @@ def speeds(vehicles: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 
 def test_it_says_what_the_team_can_do_and_what_a_wish_takes() -> None:
-    too_few, text = advice(RING, speeds(3), Wishes(worst_age_s=100.0, unseen_advance_m=50.0))
+    too_few, text = team_size_advice(
+        RING, speeds(3), CoverageTargets(worst_age_s=100.0, unseen_advance_m=50.0)
+    )
     assert too_few
     assert text == (
         "front of 5.0 km, fastest 30.0 m/min: 3 vehicles can see every part every 111 s; the front "
         "then gets 56 m further unseen at most; every 100 s takes 4 vehicles; no more than 50 m "
         "takes 4 vehicles"
     )
-    assert not advice(RING, speeds(4), Wishes(100.0, 50.0))[0]
-    assert not advice(RING, speeds(1), Wishes())[0]
+    assert not team_size_advice(RING, speeds(4), CoverageTargets(100.0, 50.0))[0]
+    assert not team_size_advice(RING, speeds(1), CoverageTargets())[0]
 
 
 def test_a_hot_arc_is_said_to_be_swept() -> None:
     rate = np.full(100, 0.1)
     rate[:10] = 0.6
-    _, text = advice(Ring(RING.step_m, rate, RING.visited_at_s), speeds(4), Wishes())
+    _, text = team_size_advice(
+        FrontRing(RING.step_m, rate, RING.visited_at_s), speeds(4), CoverageTargets()
+    )
     assert "2 of them sweeping the fastest part" in text
 
 
 def test_it_speaks_when_the_team_changes_or_no_longer_suffices() -> None:
-    adviser = Adviser(Wishes(worst_age_s=100.0))
+    adviser = TeamSizeAdviser(CoverageTargets(worst_age_s=100.0))
     assert adviser.is_due(4, 0.0)
-    first = adviser.at(RING, speeds(4), 0.0)
+    first = adviser.advise(RING, speeds(4), 0.0)
     assert first is not None
     assert not first[0]
-    assert not adviser.is_due(4, AGAIN_S - 1.0)
+    assert not adviser.is_due(4, ADVISE_EVERY_S - 1.0)
     assert adviser.is_due(3, 1.0)
-    fewer = adviser.at(RING, speeds(3), 1.0)
+    fewer = adviser.advise(RING, speeds(3), 1.0)
     assert fewer is not None
     assert fewer[0]
-    assert adviser.at(RING, speeds(3), 2.0 + AGAIN_S) is None
-    grown = Ring(2.0 * RING.step_m, RING.spread_rate_m_s, RING.visited_at_s)
-    assert Adviser(Wishes(100.0)).at(grown, speeds(4), 0.0) is not None
+    assert adviser.advise(RING, speeds(3), 2.0 + ADVISE_EVERY_S) is None
+    grown = FrontRing(2.0 * RING.step_m, RING.spread_rate_m_s, RING.visited_at_s)
+    assert TeamSizeAdviser(CoverageTargets(100.0)).advise(grown, speeds(4), 0.0) is not None

@@ -7,10 +7,10 @@ from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.bent.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.bent.ring_history import RingStep, ring_history
 from mission_service.experiments.fires import SHORT_GRASS, burn, flat, of_one_fuel, wind
-from mission_service.guidance.front.dead_reckoning import Heard, fleet_of
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import NEGOTIATIONS, PLANNERS, bent_rule
-from mission_service.guidance.team.ring import Fleet, Floats, Ring, TeamRule
+from mission_service.guidance.team.bent_rules import NEGOTIATIONS, PLANNERS, bent_rule
+from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_reckoned_fleet
+from mission_service.guidance.team.ring import ActiveFleet, Floats, FrontRing, TeamRule
 from mission_service.guidance.team.team_size import (
     best_split,
     vehicles_for_advance,
@@ -63,8 +63,8 @@ def test_costs_less_than_the_benchmarks_and_the_thesis(
 def test_the_same_on_every_run(history: list[RingStep]) -> None:
     one, other = (flown(history[:60], Balanced(), 4) for _ in range(2))
     assert np.array_equal(one.linear, other.linear)
-    for seat, track in one.tracks.items():
-        assert np.array_equal(track, other.tracks[seat])
+    for member, track in one.tracks.items():
+        assert np.array_equal(track, other.tracks[member])
 
 
 class Spied(Balanced):
@@ -87,14 +87,16 @@ def test_the_others_close_the_gap_when_one_is_lost() -> None:
 def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
     cells = 160
     seen_s = -1.5 * (np.arange(cells) % 40).astype(np.float64)
-    ring = Ring(np.full(cells, 30.0), np.full(cells, 0.1), seen_s)
+    ring = FrontRing(np.full(cells, 30.0), np.full(cells, 0.1), seen_s)
     rule = Balanced()
-    four = Fleet(np.arange(4), np.array([0, 40, 80, 120]), np.ones(4, bool), np.full(4, SPEED_M_S))
+    four = ActiveFleet(
+        np.arange(4), np.array([0, 40, 80, 120]), np.ones(4, bool), np.full(4, SPEED_M_S)
+    )
     for which in range(4):
         assert rule.decide(ring, four, which, 0.0)
     # The one behind the gap is early: it goes back for what its successor would be late for.
-    three = Fleet(
-        four.seat[[0, 1, 3]], np.array([1, 41, 121]), np.ones(3, bool), four.speed_m_s[:3]
+    three = ActiveFleet(
+        four.member[[0, 1, 3]], np.array([1, 41, 121]), np.ones(3, bool), four.speed_m_s[:3]
     )
     turned = [not rule.decide(ring, three, which, 1.5) for which in range(3)]
     assert any(turned)
@@ -115,19 +117,21 @@ def test_an_arc_many_times_hotter_is_passed_more_often() -> None:
     assert ours.linear[60:].mean() < 0.8 * circling.linear[60:].mean()
 
 
-def flown_ahead(cells: int) -> tuple[int, int]:
+def rollouts(cells: int) -> tuple[int, int]:
     """Plans flown ahead in one decision, and nodes in each."""
-    ring = Ring(np.full(cells, 30.0), np.full(cells, 0.1), np.zeros(cells))
-    fleet = Fleet(np.arange(2), np.array([0, cells // 2]), np.ones(2, bool), np.full(2, SPEED_M_S))
+    ring = FrontRing(np.full(cells, 30.0), np.full(cells, 0.1), np.zeros(cells))
+    fleet = ActiveFleet(
+        np.arange(2), np.array([0, cells // 2]), np.ones(2, bool), np.full(2, SPEED_M_S)
+    )
     rule = Balanced()
     rule.decide(ring, fleet, 0, 0.0)
-    before = rule.flown_ahead
+    before = rule.rollouts
     rule.decide(ring, fleet, 0, 60.0)
-    return rule.flown_ahead - before, rule.nodes
+    return rule.rollouts - before, rule.nodes
 
 
 def test_a_decision_does_not_grow_with_the_ring() -> None:
-    (few, few_nodes), (many, many_nodes) = flown_ahead(200), flown_ahead(2000)
+    (few, few_nodes), (many, many_nodes) = rollouts(200), rollouts(2000)
     assert many <= few
     assert few_nodes == 200
     assert many_nodes <= 256
@@ -146,6 +150,9 @@ def test_how_many_are_needed() -> None:
     [(0.1, 6.0, 0.60, 1.50), (0.2, 4.0, 0.80, 1.00), (0.3, 2.0, 0.60, 0.50)],
 )
 def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: float) -> None:
+    """Worst weighted ages in L/v: of one to three that sweep the hot arc, and of four that lap."""
+    sweeps = [max(2.0 * weight * share / k, 1.0 / (4 - k)) for k in range(1, 4)]
+    assert [min(sweeps), weight / 4] == pytest.approx([mixed, lapping])
     # From the spread along a ring of 64 x 10 cells: the arc is found.
     hot = round(640 * share)
     rates = np.full(640, 0.1)
@@ -159,21 +166,21 @@ def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: f
 
 
 def test_a_silent_vehicle_is_reckoned_along_the_ring_and_then_lost() -> None:
-    ring = Ring(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
-    told = [Heard(3, 10, False, 20.0, 0.0), Heard(1, 95, True, 20.0, 6.0)]
-    fleet = fleet_of(told, ring, 18.0, lost_after_s=30.0)
-    assert fleet.seat.tolist() == [1, 3]
+    ring = FrontRing(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
+    told = [ReportedPosition(3, 10, False, 20.0, 0.0), ReportedPosition(1, 95, True, 20.0, 6.0)]
+    fleet = dead_reckoned_fleet(told, ring, 18.0, lost_after_s=30.0)
+    assert fleet.member.tolist() == [1, 3]
     # 12 s are 8 cells over the end of the ring, 18 s are 12 back over its beginning.
     assert fleet.cell.tolist() == [3, 98]
-    assert fleet_of(told, ring, 31.0, lost_after_s=30.0).seat.tolist() == [1]
+    assert dead_reckoned_fleet(told, ring, 31.0, lost_after_s=30.0).member.tolist() == [1]
 
 
 def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:
-    ring = Ring(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
+    ring = FrontRing(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
     rule = Balanced()
-    fleet = Fleet(np.arange(2), np.array([0, 50]), np.ones(2, bool), np.full(2, SPEED_M_S))
+    fleet = ActiveFleet(np.arange(2), np.array([0, 50]), np.ones(2, bool), np.full(2, SPEED_M_S))
     rule.decide(ring, fleet, 0, 0.0)
     rule.decide(ring, fleet, 1, 0.0)
     fleet.cell[:] = 20, 70
     rule.decide(ring, fleet, 0, 30.0)
-    assert rule.expected(1) == 70
+    assert rule.next_cell(1) == 70

@@ -7,33 +7,40 @@ import pytest
 
 from mission_service.experiments.bent.ring_flight import SEPARATION_M, fly_team
 from mission_service.experiments.bent.ring_history import RingStep
-from mission_service.guidance.team.bent import (
+from mission_service.guidance.team.bent_region import Course, Region, course_back, lifted
+from mission_service.guidance.team.bent_rules import (
     LATER_NEGOTIATIONS,
     LATER_PLANNERS,
     NEGOTIATIONS,
     PLANNERS,
     bent_rule,
 )
-from mission_service.guidance.team.bent_back_and_forth import back_and_forth
-from mission_service.guidance.team.bent_highest_dynamic import highest_dynamic
-from mission_service.guidance.team.bent_highest_static import highest_static
-from mission_service.guidance.team.bent_predictive import predictive
-from mission_service.guidance.team.bent_predictive_kept import predictive_kept
-from mission_service.guidance.team.bent_region import Course, Region, back_into, lifted
+from mission_service.guidance.team.bent_steering import (
+    back_and_forth,
+    highest_dynamic,
+    highest_static,
+    predictive,
+    predictive_kept,
+)
 from mission_service.guidance.team.bent_team import RegionTeam
-from mission_service.guidance.team.negotiation import Part, held_cells, offers, on_importance
-from mission_service.guidance.team.negotiation_arrival import on_arrival
-from mission_service.guidance.team.negotiation_centre import on_centre
+from mission_service.guidance.team.negotiation import (
+    Party,
+    offers,
+    on_arrival,
+    on_centre,
+    on_importance,
+    reserved_cells,
+)
 from mission_service.guidance.team.regions import ledger, owners
-from mission_service.guidance.team.ring import Floats, Ring
+from mission_service.guidance.team.ring import Floats, FrontRing
 from tests.service.test_ring_flight import CELL_M, SPEED_M_S, settled, still
 
 NOW_S = 1000.0
 
 
-def ring_of(rate: list[float], age_s: list[float]) -> Ring:
+def ring_of(rate: list[float], age_s: list[float]) -> FrontRing:
     rates = np.array(rate)
-    return Ring(np.full(rates.size, CELL_M), rates, NOW_S - np.array(age_s))
+    return FrontRing(np.full(rates.size, CELL_M), rates, NOW_S - np.array(age_s))
 
 
 def region_of(
@@ -43,13 +50,13 @@ def region_of(
     return Region(ring_of(rate, age_s), begin, stop, here, NOW_S, SPEED_M_S, False)
 
 
-def random_ring(seed: int, cells: int = 40) -> Ring:
+def random_ring(seed: int, cells: int = 40) -> FrontRing:
     random = np.random.default_rng(seed)
     rate = random.uniform(0.01, 0.6, cells)
-    return Ring(random.uniform(30, 43, cells), rate, NOW_S - random.uniform(0, 900, cells))
+    return FrontRing(random.uniform(30, 43, cells), rate, NOW_S - random.uniform(0, 900, cells))
 
 
-def importance(ring: Ring, place: int, at_s: float, exponential: bool) -> float:
+def importance(ring: FrontRing, place: int, at_s: float, exponential: bool) -> float:
     age_s, rate = at_s - ring.visited_at_s[place], ring.spread_rate_m_s[place]
     return float(age_s ** (1 + rate) if exponential else rate * age_s)
 
@@ -135,8 +142,8 @@ def test_predictive_kept_flies_its_path_to_the_end() -> None:
 
 
 def test_back_into_the_region_the_shorter_way() -> None:
-    assert back_into(region_of([1.0] * 20, [0.0] * 20, 12, 0, 10)).clockwise is False
-    assert back_into(region_of([1.0] * 20, [0.0] * 20, 18, 0, 10)).clockwise is True
+    assert course_back(region_of([1.0] * 20, [0.0] * 20, 12, 0, 10)).clockwise is False
+    assert course_back(region_of([1.0] * 20, [0.0] * 20, 18, 0, 10)).clockwise is True
     assert lifted(3, 25, 40) == 43
 
 
@@ -150,8 +157,8 @@ def test_offers_leave_as_much_as_the_higher_neighbour_has_then() -> None:
     assert offers(10.0, 2.0, 2.0, alone=True) == (2.0, 2.0)
 
 
-def part(begin: int, end: int, *held: int) -> Part:
-    return Part(begin, end, held[0], held_cells(begin, end, held))
+def part(begin: int, end: int, *held: int) -> Party:
+    return Party(begin, end, held[0], reserved_cells(begin, end, held))
 
 
 def test_chunks_are_worth_no_more_than_the_offer_and_hold_nothing_of_the_vehicle() -> None:
@@ -162,12 +169,14 @@ def test_chunks_are_worth_no_more_than_the_offer_and_hold_nothing_of_the_vehicle
     assert on_importance(ring, left, part(5, 25, 7, 8, 22), right, NOW_S, False) == (2, 2)
     assert on_importance(ring, left, part(5, 25, 5, 6, 24), right, NOW_S, False) == (0, 0)
     assert on_importance(ring, own, left, right, NOW_S, False) == (0, 0)
-    almost = Ring(ring.step_m, np.full(30, 1.01), ring.visited_at_s)
+    almost = FrontRing(ring.step_m, np.full(30, 1.01), ring.visited_at_s)
     almost.spread_rate_m_s[5] = 1.2
     assert on_importance(almost, left, own, right, NOW_S, False)[0] == 4
 
 
-def slow_most_centred(ring: Ring, own: Part, most: tuple[int, int], exponential: bool) -> float:
+def slow_most_centred(
+    ring: FrontRing, own: Party, most: tuple[int, int], exponential: bool
+) -> float:
     least = np.inf
     for first in range(most[0] + 1):
         for last in range(most[1] + 1):
@@ -175,7 +184,7 @@ def slow_most_centred(ring: Ring, own: Part, most: tuple[int, int], exponential:
     return least
 
 
-def off_centre(ring: Ring, begin: int, end: int, exponential: bool) -> float:
+def off_centre(ring: FrontRing, begin: int, end: int, exponential: bool) -> float:
     cells = np.arange(begin, end)
     places = cells % ring.step_m.size
     worth = np.array([importance(ring, int(place), NOW_S, exponential) for place in places])
@@ -265,11 +274,11 @@ def test_teams_keep_the_perimeter_whoever_comes_and_goes(planner: str, negotiati
     lengths: list[int] = []
 
     class Watched(RegionTeam):
-        def decide(self, ring: Ring, fleet, which: int, at_s: float) -> bool:  # type: ignore[no-untyped-def]
+        def decide(self, ring: FrontRing, fleet, which: int, at_s: float) -> bool:  # type: ignore[no-untyped-def]
             clockwise = super().decide(ring, fleet, which, at_s)
             assert self.regions is not None
             assert self.regions.cells == ring.step_m.size
-            assert sorted(self.regions.seats) == fleet.seat.tolist()
+            assert sorted(self.regions.members) == fleet.member.tolist()
             begins = ledger(self.regions)
             sizes = np.diff([*begins, begins[0] + ring.step_m.size])
             assert (sizes >= 0).all()

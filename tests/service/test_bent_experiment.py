@@ -13,7 +13,7 @@ from mission_service.cli.main import main
 from mission_service.experiments.bent import run as bent
 from mission_service.experiments.bent.scenarios import Case, later_cases, thesis_cases, uneven
 from mission_service.experiments.bent.tables import THESIS_BEST, averages, best, name_of
-from mission_service.guidance.team.bent import BENCHMARKS
+from mission_service.guidance.team.bent_rules import BENCHMARKS
 from tests.service.test_ring_flight import still
 
 

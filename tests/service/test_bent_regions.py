@@ -8,22 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.guidance.team.regions import (
-    Message,
+    BorderMessage,
     Regions,
-    grown,
+    equal_regions,
     has_turn,
-    heard,
-    joined_by,
-    kept,
     ledger,
-    moved,
+    message_of,
     offering,
+    on_new_ring,
     owners,
-    parted,
-    said,
+    retained,
     served,
     with_border,
-    without,
+    with_border_moved,
+    with_member,
+    with_message,
+    without_member,
 )
 from mission_service.guidance.team.ring import Integers
 
@@ -44,14 +44,14 @@ def check(regions: Regions) -> None:
         own_begin, own_end = served(regions, index)
         # Nobody owns what it does not serve, nor owns less than what it never offered.
         assert own_begin <= begin <= end <= own_end
-        kept_begin, kept_end = kept(regions, index)
+        kept_begin, kept_end = retained(regions, index)
         assert kept_begin <= kept_end
         assert begin <= kept_begin
         assert kept_end <= end
     assert (count_of == 1).all()
     owner = owners(regions)
     changes = np.count_nonzero(owner != np.roll(owner, 1))
-    assert changes <= len(regions.seats)  # each region is in one piece
+    assert changes <= len(regions.members)  # each region is in one piece
     assert changes == (np.unique(owner).size if np.unique(owner).size > 1 else 0)
 
 
@@ -68,38 +68,38 @@ class Air:
     """A link that keeps all that was ever said, and brings any of it at any time."""
 
     def __init__(self) -> None:
-        self.said: list[tuple[tuple[int, int], bool, Message]] = []
+        self.said: list[tuple[tuple[int, int], bool, BorderMessage]] = []
 
     def speak(self, regions: Regions, index: int, *, left: bool) -> None:
-        self.said.append((ends(regions, index), left, said(regions, index, left=left)))
+        self.said.append((ends(regions, index), left, message_of(regions, index, left=left)))
 
     def bring(self, regions: Regions, which: int) -> Regions:
         between, left, message = self.said[which]
-        for index in range(len(regions.seats)):
+        for index in range(len(regions.members)):
             if ends(regions, index) == between:
-                return heard(regions, index, message, left=not left)
+                return with_message(regions, index, message, left=not left)
         return regions
 
 
 def ends(regions: Regions, index: int) -> tuple[int, int]:
     """The seats left and right of a border."""
-    return regions.seats[index - 1], regions.seats[index]
+    return regions.members[index - 1], regions.members[index]
 
 
 def offer_some(regions: Regions, index: int, left: bool, draw: Draw) -> Regions:
-    if len(regions.seats) == 1 or not has_turn(regions.borders[index], left=left):
+    if len(regions.members) == 1 or not has_turn(regions.borders[index], left=left):
         return regions
-    giver = (index - 1) % len(regions.seats) if left else index
-    begin, end = kept(regions, giver)
+    giver = (index - 1) % len(regions.members) if left else index
+    begin, end = retained(regions, giver)
     amount = draw(end - begin + 1)
     border = regions.borders[index]
     place = border.left.place - amount if left else border.right.place + amount
     return with_border(regions, index, offering(border, place, left=left))
 
 
-def act(regions: Regions, air: Air, seat: int, draw: Draw) -> Regions:
-    """Something happens; ``seat`` is a vehicle that was never in the team."""
-    index, left, count = draw(len(regions.seats)), bool(draw(2)), len(regions.seats)
+def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
+    """Something happens; ``member`` is a vehicle that was never in the team."""
+    index, left, count = draw(len(regions.members)), bool(draw(2)), len(regions.members)
     what = draw(12)
     if what < 3:
         regions = offer_some(regions, index, left, draw)
@@ -110,14 +110,14 @@ def act(regions: Regions, air: Air, seat: int, draw: Draw) -> Regions:
         # Mostly news.
         regions = air.bring(regions, len(air.said) - 1 - min(draw(4) * draw(8), len(air.said) - 1))
     elif what == 9:
-        regions = grown(regions, *random_growth(regions.cells, draw))
+        regions = on_new_ring(regions, *random_growth(regions.cells, draw))
     elif what == 10 and count > 1:
-        regions = without(regions, regions.seats[index])
+        regions = without_member(regions, regions.members[index])
     elif what == 11 and count < 6:
-        cells_of = [draw(regions.cells) for _ in regions.seats]
+        cells_of = [draw(regions.cells) for _ in regions.members]
         # A name used before may come again.
-        regions = joined_by(
-            regions, seat if left else max(regions.seats) + 1, cells_of, draw(regions.cells)
+        regions = with_member(
+            regions, member if left else max(regions.members) + 1, cells_of, draw(regions.cells)
         )
     return regions
 
@@ -128,12 +128,12 @@ def test_every_cell_has_one_owner_whatever_happens(random, uavs: int, cells: int
     def draw(below: int) -> int:
         return int(random.randrange(below))
 
-    regions = parted(range(uavs), [draw(cells) for _ in range(uavs)], cells)
+    regions = equal_regions(range(uavs), [draw(cells) for _ in range(uavs)], cells)
     air = Air()
     for number in range(60):
         regions = act(regions, air, 100 + number, draw)
         if regions.cells > 400:
-            regions = grown(regions, np.arange(regions.cells) * 50 // regions.cells, 50)
+            regions = on_new_ring(regions, np.arange(regions.cells) * 50 // regions.cells, 50)
         check(regions)
 
 
@@ -143,7 +143,7 @@ def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ig
     def draw(below: int) -> int:
         return int(random.randrange(below))
 
-    regions, air = parted([0, 1, 2], [0, 10, 20], 30), Air()
+    regions, air = equal_regions([0, 1, 2], [0, 10, 20], 30), Air()
     for _ in range(40):
         index, left = draw(3), bool(draw(2))
         regions = offer_some(regions, index, left, draw)
@@ -165,58 +165,58 @@ def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ig
 
 
 def test_regions_begin_with_as_many_cells_wherever_the_vehicles_are() -> None:
-    regions = parted([5, 6, 7], [12, 3, 12], 20)
-    assert regions.seats == (6, 5, 7)
+    regions = equal_regions([5, 6, 7], [12, 3, 12], 20)
+    assert regions.members == (6, 5, 7)
     assert spans(regions) == [(3, 9), (9, 16), (16, 23)]
 
 
 def test_giver_serves_until_it_hears() -> None:
-    regions = parted([0, 1], [0, 10], 20)
+    regions = equal_regions([0, 1], [0, 10], 20)
     regions = with_border(regions, 1, offering(regions.borders[1], 6, left=True))
-    offer = said(regions, 1, left=True)
+    offer = message_of(regions, 1, left=True)
     assert (served(regions, 0), ledger(regions)) == ((0, 10), (0, 10))
-    taken = heard(regions, 1, offer, left=False)
+    taken = with_message(regions, 1, offer, left=False)
     # Its answer is lost: both serve cells 6 to 9, which are the taker's.
     assert served(taken, 0) == (0, 10)
     assert served(taken, 1) == (6, 20)
     assert ledger(taken) == (0, 6)
-    again = heard(taken, 1, said(taken, 1, left=True), left=False)
+    again = with_message(taken, 1, message_of(taken, 1, left=True), left=False)
     assert again == taken
-    done = heard(again, 1, said(again, 1, left=False), left=True)
+    done = with_message(again, 1, message_of(again, 1, left=False), left=True)
     assert served(done, 0) == (0, 6)
 
 
 def test_moving_needs_no_turn_of_ones_own() -> None:
-    regions = parted([3, 7], [0, 10], 20)
+    regions = equal_regions([3, 7], [0, 10], 20)
     for place, left in ((8, True), (5, True), (9, False), (9, True), (12, False)):
-        regions = moved(regions, 1, place, left=left)
+        regions = with_border_moved(regions, 1, place, left=left)
         assert ledger(regions) == (0, place)
         assert served(regions, 0) == (0, place)
         assert served(regions, 1) == (place, 20)
     with pytest.raises(ValueError, match="cannot be offered"):
-        moved(regions, 1, 13, left=True)
+        with_border_moved(regions, 1, 13, left=True)
 
 
 def test_leaving_and_joining() -> None:
-    regions = parted([0, 1, 2], [0, 10, 20], 30)
-    assert ledger(without(regions, 1)) == (0, 15)
-    lost_first = without(regions, 0)
-    assert lost_first.seats == (1, 2)
+    regions = equal_regions([0, 1, 2], [0, 10, 20], 30)
+    assert ledger(without_member(regions, 1)) == (0, 15)
+    lost_first = without_member(regions, 0)
+    assert lost_first.members == (1, 2)
     assert spans(lost_first) == [(5, 20), (20, 35)]
     # Vehicle 1, in the second half of its region, keeps that.
-    both = joined_by(regions, 9, [3, 16, 25], 11)
-    assert both.seats == (0, 9, 1, 2)
+    both = with_member(regions, 9, [3, 16, 25], 11)
+    assert both.members == (0, 9, 1, 2)
     assert ledger(both) == (0, 10, 15, 20)
-    assert joined_by(regions, 9, [3, 14, 25], 11).seats == (0, 1, 9, 2)
-    alone = without(lost_first, 2)
+    assert with_member(regions, 9, [3, 14, 25], 11).members == (0, 1, 9, 2)
+    alone = without_member(lost_first, 2)
     assert spans(alone) == [(-3, 27)]
-    assert spans(joined_by(alone, 4, [6], 6)) == [(-3, 12), (12, 27)]
+    assert spans(with_member(alone, 4, [6], 6)) == [(-3, 12), (12, 27)]
     with pytest.raises(ValueError, match="last"):
-        without(alone, 1)
+        without_member(alone, 1)
 
 
 def test_growth_moves_borders_with_their_cells() -> None:
-    regions = parted([0, 1], [1, 4], 6)
-    after = grown(regions, np.array([8, 0, 2, 3, 4, 7]), 9)
+    regions = equal_regions([0, 1], [1, 4], 6)
+    after = on_new_ring(regions, np.array([8, 0, 2, 3, 4, 7]), 9)
     assert [begin % 9 for begin in ledger(after)] == [0, 4]
     assert spans(after)[1][1] - spans(after)[0][0] == 9

@@ -5,7 +5,7 @@ import pytest
 
 from mission_service.experiments.bent.ring_flight import fly_team
 from mission_service.experiments.bent.ring_history import RingStep
-from mission_service.guidance.team.benchmarks import Bumper
+from mission_service.guidance.team.baselines import Bumper
 
 LENGTH_M, RADIUS_CELLS, SPEED_M_S = 3600.0, 1000.0, 15.0
 

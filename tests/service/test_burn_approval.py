@@ -4,7 +4,7 @@ import pytest
 
 from mission_service.config.sections import BurnSection, Station
 from mission_service.events import Approved, HostTime, Present, Resumed
-from mission_service.guidance.burn.approval import Approvals
+from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
 BURN = BurnSection(
@@ -44,10 +44,10 @@ def approved(name: str, at_s: float = 1.0, station: str = "boss") -> Approved:
     return Approved(round(at_s * 1e6), "ada", station, name)
 
 
-def proposing() -> Approvals:
-    approvals = Approvals(BURN)
+def proposing() -> ApprovalTracker:
+    approvals = ApprovalTracker(BURN)
     approvals.propose(a_plan())
-    approvals.heard(Present(0, "ada", "boss"))
+    approvals.on_operator_input(Present(0, "ada", "boss"))
     return approvals
 
 
@@ -60,11 +60,11 @@ def test_a_plan_that_differs_in_anything_has_another_hash() -> None:
 def test_a_word_for_the_plan_proposed_counts() -> None:
     approvals = proposing()
     event = approved(approvals.plan_hash)
-    approvals.heard(event)
+    approvals.on_operator_input(event)
     assert approvals.approve(event) is None
     assert approvals.approval is not None
     assert approvals.approval.by == "ada"
-    assert approvals.lapsed(2_000_000) is None
+    assert approvals.expiry_reason(2_000_000) is None
 
 
 def test_a_word_for_another_plan_does_not() -> None:
@@ -89,7 +89,7 @@ def test_nor_one_that_comes_too_late() -> None:
 def test_nor_any_where_nothing_is_proposed() -> None:
     approvals = proposing()
     name = approvals.plan_hash
-    approvals.void()
+    approvals.withdraw()
     assert approvals.approve(approved(name)) == "no plan is proposed"
 
 
@@ -105,22 +105,22 @@ def test_an_approval_lapses_with_time() -> None:
     event = approved(approvals.plan_hash)
     approvals.approve(event)
     for second in range(0, 110, 5):
-        approvals.heard(Present(second * 1_000_000, "ada", "boss"))
-    assert approvals.lapsed(100_000_000) is None
-    assert approvals.lapsed(102_000_000) == "the approval is older than 100 s"
+        approvals.on_operator_input(Present(second * 1_000_000, "ada", "boss"))
+    assert approvals.expiry_reason(100_000_000) is None
+    assert approvals.expiry_reason(102_000_000) == "the approval is older than 100 s"
 
 
 def test_and_when_nobody_is_heard_at_its_station() -> None:
     approvals = proposing()
-    approvals.heard(approved(approvals.plan_hash))
+    approvals.on_operator_input(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))
-    approvals.heard(Present(14_000_000, "ada", "kitchen"))
-    approvals.heard(Present(14_000_000, "bob", "boss"))  # may approve nothing
-    approvals.heard(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
-    assert approvals.lapsed(16_000_000) is None
-    assert approvals.lapsed(17_000_000) == "nothing heard of ada at boss for 16 s"
-    approvals.heard(Present(17_000_000, "bob", "boss", may_approve=True))
-    assert approvals.lapsed(17_000_000) is None
+    approvals.on_operator_input(Present(14_000_000, "ada", "kitchen"))
+    approvals.on_operator_input(Present(14_000_000, "bob", "boss"))  # may approve nothing
+    approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
+    assert approvals.expiry_reason(16_000_000) is None
+    assert approvals.expiry_reason(17_000_000) == "nothing heard of ada at boss for 16 s"
+    approvals.on_operator_input(Present(17_000_000, "bob", "boss", may_approve=True))
+    assert approvals.expiry_reason(17_000_000) is None
 
 
 @pytest.mark.parametrize(
@@ -134,13 +134,13 @@ def test_by_the_hosts_clock_as_well(host_s: float, lapsed: str | None) -> None:
     approvals.host_time(HostTime(0, "kestrel", 7_000_000))
     approvals.approve(approved(approvals.plan_hash))
     approvals.host_time(HostTime(0, "kestrel", round(7e6 + host_s * 1e6)))
-    assert approvals.lapsed(1_000_000) == lapsed
-    assert not approvals.out_of_date(1_000_000)
+    assert approvals.expiry_reason(1_000_000) == lapsed
+    assert not approvals.is_expired(1_000_000)
 
 
 def test_a_plan_is_out_of_date_by_the_hosts_clock_as_well() -> None:
     approvals = proposing()
-    assert not approvals.out_of_date(300_000_000)
-    assert approvals.out_of_date(300_000_001)
+    assert not approvals.is_expired(300_000_000)
+    assert approvals.is_expired(300_000_001)
     approvals.host_time(HostTime(0, "kestrel", 300_000_001))
-    assert approvals.out_of_date(0)
+    assert approvals.is_expired(0)

@@ -16,34 +16,34 @@ def said(item: str, go: bool = True) -> Answered:
 def all_go() -> Checklist:
     checklist = Checklist(ITEMS)
     for item in ITEMS:
-        checklist.take(said(item))
+        checklist.apply(said(item))
     return checklist
 
 
 def test_it_is_complete_when_every_item_has_its_go() -> None:
     checklist = Checklist(ITEMS)
-    assert checklist.take(said("people")) == (
+    assert checklist.apply(said("people")) == (
         'GO list: GO for "people" by ann at alpha; 2 of 3 open'
     )
     assert checklist.open_items == ("weather", "payload")
-    checklist.take(said("weather"))
+    checklist.apply(said("weather"))
     assert not checklist.complete
-    assert str(checklist.take(said("payload"))).endswith("; complete")
+    assert str(checklist.apply(said("payload"))).endswith("; complete")
     assert checklist.complete
 
 
 def test_a_no_go_opens_the_list() -> None:
     checklist = all_go()
-    told = checklist.take(said("payload", go=False))
+    told = checklist.apply(said("payload", go=False))
     assert told == 'GO list: NO-GO for "payload" by ann at alpha; 1 of 3 open'
     assert checklist.open_items == ("payload",)
-    checklist.take(said("payload"))
+    checklist.apply(said("payload"))
     assert checklist.complete
 
 
 def test_an_item_that_is_not_on_the_list_changes_nothing() -> None:
     checklist = Checklist(ITEMS)
-    told = checklist.take(said("wether"))
+    told = checklist.apply(said("wether"))
     assert told == 'GO list: there is no item "wether"; there are: weather; payload; people'
     assert checklist.open_items == ITEMS
 
@@ -57,14 +57,14 @@ def test_an_item_that_is_not_on_the_list_changes_nothing() -> None:
 )
 def test_a_stop_opens_all(event: AnyEvent, words: str) -> None:
     checklist = all_go()
-    assert words in str(checklist.take(event))
+    assert words in str(checklist.apply(event))
     assert checklist.open_items == ITEMS
-    assert checklist.take(event) is None  # nothing was answered since
+    assert checklist.apply(event) is None  # nothing was answered since
 
 
 def test_nothing_else_matters() -> None:
     checklist = all_go()
-    assert checklist.take(Present(10**12, "ann", "alpha")) is None
+    assert checklist.apply(Present(10**12, "ann", "alpha")) is None
     assert checklist.complete
     assert str(checklist.clear("landed")) == "GO list: all 3 items are open again (landed)"
     assert not checklist.complete
@@ -72,8 +72,8 @@ def test_nothing_else_matters() -> None:
 
 def test_its_status() -> None:
     checklist = Checklist(ITEMS)
-    checklist.take(said("weather"))
-    checklist.take(said("payload", go=False))
+    checklist.apply(said("weather"))
+    checklist.apply(said("payload", go=False))
     told = msgspec.json.decode(msgspec.json.encode(checklist.status()))
     assert [item["answer"] for item in told["items"]] == ["go", "no-go", "open"]
     assert (told["complete"], told["open"]) == (False, 2)

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mission_service.cli.main import main
-from mission_service.core.requests import OF_APPROVERS
+from mission_service.core.requests import REQUESTS, RequestScope
 from mission_service.events import (
     Aborted,
     Answered,
@@ -75,17 +75,11 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
     made = Run(tmp_path, stations)
     for thing in GOOD:
         if isinstance(thing, Sent):
-            made.lock.sent(thing.commands)
+            made.lock.on_commands(thing.commands)
         else:
-            made.lock.take(thing)
-    desk = Desk(
-        made.tell,
-        lambda: made.status(),
-        lambda: AT_US,
-        stations,
-        SECTION.go_items,
-        lambda *place: True,
-    )
+            made.lock.apply(thing)
+    scope = RequestScope(stations, SECTION.go_items)
+    desk = Desk(made.tell, lambda: made.status(), lambda: AT_US, scope)
     loop = asyncio.new_event_loop()
     with claimed(tmp_path / NAME) as listening:
         task = loop.create_task(serve_control(listening, desk))
@@ -136,7 +130,8 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
 def test_a_command_becomes_an_event(run: Run, arguments: tuple[str, ...], event: CrewEvent) -> None:
     result = run.call(*arguments, *WHO)
     assert result.exit_code == 0, result.output
-    may_approve = arguments[0] in OF_APPROVERS  # the socket checks no names
+    name = {"light": "lit"}.get(arguments[0], arguments[0])
+    may_approve = REQUESTS[name].role == "approve"  # the socket checks no names
     assert run.told == [msgspec.structs.replace(event, may_approve=may_approve)]
     assert f"{type(event).__name__} heard" in result.output
     as_json = run.call(*arguments, *WHO, "--json")
@@ -167,7 +162,7 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
 
 
 def test_an_open_list_comes_before_an_approval(run: Run) -> None:
-    run.lock.take(Answered(AT_US, "bob", "bravo", "weather", False))
+    run.lock.apply(Answered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *WHO, "--yes")
     assert (result.exit_code, run.told) == (1, [])
     assert "the GO list comes first; open: weather" in result.stderr
@@ -226,7 +221,7 @@ def test_the_state_in_words_and_as_json(run: Run) -> None:
         f"plan      {HASH[:12]}  line 1, 3 drops; approved by ann at alpha",
     ):
         assert words in told
-    run.lock.take(Aborted(AT_US, "bob", "bravo"))
+    run.lock.apply(Aborted(AT_US, "bob", "bravo"))
     later = run.call("status").output
     assert "GO list   2 open" in later
     assert "not approved: aborted by bob since" in later

@@ -1,10 +1,10 @@
 """The account of spheres."""
 
 from mission_service.events import DropFinished
-from mission_service.guidance.burn.drops import Account, Sphere
+from mission_service.guidance.burn.sphere_account import Sphere, SphereAccount
 
 
-def ordered(account: Account, number: int) -> Sphere:
+def ordered(account: SphereAccount, number: int) -> Sphere:
     sphere = Sphere("abc", number, number * 1_000_000, (0.0, 0.0), (3.0, 4.0))
     account.order(sphere)
     return sphere
@@ -15,7 +15,7 @@ def finished(number: int, done: bool, refused: bool = False) -> DropFinished:
 
 
 def test_what_is_refused_is_still_on_board() -> None:
-    account = Account(10)
+    account = SphereAccount(10)
     sphere = ordered(account, 0)
     assert account.left == 9
     account.finish(finished(0, done=False, refused=True))
@@ -25,7 +25,7 @@ def test_what_is_refused_is_still_on_board() -> None:
 
 
 def test_what_nobody_knows_of_is_taken_to_have_fallen() -> None:
-    account = Account(10)
+    account = SphereAccount(10)
     ordered(account, 0)
     sphere = account.finish(finished(0, done=False))
     assert sphere is not None
@@ -36,7 +36,7 @@ def test_what_nobody_knows_of_is_taken_to_have_fallen() -> None:
 
 
 def test_an_outcome_told_twice_counts_once() -> None:
-    account = Account(10)
+    account = SphereAccount(10)
     ordered(account, 0)
     account.finish(finished(0, done=False, refused=True))
     assert account.finish(finished(0, done=False, refused=True)) is None
@@ -44,10 +44,10 @@ def test_an_outcome_told_twice_counts_once() -> None:
 
 
 def test_of_an_order_repeated_the_last_is_meant() -> None:
-    account = Account(10)
+    account = SphereAccount(10)
     first = ordered(account, 0)
     account.finish(finished(0, done=False, refused=True))
     second = ordered(account, 0)
     account.finish(finished(0, done=True))
     assert (first.outcome, second.outcome) == ("refused", "done")
-    assert account.of("abc") == [second]
+    assert account.of_plan("abc") == [second]

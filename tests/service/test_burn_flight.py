@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.mock.kinematics import Wind
-from autopilot_bridge.vehicle.client import VehicleClient
 from benchmarks.burn_frames import SIDE_M, place, small_burn
 from firemodel.landscape.default import jacksboro
 from mission_service.config.scenario import Scenario
@@ -23,7 +23,7 @@ from mission_service.events import (
     UnitTold,
     WindTold,
 )
-from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.guidance.burn.controller import burn_flight
 from mission_service.journal.journal import Journal, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.crew import SimulatedCrew
@@ -48,9 +48,7 @@ class Burn:
         self.crew = SimulatedCrew(loaded.burn)
         self.simulation = Simulation(loaded, self._journal, landscape, self._due)
         (self.rig,) = self.simulation.rigs
-        leader = self.simulation.core.leader
-        assert isinstance(leader, BurnFlight)
-        self.leader = leader
+        self.leader = burn_flight(self.simulation.core.leader)
 
     def _due(self, now_us: int, core: object) -> list[CrewEvent]:
         return self.crew.due(now_us, self.simulation.core) if self.crew_is_there else []
@@ -200,7 +198,7 @@ def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
     assert verify(burn.path).difference is None
 
 
-def slow_down(client: VehicleClient, begin_us: int, share: float) -> None:
+def slow_down(client: NativeClient, begin_us: int, share: float) -> None:
     """From now on the autopilot's time since boot runs at a share of its speed, frame by frame."""
     wire, taken = mavlink.MAVLink(None), client.receive_data
 
@@ -308,11 +306,13 @@ def test_a_low_battery_sends_it_home_at_the_safe_height(burn: Burn) -> None:
 def test_a_return_by_hand_leaves_no_drop_behind(burn: Burn) -> None:
     burn.until_dropping()
     dropped = burn.dropped
-    burn.rig.client.return_home(burn.simulation.link_us)
+    burn.rig.client.command("return", burn.simulation.link_us)
     burn.run(10.0)
     assert burn.dropped == dropped
     assert burn.leader.approvals.approval is None
-    burn.rig.client.resume(burn.simulation.link_us)  # the mission on board goes on: without drops
+    burn.rig.client.command(
+        "resume", burn.simulation.link_us
+    )  # the mission on board goes on: without drops
     burn.crew_is_there = False
     burn.run(60.0)
     assert burn.dropped == dropped

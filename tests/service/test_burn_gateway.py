@@ -6,12 +6,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
-from autopilot_bridge.mock.troubled import Troubled
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.client import VehicleClient
+from autopilot_bridge.vehicle.message_rates import RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.commands import ClimbAndHold, Drop
 from mission_service.config.scenario import Scenario, load_scenario, parse_scenario
@@ -24,7 +25,7 @@ from mission_service.events import (
     Telemetry,
     VehicleEvent,
 )
-from mission_service.runtime.gateway import RATES_HZ, Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from tests.bridge.helpers import SECOND, mock_of
 
 SERVO = Dropper("servo", 9, 1900.0, 1100.0)
@@ -46,11 +47,8 @@ class Client:
             raise BridgeError("no such output")
         return len(self.orders)
 
-    def climb_and_hold(self, *told: Any) -> None:
-        self.orders.append(("climb_and_hold", *told))
-
-    def set_return_height(self, *told: Any) -> None:
-        self.orders.append(("set_return_height", *told))
+    def command(self, name: str, now_us: int, *arguments: float) -> None:
+        self.orders.append((name, now_us, *arguments))
 
     def next_event(self) -> Any:
         return self.told.pop(0) if self.told else None
@@ -94,14 +92,14 @@ def test_a_drop_that_cannot_be_ordered_is_refused_in_words(
 def test_climb_and_hold_is_the_clients_own_order() -> None:
     client = Client()
     gateway_of(client).execute(ClimbAndHold("drake", 36.0, -84.0, 380.0), 5)
-    assert client.orders == [("climb_and_hold", 36.0, -84.0, 380.0, 5)]
+    assert client.orders == [("climb and hold", 5, 36.0, -84.0, 380.0)]
 
 
 def test_the_height_of_returns_is_set_when_a_vehicle_of_a_burn_is_heard() -> None:
     client = Client(bridge.Connected(3, stack_named("px4", "copter")))
     gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO, return_height_m=95.0)  # type: ignore[arg-type]
     assert len(list(gateway.events(4))) == 1
-    assert client.orders == [("set_return_height", 95.0, 4)]
+    assert client.orders == [("return height", 4, 95.0)]
 
 
 def battery(at_us: int, number: int, percent: int | None, volts: float) -> bridge.Battery:
@@ -155,7 +153,7 @@ def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
     rates = rates_hz(burn())
     assert rates[POSITION] == 10.0
     assert {1, 24, 147} <= set(rates)  # SYS_STATUS, GPS_RAW_INT, BATTERY_STATUS
-    assert rates_hz(load_scenario("default")) is RATES_HZ
+    assert rates_hz(load_scenario("default")) == RATES_HZ
     assert RATES_HZ[POSITION] == 4.0
     assert dropper_of(burn()) == Dropper("gripper", 1, 1900.0, 1100.0, 0.2)
     assert dropper_of(load_scenario("default")) is None
@@ -164,8 +162,8 @@ def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
 def test_a_mock_in_trouble_tells_of_its_battery_and_its_fix(stack: str) -> None:
     mock = mock_of(stack_named(stack, "copter"), battery_minutes=30.0)
-    troubled = Troubled(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
-    client = VehicleClient(rates_hz=rates_hz(burn()))
+    troubled = FaultyMock(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
+    client = NativeClient(rates_hz=rates_hz(burn()))
     gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO)
     told: list[tuple[float, VehicleEvent]] = []
     for now_us in range(0, 30 * SECOND, 25_000):

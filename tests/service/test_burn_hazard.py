@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.flight import fastest_m_s
 from mission_service.guidance.burn.hazard import Floats, Hazard, Margins, cell_for, hazard_of
-from mission_service.guidance.burn.whole_burn import Together
+from mission_service.guidance.burn.line_flight import fastest_m_s
+from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import Formula
 
 BOX = (0.0, 0.0, 60.0, 60.0)
@@ -45,18 +44,18 @@ def brute(fire: Formula | EllipseFire, margins: Margins, x: float, y: float, at_
     return float(times.min(initial=math.inf)) - at_s
 
 
-def in_danger(hazard: Hazard, x_m: Floats, y_m: Floats, at_s: Floats) -> NDArray[np.bool_]:
-    """Whether each sample (n,) is in danger."""
-    return hazard.margins_s(x_m, y_m, at_s) < hazard.margins.time_s
+def in_danger(hazard: Hazard, x_m: float, y_m: float, at_s: float) -> bool:
+    """Whether a vehicle that stands there then is in danger."""
+    here = (x_m, y_m, at_s)
+    return hazard.leg_margin_s(*here, *here) < hazard.margins.time_s
 
 
 @pytest.mark.parametrize("speed_m_s", [0.01, 0.5])
 def test_a_front_is_danger_from_its_margin_on_until_it_has_burned_out(speed_m_s: float) -> None:
     hazard = hazard_of(Formula(front_at(speed_m_s)), BOX, CALM)
-    y = np.array([30.0])
 
     def danger(x_m: float, at_s: float) -> bool:
-        return bool(in_danger(hazard, np.array([x_m]), y, np.array([at_s]))[0])
+        return in_danger(hazard, x_m, 30.0, at_s)
 
     # At x = 30 the place within 10 m that burns first is x = 20, the last is x = 40.
     first_s, last_s = 20.0 / speed_m_s, 40.0 / speed_m_s
@@ -71,10 +70,9 @@ def test_the_margin_reaches_farther_downwind() -> None:
     """A wall of fire at x = 30: to its east is downwind."""
     wall = Formula(lambda x, y: np.where(np.abs(x - 30.0) < 2.0, 100.0, 1e6))
     hazard = hazard_of(wall, BOX, Margins(60.0, 6.0, 8.0, 0.0, 120.0))
-    y, at_s = np.array([30.0]), np.array([100.0])
-    assert in_danger(hazard, np.array([45.0]), y, at_s)[0]
-    assert not in_danger(hazard, np.array([15.0]), y, at_s)[0]
-    assert in_danger(hazard, np.array([22.5]), y, at_s)[0]
+    assert in_danger(hazard, 45.0, 30.0, 100.0)
+    assert not in_danger(hazard, 15.0, 30.0, 100.0)
+    assert in_danger(hazard, 22.5, 30.0, 100.0)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -96,7 +94,7 @@ def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
     hazard = hazard_of(fire, BOX, margins, begins_s=float(sources[:, 2].min()))
     x, y, at_s = *random.uniform(0, 60, (2, 40)), random.uniform(-200, 400, 40)
     samples = np.stack([x, y, at_s], axis=1).tolist()
-    found = hazard.margins_s(x, y, at_s)
+    found = np.array([hazard.leg_margin_s(*place, *place) for place in samples])
     dense = np.array([brute(fire, margins, x, y, at_s) for x, y, at_s in samples])
     assert (found <= dense + 1e-6).all()
     # And it is not far off: what it calls danger is within three cells of danger, also in time.
@@ -124,13 +122,13 @@ def test_a_leg_is_in_danger_where_any_of_its_samples_is() -> None:
     assert hazard.leg_margin_s(30.0, 30.0, -3000.0, 30.0, 30.0, -2900.0) > 10.0
 
 
-@pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: Together([fire])])
+@pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: CombinedFires([fire])])
 def test_a_fire_smaller_than_a_cell_is_known_by_its_source(wrap: Callable[..., Any]) -> None:
     """Hardly alight for 200 s, until wind drives it to the corners of its cell at once."""
     slow, fast = Spread(0.0, 1e-4, 1e-4, 1e-4, 0.0), Spread(200.0, 5.0, 5.0, 5.0, 0.0)
     hazard = hazard_of(wrap(EllipseFire([slow, fast], np.array([[30.4, 30.9, 0.0]]))), BOX, CALM)
-    assert in_danger(hazard, *np.array([[30.0], [40.0], [5.0]]))[0]
-    assert not in_danger(hazard, *np.array([[30.0], [55.0], [5.0]]))[0]
+    assert in_danger(hazard, 30.0, 40.0, 5.0)
+    assert not in_danger(hazard, 30.0, 55.0, 5.0)
 
 
 def test_no_fire_is_faster_than_its_fastest() -> None:

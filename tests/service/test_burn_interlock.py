@@ -61,9 +61,9 @@ def after(history: tuple[Happening, ...], section: BurnSection = BURN) -> Interl
     lock = Interlock(section)
     for thing in history:
         if isinstance(thing, Sent):
-            lock.sent(thing.commands)
+            lock.on_commands(thing.commands)
         else:
-            lock.take(thing)
+            lock.apply(thing)
     return lock
 
 
@@ -208,10 +208,10 @@ def test_limits_run_on_the_hosts_clock_too(
 
 def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> None:
     lock = after((*GOOD, Resumed(AT_US, "service", "", 5.0)))
-    lock.take(HostTime(AT_US, NAME, -500 * S))
+    lock.apply(HostTime(AT_US, NAME, -500 * S))
     for event in (*AGAIN, APPROVED, *GOOD[1:4], *GOOD[-2:]):
         assert not isinstance(event, Sent)
-        lock.take(event)
+        lock.apply(event)
     assert "was good until" in str(lock.refuses(DROP, AT_US))
 
 

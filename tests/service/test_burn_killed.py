@@ -26,7 +26,7 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
-from mission_service.guidance.burn.controller import BurnFlight
+from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.journal.journal import Journal, JournalReader, Rest, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.snapshot import Known
@@ -111,8 +111,7 @@ def gone_on(flown: Burn, path: Path) -> Again:
     plans = service.status()["plans"]
     ordered = {(known["plan_hash"], number) for known in plans for number in known["ordered"]}
     service.go_on(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
-    assert isinstance(core.leader, BurnFlight)
-    return Again(service, core.leader, kept.commands, journal, ordered)
+    return Again(service, burn_flight(core.leader), kept.commands, journal, ordered)
 
 
 def cuts(journal: bytes) -> dict[str, int]:

@@ -7,11 +7,11 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.burn.lines import (
+from mission_service.guidance.burn.ignition_lines import (
     alignment_m,
     drop_points,
+    extent_across,
     line_across,
-    stretch,
     upwind_of,
 )
 from mission_service.guidance.burn.visibility_graph import VisibilityGraph
@@ -30,7 +30,7 @@ def test_the_line_is_upwind_of_the_most_downwind_vertex_and_across_the_wind() ->
 
 
 def test_left_is_to_the_left_of_who_looks_downwind() -> None:
-    assert line_across(BOX, SOUTH, 20.0).left == pytest.approx([1.0, 0.0])
+    assert line_across(BOX, SOUTH, 20.0).left_unit == pytest.approx([1.0, 0.0])
 
 
 def test_cut_off_until_nothing_is_left() -> None:
@@ -47,10 +47,10 @@ def test_of_an_area_in_parts_with_holes() -> None:
     parts = shapely.MultiPolygon([shapely.box(0, 0, 10, 5), shapely.box(40, 30, 90, 80)])
     holed = parts.difference(shapely.box(60, 40, 70, 60))
     line = line_across(holed, SOUTH, 20.0)
-    assert stretch(holed, line) is None  # between the parts
+    assert extent_across(holed, line) is None  # between the parts
     left = upwind_of(holed, line)
     assert left.area == pytest.approx(50 * 50 - 10 * 20)
-    ends = stretch(left, line_across(left, SOUTH, 20.0))
+    ends = extent_across(left, line_across(left, SOUTH, 20.0))
     assert ends == pytest.approx((40.0, 90.0))
 
 
@@ -58,7 +58,7 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
     line = line_across(BOX, SOUTH, 40.0)
     area = upwind_of(BOX, line_across(BOX, SOUTH, 20.0))
     earlier = np.array([[7.0, 20.0], [46.0, 20.0], [61.0, 20.0], [50.0, -3.0]])
-    ends = stretch(area, line)
+    ends = extent_across(area, line)
     assert ends is not None
     # (50, -3) is nearer to the centre, but not at the remaining area.
     through = alignment_m(line, ends, earlier, area, 10.0)

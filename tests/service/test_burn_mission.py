@@ -11,11 +11,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.config.sections import BurnSection, PlannerSection, VehicleSection
-from mission_service.guidance.burn.mission import (
+from mission_service.guidance.burn.plan_mission import (
     BAND,
     has_drop,
     mission_items,
@@ -138,9 +139,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     home_m = float(landscape.elevation_at(*LINE[0, :2]))
     mock = MockAutopilot(
         stack_named(stack, "copter"),
-        home_lat_deg=vehicle.home_lat_deg,
-        home_lon_deg=vehicle.home_lon_deg,
-        home_altitude_amsl_m=home_m,
+        LocalFrame(vehicle.home_lat_deg, vehicle.home_lon_deg, home_m),
         airspeed_m_s=12.0,
     )
     pair = Pair(mock)
@@ -148,7 +147,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     points = plan_points(LINE[:-1], landscape)[:-1]  # the last climb is the mission's own
     items = mission_items(points, 5.0, vehicle, BURN, True)
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
-    pair.client.start_mission(pair.now_us)
+    pair.client.command("start mission", pair.now_us)
     low, speeds = [], []
     climbs = []
     last = len(items) - (0 if mock.stack.item_0_is_home else 1)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from mission_service.guidance.burn.flight import OwnFires, Place, fly
-from mission_service.guidance.burn.planner import air_of, next_line, orders
+from mission_service.guidance.burn.line_flight import FlightPoint, SphereFires, fly_line
+from mission_service.guidance.burn.line_planner import constraints_of, drop_orders, next_line
 from tests.service.burns import SETTINGS, lights, situation
 from tests.service.test_burn_planner import planned
 
@@ -16,27 +16,27 @@ LOW_M, SAFE_M = SETTINGS.drop_height_m, SETTINGS.safe_height_m
 
 
 @pytest.fixture
-def own() -> OwnFires:
+def own() -> SphereFires:
     """One drop, at 100 s: it ignites at 130 s."""
-    found = OwnFires(air_of(situation(), SETTINGS))
-    found.add(100.0, 20.0, 100.0)
+    found = SphereFires(constraints_of(situation(), SETTINGS))
+    found.add_drop(100.0, 20.0, 100.0)
     return found
 
 
-def level(x0_m: float, x1_m: float, at_s: float) -> tuple[Place, Place]:
+def level(x0_m: float, x1_m: float, at_s: float) -> tuple[FlightPoint, FlightPoint]:
     taken_s = abs(x1_m - x0_m) / SETTINGS.speed_m_s
-    return Place(x0_m, 20.0, LOW_M, at_s), Place(x1_m, 20.0, LOW_M, at_s + taken_s)
+    return FlightPoint(x0_m, 20.0, LOW_M, at_s), FlightPoint(x1_m, 20.0, LOW_M, at_s + taken_s)
 
 
-def test_away_from_the_drop_and_straight_up_above_it(own: OwnFires) -> None:
+def test_away_from_the_drop_and_straight_up_above_it(own: SphereFires) -> None:
     assert own.margin_s(level(100.0, 160.0, 100.0)) == math.inf
-    up = (Place(100.0, 20.0, LOW_M, 100.0), Place(100.0, 20.0, SAFE_M, 115.0))
+    up = (FlightPoint(100.0, 20.0, LOW_M, 100.0), FlightPoint(100.0, 20.0, SAFE_M, 115.0))
     assert own.margin_s(up) == math.inf
     # Far away for long: what burns where it was is no danger, however long the leg.
     assert own.margin_s(level(100.0, 280.0, 100.0)) == math.inf
 
 
-def test_not_back_over_it_before_it_ignites(own: OwnFires) -> None:
+def test_not_back_over_it_before_it_ignites(own: SphereFires) -> None:
     back = level(150.0, 60.0, 112.0)
     assert own.margin_s(back) < SETTINGS.time_margin_s
     assert own.margin_s(level(150.0, 130.0, 112.0)) > SETTINGS.time_margin_s  # not so near
@@ -44,14 +44,14 @@ def test_not_back_over_it_before_it_ignites(own: OwnFires) -> None:
     assert own.margin_s((high[0], high[1])) == math.inf
 
 
-def test_not_above_it_when_it_burns(own: OwnFires) -> None:
-    late = (Place(100.0, 20.0, LOW_M, 120.0), Place(100.0, 20.0, SAFE_M, 135.0))
+def test_not_above_it_when_it_burns(own: SphereFires) -> None:
+    late = (FlightPoint(100.0, 20.0, LOW_M, 120.0), FlightPoint(100.0, 20.0, SAFE_M, 135.0))
     assert own.margin_s(late) < 0.0
     assert own.margin_s(level(108.0, 120.0, 131.0)) < 0.0  # away, but out of burning ground
 
 
-def test_not_down_beside_it(own: OwnFires) -> None:
-    down = (Place(105.0, 20.0, SAFE_M, 105.0), Place(105.0, 20.0, LOW_M, 127.5))
+def test_not_down_beside_it(own: SphereFires) -> None:
+    down = (FlightPoint(105.0, 20.0, SAFE_M, 105.0), FlightPoint(105.0, 20.0, LOW_M, 127.5))
     assert own.margin_s(down) < SETTINGS.time_margin_s
     beside = tuple(place._replace(x_m=130.0) for place in down)
     assert own.margin_s((beside[0], beside[1])) > SETTINGS.time_margin_s
@@ -69,10 +69,14 @@ def test_no_drop_on_ground_that_an_earlier_drop_will_have_burned() -> None:
     """Fire that runs along the line faster than the vehicle flies."""
     spreads = (Spread(0.0, 12.0, 0.05, 0.05, 0.0),)
     now = replace(situation(), lights=lambda sources: EllipseFire(spreads, sources))
-    air, start = air_of(now, SETTINGS), Place(now.x_m, now.y_m, now.height_m, now.at_s)
+    air, start = (
+        constraints_of(now, SETTINGS),
+        FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s),
+    )
     line = planned(now).line
     west, east = (
-        fly(air, start, places, 450, 1e4) for places in orders(now, SETTINGS, now.area, line)
+        fly_line(air, start, places, 450, 1e4)
+        for places in drop_orders(now, SETTINGS, now.area, line)
     )
     assert len(west.drops) == 19  # from the east on: fire runs away
     assert len(east.drops) < 19

@@ -12,19 +12,19 @@ from benchmarks.burn_check import faults
 from firemodel.ellipses.ellipse import EllipseFire, line_sources
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.flight import Place, fly
-from mission_service.guidance.burn.planner import (
+from mission_service.guidance.burn.line_flight import FlightPoint, fly_line
+from mission_service.guidance.burn.line_planner import (
     LinePlan,
     NoPlan,
     Situation,
-    air_of,
-    chosen,
+    constraints_of,
+    drop_orders,
+    fastest_flight,
     next_line,
-    orders,
 )
-from mission_service.guidance.burn.recheck import trouble
-from mission_service.guidance.burn.unit import Person
-from mission_service.guidance.burn.whole_burn import Together
+from mission_service.guidance.burn.recheck import plan_problem
+from mission_service.guidance.burn.unit import ExclusionCircle
+from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import (
     AREA,
     NO_FIRE,
@@ -63,7 +63,7 @@ def after(given: Situation, plan: LinePlan) -> Situation:
         given,
         area=plan.area_left,
         dropped_m=np.concatenate([given.dropped_m, plan.drops[:, :2]]),
-        fire=Together([given.fire, lights(plan.drops + delay)]),
+        fire=CombinedFires([given.fire, lights(plan.drops + delay)]),
         at_s=plan.begin_s + after_s,
         x_m=x,
         y_m=y,
@@ -181,10 +181,13 @@ def test_scenario_4_a_front_added_in_mid_flight() -> None:
     at_drops = fire.ignition_time_s(plan.drops[:, :2]) - plan.begin_s - plan.drops[:, 2]
     assert (at_drops > SETTINGS.time_margin_s).all()
     # The faster of both sides.
-    air, start = air_of(stopped, SETTINGS), Place(x, y, stopped.height_m, stopped.at_s)
+    air, start = (
+        constraints_of(stopped, SETTINGS),
+        FlightPoint(x, y, stopped.height_m, stopped.at_s),
+    )
     trips = [
-        fly(air, start, places, 450, 1e4)
-        for places in orders(stopped, SETTINGS, _area_of(stopped, plan), plan.line)
+        fly_line(air, start, places, 450, 1e4)
+        for places in drop_orders(stopped, SETTINGS, _area_of(stopped, plan), plan.line)
     ]
     assert plan.duration_s == pytest.approx(min(trip.duration_s for trip in trips))
     assert trips[0].duration_s != pytest.approx(trips[1].duration_s)
@@ -228,7 +231,7 @@ def test_drops_stay_off_edges_holes_no_drop_areas_people_and_inside_the_fence() 
             shapely.box(40.0, 10.0, 60.0, 30.0)
         ),
         no_drop=shapely.box(150.0, 0.0, 170.0, 40.0),
-        people=(Person("chief", 200.0, 20.0, 14.0),),
+        people=(ExclusionCircle("chief", 200.0, 20.0, 14.0),),
         fence=shapely.box(10.0, 0.0, SIDE_M - 10.0, SIDE_M),
     )
     plan = planned(situation(unit=made))
@@ -336,39 +339,39 @@ def test_the_same_situation_gives_the_same_plan() -> None:
 
 def test_of_two_trips_the_faster_unless_it_drops_far_fewer() -> None:
     now = situation()
-    air = air_of(now, SETTINGS)
+    air = constraints_of(now, SETTINGS)
     area = now.area
     line = planned(now).line
-    left, right = orders(now, SETTINGS, area, line)
-    start = Place(now.x_m, now.y_m, now.height_m, now.at_s)
-    slow, fast = (fly(air, start, places, 450, 1e4) for places in (left, right))
-    assert chosen([slow, fast]) is fast
-    fewer = fly(air, start, right[:-1], 450, 1e4)
-    far_fewer = fly(air, start, right[:-4], 450, 1e4)
-    assert chosen([slow, fewer]) is fewer
-    assert chosen([slow, far_fewer]) is slow
-    assert chosen([]) is None
+    left, right = drop_orders(now, SETTINGS, area, line)
+    start = FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s)
+    slow, fast = (fly_line(air, start, places, 450, 1e4) for places in (left, right))
+    assert fastest_flight([slow, fast]) is fast
+    fewer = fly_line(air, start, right[:-1], 450, 1e4)
+    far_fewer = fly_line(air, start, right[:-4], 450, 1e4)
+    assert fastest_flight([slow, fewer]) is fewer
+    assert fastest_flight([slow, far_fewer]) is slow
+    assert fastest_flight([]) is None
 
 
 def test_a_plan_holds_until_something_speaks_against_it() -> None:
     now = situation(fire=BACKING)
     plan = planned(now, sources=backing_line())
-    assert trouble(plan, now, SETTINGS) == ""
+    assert plan_problem(plan, now, SETTINGS) == ""
     half_s = plan.duration_s / 2.0
     half = replace(now, at_s=now.at_s + half_s, battery_s=now.battery_s - half_s)
-    assert trouble(plan, half, SETTINGS, half_s) == ""
-    assert "battery" in trouble(plan, replace(half, battery_s=300.0), SETTINGS, half_s)
-    assert "spheres" in trouble(plan, replace(now, spheres=3), SETTINGS)
+    assert plan_problem(plan, half, SETTINGS, half_s) == ""
+    assert "battery" in plan_problem(plan, replace(half, battery_s=300.0), SETTINGS, half_s)
+    assert "spheres" in plan_problem(plan, replace(now, spheres=3), SETTINGS)
     new = line_sources(np.array([[150.0, 0.0], [280.0, 130.0]]), 0.0, 2.0)
     fire = EllipseFire(SPREADS, np.concatenate([backing_line(), new]))
-    assert "fire" in trouble(plan, replace(half, fire=fire), SETTINGS, half_s)
-    person = unit(people=(Person("chief", 250.0, 20.0, 12.0),))
-    assert "people" in trouble(plan, replace(now, unit=person), SETTINGS)
-    assert "no-drop" in trouble(plan, replace(now, unit=unit(no_drop=person.area)), SETTINGS)
+    assert "fire" in plan_problem(plan, replace(half, fire=fire), SETTINGS, half_s)
+    person = unit(people=(ExclusionCircle("chief", 250.0, 20.0, 12.0),))
+    assert "people" in plan_problem(plan, replace(now, unit=person), SETTINGS)
+    assert "no-drop" in plan_problem(plan, replace(now, unit=unit(no_drop=person.area)), SETTINGS)
     fenced = unit(fence=shapely.box(0.0, 0.0, 200.0, SIDE_M))
-    assert "fence" in trouble(plan, replace(now, unit=fenced), SETTINGS)
+    assert "fence" in plan_problem(plan, replace(now, unit=fenced), SETTINGS)
     # Begun too late: the backing front is near the line by then.
-    assert "fire" in trouble(plan, replace(now, at_s=900.0), SETTINGS)
+    assert "fire" in plan_problem(plan, replace(now, at_s=900.0), SETTINGS)
 
 
 def test_wind_in_the_margin() -> None:

@@ -148,12 +148,12 @@ def went_on(path: Path, down_s: float = 7.0) -> tuple[list[AnyEvent], Interlock]
     journal = Journal(path, {}, durable=True, rest=cut_off.rest())
     for event, commands in cut_off.turns(handle):
         before.append(event)
-        lock.take(event)
-        lock.sent(commands)
+        lock.apply(event)
+        lock.on_commands(commands)
     journal.commands(list(cut_off.missing))
     news = resumed(cut_off.last_us, down_s)
-    lock.take(news)
-    lock.sent(turn(journal, handle, news))
+    lock.apply(news)
+    lock.on_commands(turn(journal, handle, news))
     journal.close()
     return before, lock
 

@@ -13,8 +13,8 @@ from firemodel.landscape.default import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
 from mission_service.core.core import Core
 from mission_service.events import BatteryTold, DropFinished, UploadFinished
+from mission_service.guidance.burn.interlock import interlock_of
 from mission_service.journal.journal import JournalReader
-from mission_service.runtime.engine import interlock_of
 from tests.service.test_burn_flight import Burn, scenario
 
 SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)
@@ -62,8 +62,8 @@ def test_the_last_lock_knows_a_unit_that_a_file_has(tmp_path: Path) -> None:
     feature = {"type": "Polygon", "coordinates": [lon_lat]}
     (tmp_path / "unit.geojson").write_text(json.dumps(feature), encoding="utf-8")
     loaded = scenario(unit=None, unit_file=tmp_path / "unit.geojson")
+    assert loaded.burn is not None
     lock = interlock_of(loaded.burn, jacksboro(100, 100, 5.0))
-    assert lock is not None
     inside, outside = place(60.0, 60.0), place(-5.0, 60.0)
     area = lock._areas["burn unit"]
     assert shapely.contains_xy(area, inside[1], inside[0])

@@ -9,7 +9,7 @@ import shapely
 
 from mission_service.config.sections import BurnSection, Circle, Station
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.unit import Person, Unit, unit_of
+from mission_service.guidance.burn.unit import BurnUnit, ExclusionCircle, burn_unit_of
 from tests.service.burns import SETTINGS, unit
 from tests.service.fires import LAND, drawn
 
@@ -32,7 +32,7 @@ def burn(**given: Any) -> BurnSection:
 def test_a_unit_from_corners() -> None:
     circle = Circle(name="pump", lat_deg=SQUARE[0][0], lon_deg=SQUARE[0][1], radius_m=30.0)
     fence = corners((-50, -50), (350, -50), (350, 250), (-50, 250))
-    found = unit_of(burn(people=(circle,), fence=fence), LAND, home=SQUARE[1])
+    found = burn_unit_of(burn(people=(circle,), fence=fence), LAND, home=SQUARE[1])
     assert found.area.area == pytest.approx(60_000.0, rel=1e-3)
     west, _, _, north = found.area.bounds
     inside = np.array([[west + 150.0, north - 100.0]])
@@ -45,7 +45,7 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
     x0, y0 = LAND.xy_of(20, 20)
     area = shapely.box(x0, y0, x0 + 200.0, y0 + 100.0)
     pond = shapely.box(x0 + 80.0, y0 + 40.0, x0 + 120.0, y0 + 60.0)
-    found = unit_of(
+    found = burn_unit_of(
         BurnSection(
             stations=CHIEF,
             unit_file=drawn(tmp_path / "unit.geojson", area),
@@ -58,7 +58,7 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
     assert found.may_drop(at).tolist() == [False, False, True]
     line = drawn(tmp_path / "line.geojson", shapely.LineString([(x0, y0), (x0 + 9.0, y0)]))
     with pytest.raises(MissionServiceError, match=r"line\.geojson: feature 1 is a LineString"):
-        unit_of(BurnSection(stations=CHIEF, unit_file=line), LAND)
+        burn_unit_of(BurnSection(stations=CHIEF, unit_file=line), LAND)
 
 
 @pytest.mark.parametrize(
@@ -75,23 +75,23 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
 def test_what_cannot_be_is_told_in_one_line(given: dict[str, Any], says: str) -> None:
     home = corners((-50, 50))[0]
     with pytest.raises(MissionServiceError, match=says) as error:
-        unit_of(burn(**given), LAND, home=home)
+        burn_unit_of(burn(**given), LAND, home=home)
     assert "\n" not in str(error.value)
 
 
 def test_corners_told_later_take_the_place_of_those_set() -> None:
     small = corners((0, 0), (100, 0), (100, 100), (0, 100))
-    assert unit_of(burn(), LAND, corners=small).area.area == pytest.approx(10_000.0, rel=1e-3)
+    assert burn_unit_of(burn(), LAND, corners=small).area.area == pytest.approx(10_000.0, rel=1e-3)
 
 
 def test_droppable_is_never_more_than_may_drop_says() -> None:
     """A concave unit, a hole, a no-drop area, somebody, a fence that cuts it."""
     area = shapely.Polygon([(0, 0), (100, 0), (100, 80), (50, 30), (0, 80)])
-    made = Unit(
+    made = BurnUnit(
         area.difference(shapely.Point(20, 20).buffer(6.0)),
         shapely.box(70, 10, 80, 20),
         shapely.box(-10, -10, 85, 90),
-        (Person("chief", 50.0, 12.0, 8.0),),
+        (ExclusionCircle("chief", 50.0, 12.0, 8.0),),
         5.0,
     )
     random = np.random.default_rng(1)
@@ -108,8 +108,8 @@ def test_the_digest_is_of_all_that_matters() -> None:
     digests = {
         one.digest(SETTINGS),
         one.digest(SETTINGS.model_copy(update={"speed_m_s": 4.0})),
-        one.with_people((Person("a", 1.0, 2.0, 3.0),)).digest(SETTINGS),
-        one.with_people((Person("a", 1.0, 2.5, 3.0),)).digest(SETTINGS),
+        one.with_people((ExclusionCircle("a", 1.0, 2.0, 3.0),)).digest(SETTINGS),
+        one.with_people((ExclusionCircle("a", 1.0, 2.5, 3.0),)).digest(SETTINGS),
         unit(fence=one.area).digest(SETTINGS),
         unit(no_drop=one.area).digest(SETTINGS),
         unit(edge_m=6.0).digest(SETTINGS),

@@ -10,15 +10,15 @@ import shapely
 from benchmarks.burn_check import faults
 from benchmarks.ignition_plans import trial
 from firemodel.ellipses.ellipse import EllipseFire
-from mission_service.guidance.burn.report import (
+from mission_service.guidance.burn.burn_report import (
     burn_json,
+    burn_totals,
+    burned_areas,
     draw_burn,
-    fronts,
     slider_times_s,
-    totals,
 )
-from mission_service.guidance.burn.unit import Unit
-from mission_service.guidance.burn.whole_burn import FlownLine, WholeBurn, whole_burn
+from mission_service.guidance.burn.unit import BurnUnit
+from mission_service.guidance.burn.whole_burn import BurnLine, WholeBurn, whole_burn
 from tests.service.burns import (
     AREA,
     NO_FIRE,
@@ -41,7 +41,7 @@ def burn() -> WholeBurn:
     return whole_burn(now, settings)
 
 
-def _small() -> Unit:
+def _small() -> BurnUnit:
     return unit(area=SMALL)
 
 
@@ -49,7 +49,7 @@ def test_all_lines_to_the_end(burn: WholeBurn) -> None:
     assert burn.ended.why == "complete"
     along = [-line.plan.line.along_m for line in burn.lines]
     assert sorted(set(np.round(along, 6))) == [20.0, 40.0, 60.0, 80.0]
-    figures = totals(burn, SMALL)
+    figures = burn_totals(burn, SMALL)
     assert figures["spheres"] == 4 * 7
     assert figures["skipped"] == 0
     assert (figures["lines"], figures["flights"]) == (4, 4)
@@ -93,14 +93,14 @@ def test_each_line_is_planned_on_the_fire_of_those_before() -> None:
     )
 
 
-def _of(line: FlownLine) -> EllipseFire:
+def _of(line: BurnLine) -> EllipseFire:
     delay_s = line.plan.begin_s + SETTINGS.ignition_delay_s
     return lights(line.plan.drops + np.array([0.0, 0.0, delay_s]))
 
 
 def test_fronts_on_the_slider_grow(burn: WholeBurn) -> None:
     times = slider_times_s(burn, 7)
-    found = fronts(burn, SMALL, times)
+    found = burned_areas(burn, SMALL, times)
     areas = [front.area for front in found]
     assert areas == sorted(areas)
     assert all(front.is_valid for front in found)

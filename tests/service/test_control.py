@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.core.requests import KNOWN, OF_APPROVERS, event_of
+from mission_service.core.requests import REQUESTS, RequestScope, event_of
 from mission_service.errors import ControlError, MissionServiceError, RequestError
 from mission_service.events import (
     Aborted,
@@ -48,6 +48,7 @@ from mission_service.runtime.request_handler import Desk
 from tests.patience import PATIENCE_S, until
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")
+SCOPE = RequestScope(STATIONS, ITEMS)
 WHO = {"by": "ann", "station": "alpha"}
 AT_US = 100_000_000
 EVENT = (AT_US, "ann", "alpha")
@@ -103,8 +104,9 @@ GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
 @pytest.mark.parametrize(("request_", "event"), GOOD)
 def test_a_request_becomes_its_event(request_: dict[str, Any], event: CrewEvent) -> None:
     for may_approve in (None, False, True):
-        made = event_of({**request_, **WHO}, AT_US, STATIONS, ITEMS, may_approve=may_approve)
-        approver = request_["do"] in OF_APPROVERS if may_approve is None else may_approve
+        made = event_of({**request_, **WHO}, AT_US, SCOPE, may_approve)
+        needs_approver = REQUESTS[request_["do"]].role == "approve"
+        approver = needs_approver if may_approve is None else may_approve
         if request_["do"] != "abort":  # which is taken from any user
             assert made == msgspec.structs.replace(event, may_approve=approver)
         else:
@@ -113,7 +115,7 @@ def test_a_request_becomes_its_event(request_: dict[str, Any], event: CrewEvent)
 
 
 def test_there_is_a_good_example_of_each_request() -> None:
-    assert {request["do"] for request, _ in GOOD} | {"status"} == set(KNOWN)
+    assert {request["do"] for request, _ in GOOD} == set(REQUESTS)
 
 
 NAN = float("nan")
@@ -181,7 +183,7 @@ NAN = float("nan")
 )
 def test_what_is_not_right_is_refused_in_one_line(request_: dict[str, Any], words: str) -> None:
     with pytest.raises(RequestError) as caught:
-        event_of({**WHO, **request_}, AT_US, STATIONS, ITEMS)
+        event_of({**WHO, **request_}, AT_US, SCOPE)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -195,15 +197,15 @@ def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant
         {"do": "correct", "state": "burned", "shape": "point", "points": [[60, -84]]},
     ):
         with pytest.raises(RequestError, match="60, -84 is outside the landscape"):
-            event_of({**request, **WHO}, AT_US, STATIONS, ITEMS, on_map)
-        event_of({**request, **WHO}, AT_US, STATIONS, ITEMS)
+            event_of({**request, **WHO}, AT_US, RequestScope(STATIONS, ITEMS, on_map))
+        event_of({**request, **WHO}, AT_US, SCOPE)
     for request in (
         {"do": "lit", "points": far},
         {"do": "unit", "points": [*far, [60, -83]]},
         {"do": "correct", "state": "burned", "shape": "line", "points": far},
     ):
         with pytest.raises(RequestError, match="km are too long to be meant"):
-            event_of({**request, **WHO}, AT_US, STATIONS, ITEMS)
+            event_of({**request, **WHO}, AT_US, SCOPE)
 
 
 @pytest.mark.parametrize(
@@ -217,11 +219,11 @@ def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant
     ],
 )
 def test_an_abort_is_taken_from_anybody(more: dict[str, Any]) -> None:
-    assert isinstance(event_of({"do": "abort", **more}, AT_US, STATIONS, ITEMS), Aborted)
+    assert isinstance(event_of({"do": "abort", **more}, AT_US, SCOPE), Aborted)
 
 
 def test_an_abort_of_somebody_who_claims_to_be_the_service_is_of_an_unknown() -> None:
-    made = event_of({"do": "abort", "by": "service", "station": "x"}, AT_US, STATIONS)
+    made = event_of({"do": "abort", "by": "service", "station": "x"}, AT_US, RequestScope(STATIONS))
     assert made == Aborted(AT_US, "unknown", "x")
 
 
@@ -259,7 +261,7 @@ def test_any_request_is_an_event_that_can_be_journalled_or_is_refused(seed: int)
     for _ in range(10):
         request = scrambled(chance)
         try:
-            event = event_of(request, AT_US, STATIONS, ITEMS)
+            event = event_of(request, AT_US, SCOPE)
         except RequestError:
             continue
         assert msgspec.json.decode(msgspec.json.encode(event), type=AnyEvent) == event
@@ -278,9 +280,8 @@ class Told:
 
     def __init__(self) -> None:
         self.events: list[CrewEvent] = []
-        self.desk = Desk(
-            self.tell, lambda: {"phase": "planning"}, lambda: AT_US, STATIONS, ITEMS, on_map
-        )
+        scope = RequestScope(STATIONS, ITEMS, on_map)
+        self.desk = Desk(self.tell, lambda: {"phase": "planning"}, lambda: AT_US, scope)
 
     def tell(self, event: CrewEvent) -> list[str]:
         self.events.append(event)

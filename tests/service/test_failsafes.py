@@ -85,7 +85,7 @@ def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None
     flight.sim.service.take([refused], flight.sim.link_us)
     order(flight, "return")
     flight.run(60.0)
-    flight.sim.rigs[0].client.land(flight.sim.link_us)  # as its pilot would order
+    flight.sim.rigs[0].client.command("land", flight.sim.link_us)  # as its pilot would order
     until_landed(flight)
     landed_s = flight.now_s
     flight.run(300.0)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.experiments.virtual_agents.rollout import unroll
-from mission_service.guidance.formation.forces import (
+from mission_service.experiments.virtual_agents.rollout_kernels import unroll
+from mission_service.guidance.formation.settings import Constants, Settings
+from mission_service.guidance.formation.virtual_forces_kernels import (
     NAMES,
-    as_array,
+    constants_array,
     in_local_minimum,
     is_set,
     tie_rad,
     velocity_of_forces,
 )
-from mission_service.guidance.formation.settings import Constants, Settings
 
 CELLS, CELL_M = 200, 10.0
 MIDDLE_M = CELLS * CELL_M / 2.0
@@ -39,14 +39,14 @@ def velocity(
     found = velocity_of_forces(
         MIDDLE_M + x_m, MIDDLE_M + y_m, others[:, 0].copy(), others[:, 1].copy(),
         MIDDLE_M, MIDDLE_M, AUGMENTATION, AREA, 0.0, CELLS * CELL_M, CELL_M,
-        as_array(constants), SPACING_M, 25.0, tie,
+        constants_array(constants), SPACING_M, 25.0, tie,
     )  # fmt: skip
     return float(found[0]), float(found[1])
 
 
 def test_constants_go_to_an_array_in_their_order() -> None:
     constants = Constants(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
-    assert [getattr(constants, name) for name in NAMES] == as_array(constants).tolist()
+    assert [getattr(constants, name) for name in NAMES] == constants_array(constants).tolist()
 
 
 def test_a_far_agent_is_drawn_to_the_centre_with_c2_and_one_in_the_area_with_c1() -> None:
@@ -92,8 +92,8 @@ def test_out_of_a_local_minimum_it_goes_anticlockwise_around_the_fire() -> None:
     assert velocity(-300.0, 0.0, [other_west], stuck) == pytest.approx((0.0, -5.0))
     patient = Constants(c1=12.0, c3=1.0, e3=1.0, c5=5.0, t1=1.0, t2=13.0)
     assert velocity(300.0, 0.0, [other], patient) == (0.0, 0.0)
-    assert in_local_minimum(0.5, 9.0, as_array(PLAIN))
-    assert not in_local_minimum(1.5, 9.0, as_array(PLAIN))
+    assert in_local_minimum(0.5, 9.0, constants_array(PLAIN))
+    assert not in_local_minimum(1.5, 9.0, constants_array(PLAIN))
 
 
 def test_two_at_one_place_and_one_at_the_centre_get_away() -> None:
@@ -127,7 +127,7 @@ def unrolled(agents_m: NDArray[np.float64], steps: int) -> int:
             agents_m, np.empty_like(agents_m), steps, 1.0,
             np.array([tie_rad(k) for k in range(n)]), MIDDLE_M, MIDDLE_M,
             AUGMENTATION, AREA, danger, 0.0, CELLS * CELL_M, CELL_M,
-            as_array(PLAIN), SPACING_M, 25.0,
+            constants_array(PLAIN), SPACING_M, 25.0,
         )
     )  # fmt: skip
 

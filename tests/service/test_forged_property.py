@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.missions.bounds import BOUNDS
-from autopilot_bridge.vehicle.fleet import FleetLink
 from autopilot_bridge.vehicle.plausibility import BootClock
 from benchmarks.forged_frames import READ, compared
 from mission_service.config.scenario import load_scenario
@@ -32,7 +32,7 @@ def test_the_comparison_finds_what_gets_through(
     """With each of the guards taken away something is different."""
     flight = load_scenario("default", CHANGES)
     for guard, name, broken in (
-        (FleetLink, "_is_its", lambda *_: True),
+        (SharedLink, "_is_its", lambda *_: True),
         (BootClock, "judge", lambda *_: "kept"),
     ):
         with monkeypatch.context() as taken_away:

@@ -8,13 +8,13 @@ import pytest
 from msgspec.structs import replace as with_fields
 
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.agent import Agent, Own
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.peers import GOAL_X, GOAL_Y
+from mission_service.guidance.formation.agent import Agent, OwnState
+from mission_service.guidance.formation.map_grid import MapGrid
+from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate, Leaving, State
 
-GRID = Grid(300, 300, 10.0, -1500.0, 1500.0)
+GRID = MapGrid(300, 300, 10.0, -1500.0, 1500.0)
 MIDDLE = 150 * 300 + 150
 SETTINGS = Settings()
 
@@ -24,10 +24,10 @@ def agent_of(name: str = "hawk", **options: object) -> Agent:
     return Agent(name, SETTINGS, GRID, np.array([MIDDLE]), 0, **options)  # type: ignore[arg-type]
 
 
-def own_at(at_s: float, x_m: float, y_m: float, **more: object) -> Own:
+def own_at(at_s: float, x_m: float, y_m: float, **more: object) -> OwnState:
     """Flying north at cruise."""
     speed = SETTINGS.airframe.cruise_m_s
-    return Own(round(at_s * 1e6), x_m, y_m, 300.0, 0.0, speed, speed, **more)  # type: ignore[arg-type]
+    return OwnState(round(at_s * 1e6), x_m, y_m, 300.0, 0.0, speed, speed, **more)  # type: ignore[arg-type]
 
 
 def state_of(name: str, at_s: float, x_m: float, y_m: float) -> State:
@@ -48,7 +48,7 @@ def test_a_virtual_agent_begins_a_radius_ahead_of_its_uav() -> None:
 def test_it_begins_anew_when_its_uav_is_too_far_away() -> None:
     agent = agent_of()
     agent.step(own_at(0.0, -1000.0, -1000.0))
-    agent.agent_m = (-1000.0, -1000.0 + SETTINGS.begin_again_m + 1.0)
+    agent.agent_m = (-1000.0, -1000.0 + SETTINGS.restart_m + 1.0)
     intention = agent.step(own_at(0.0, -1000.0, -1000.0))
     assert (intention.agent_x_m, intention.agent_y_m) == pytest.approx((-1000.0, -850.0))
 
@@ -70,21 +70,21 @@ def test_it_tells_its_state_twice_a_second_and_what_it_saw_at_once() -> None:
         said += agent.messages(tick * 250_000)
     states = [message for message in said if isinstance(message, State)]
     assert 20 <= len(states) <= 30
-    agent.see(np.array([MIDDLE + 1]), np.array([], dtype=np.int64), 10_000_000)
+    agent.add_view(np.array([MIDDLE + 1]), np.array([], dtype=np.int64), 10_000_000)
     updates = [m for m in agent.messages(10_000_000) if isinstance(m, FireUpdate)]
     assert [update.burning for update in updates] == [(MIDDLE + 1,)]
 
 
 def test_what_another_saw_is_on_its_map() -> None:
     agent = agent_of()
-    agent.hear(FireUpdate(1_000_000, "kite", (MIDDLE + 1, MIDDLE + 2)))
+    agent.on_message(FireUpdate(1_000_000, "kite", (MIDDLE + 1, MIDDLE + 2)))
     assert agent.maps.fire.sum() == 3
     assert agent.maps.augmentation[150, 152 + 16] > 0
 
 
 def test_cells_of_another_landscape_are_refused_in_words() -> None:
     with pytest.raises(MissionServiceError, match="same landscape"):
-        agent_of().hear(FireUpdate(1_000_000, "kite", (300 * 300,)))
+        agent_of().on_message(FireUpdate(1_000_000, "kite", (300 * 300,)))
 
 
 def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
@@ -92,9 +92,9 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
         agent = agent_of()
         agent.step(own_at(0.0, -600.0, 0.0))
         if with_other:
-            agent.hear(state_of("kite", 0.0, -320.0, 150.0))
+            agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
         if left:
-            agent.hear(Leaving(1, "kite", "fuel"))
+            agent.on_message(Leaving(1, "kite", "fuel"))
         return agent.step(own_at(0.5, -600.0, 9.0)).agent_x_m
 
     assert east_of(True, False) < east_of(False, False) - 1.0
@@ -103,7 +103,7 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
 
 def test_who_is_silent_for_ten_seconds_is_not_reckoned_with() -> None:
     agent = agent_of()
-    agent.hear(state_of("kite", 0.0, -320.0, 150.0))
+    agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
     assert len(agent.peers.rows(9_900_000)) == 1
     assert len(agent.peers.rows(10_100_000)) == 0
 
@@ -134,7 +134,9 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
 
 def test_others_go_by_where_its_virtual_agent_is_going() -> None:
     agent = agent_of()
-    agent.hear(with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0))
+    agent.on_message(
+        with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0)
+    )
     assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
     said = []
     for tick in range(40):

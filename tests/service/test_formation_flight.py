@@ -35,9 +35,9 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.formation import seats as formation_seats
-from mission_service.guidance.formation.agent import Intention, Own
-from mission_service.guidance.formation.by_hand import Motion, expected_orbit
+from mission_service.guidance.formation import members as formation_seats
+from mission_service.guidance.formation.agent import Intention, OwnState
+from mission_service.guidance.formation.manual_control import ObservedMotion, expected_orbit
 from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
 from mission_service.position_fix import Here
 from mission_service.simulation.demo import write_plan
@@ -51,20 +51,20 @@ class Scripted:
     def __init__(self, name: str, settings: Any, *rest: Any) -> None:
         self.name, self.settings = name, settings
         self.means = Intention(0.0, 0.0, -150.0, 17.5, 0.0, False, 0.0, 0.0)
-        self.owns: list[Own] = []
+        self.owns: list[OwnState] = []
         self.heard: list[AnyMessage] = []
         self.seen: list[tuple[list[int], list[int]]] = []
         self.left: list[int] = []
         self.home_m: tuple[float, float] | None = None
         self.to_say: list[AnyMessage] = []
 
-    def hear(self, message: AnyMessage) -> None:
+    def on_message(self, message: AnyMessage) -> None:
         self.heard.append(message)
 
-    def see(self, burning: Any, unburned: Any, at_us: int) -> None:
+    def add_view(self, burning: Any, unburned: Any, at_us: int) -> None:
         self.seen.append((burning.tolist(), unburned.tolist()))
 
-    def step(self, own: Own) -> Intention:
+    def step(self, own: OwnState) -> Intention:
         self.owns.append(own)
         return self.means
 
@@ -106,7 +106,7 @@ class Flight:
 
     @property
     def agent(self) -> Scripted:
-        agent = self.core.leader.formation.seats[self.name].agent  # type: ignore[attr-defined]
+        agent = self.core.leader.formation.members[self.name].agent  # type: ignore[attr-defined]
         assert isinstance(agent, Scripted)
         return agent
 
@@ -304,7 +304,7 @@ def test_near_others_small_moves_are_ordered_too_and_at_once(land: Landscape) ->
         flight = Flight(land)
         flight.orbiting()
         flight.for_s(5.0)
-        other = flight.core.leader.formation.seats["stork"]  # type: ignore[attr-defined]
+        other = flight.core.leader.formation.members["stork"]  # type: ignore[attr-defined]
         x_m, y_m = flight.home_m[0] - 800.0, flight.home_m[1] + away_m
         other.here, other.flies = Here(flight.at_s, 0.0, 0.0, x_m, y_m, 700.0, 0.0, 15.0), True
         flight.means(-810.0, 0.0, airspeed_m_s=20.0)
@@ -415,7 +415,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    heard = flight.core.leader.formation.seats["crane"].agent.heard  # type: ignore[attr-defined]
+    heard = flight.core.leader.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
     heard.clear()
     flight.mode("position")
     flight.for_s(10.0)
@@ -438,7 +438,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
 
 @pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
 def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
-    def at(time_s: float) -> Motion:
+    def at(time_s: float) -> ObservedMotion:
         course = 1.0 + turn_rad_s * time_s
         place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # about 0, 0 at 20 m/s
         place = place if turn_rad_s > 0 else (-place[0], -place[1])
@@ -450,7 +450,7 @@ def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
 
 
 def test_who_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
-    still: Motion = (0.0, 10.0, 20.0, 0.2, 0.0)
+    still: ObservedMotion = (0.0, 10.0, 20.0, 0.2, 0.0)
     assert expected_orbit(still, (1.0, 10.0, 20.0, 0.0, 0.1), 150.0) == (10.0, 20.0, -150.0)
     ahead = expected_orbit((0.0, 0.0, 0.0, 15.0, 0.0), (1.0, 15.0, 0.0, 15.0, 0.1), 150.0)
     assert ahead == pytest.approx((15.0 + 900.0, 6.0, -150.0))
@@ -481,7 +481,7 @@ def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_oth
     )  # fmt: skip
     flight.agent.to_say.append(state)
     flight.at(300.0)
-    heard = flight.core.leader.formation.seats["crane"].agent.heard  # type: ignore[attr-defined]
+    heard = flight.core.leader.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
     heard.clear()
     flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert heard == [state]
@@ -542,8 +542,8 @@ def test_what_it_sees_measures_and_says_reaches_agents(land: Landscape) -> None:
     assert own.hot  # fire in the middle of the picture
     assert own.wind_x_m_s == pytest.approx(5.0, abs=0.01)
     assert own.airspeed_m_s == pytest.approx(12.5)
-    seats = flight.core.leader.formation.seats  # type: ignore[attr-defined]
-    others = [seat.agent.heard for name, seat in seats.items() if name != flight.name]
+    seats = flight.core.leader.formation.members  # type: ignore[attr-defined]
+    others = [member.agent.heard for name, member in seats.items() if name != flight.name]
     assert len(others) == 7
     assert all(heard == [update] for heard in others)
     assert flight.agent.heard == []

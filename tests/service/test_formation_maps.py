@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
 from mission_service.errors import MissionServiceError
-from mission_service.experiments.virtual_agents.camera_view import mark
+from mission_service.experiments.virtual_agents.camera_footprint import mark_seen
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
-from mission_service.guidance.formation.fire_maps import AgentMaps, disc, no_counts
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent_maps import AgentMaps, disc, no_counts
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 
 ROWS, COLS = 40, 55
-GRID = Grid(ROWS, COLS, 10.0, 1000.0, 5000.0)
+GRID = MapGrid(ROWS, COLS, 10.0, 1000.0, 5000.0)
 NONE = np.empty(0, dtype=np.int64)
 CELLS = st.lists(st.integers(0, ROWS * COLS - 1), max_size=8).map(
     lambda cells: np.array(cells, dtype=np.int64)
@@ -121,7 +121,7 @@ def test_what_was_seen_counts_for_a_minute() -> None:
     area.burn(growing(3), 40.0)
     seen_s = np.full((ROWS, COLS), -np.inf)
     x_m, y_m = GRID.xy_of(12.0, 30.0)
-    mark(GRID, (x_m, y_m, 0.0, 50.0, 80.0), seen_s, 100.0)
+    mark_seen(GRID, (x_m, y_m, 0.0, 50.0, 80.0), seen_s, 100.0)
     expected = area.priority[7:18, 22:39].sum() / area.priority.sum()
     assert 0.1 < expected < 0.9
     assert area.seen_coverage(seen_s, 130.0) == pytest.approx(expected)

@@ -5,6 +5,7 @@ import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any, cast
 
 import aiomqtt
 import pytest
@@ -12,11 +13,12 @@ import pytest
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.config.mqtt_names import Broker, check_prefix, read_broker, site_of
 from mission_service.errors import MissionServiceError
+from mission_service.interfaces.mqtt.inbox import Inbox
 from mission_service.interfaces.mqtt.peers import (
     MOST_WAITING,
+    OVERTAKEN,
     Channel,
     Exchange,
-    Inbox,
     Outbox,
     UnfitError,
     decoded,
@@ -82,7 +84,7 @@ class Talker:
 @asynccontextmanager
 async def talking(port: int, *names: str) -> AsyncIterator[list[Talker]]:
     talkers = [Talker(name, port) for name in names]
-    tasks = [asyncio.create_task(talker.exchange.run(talker)) for talker in talkers]
+    tasks = [asyncio.create_task(talker.exchange.run(cast(Any, talker))) for talker in talkers]
     try:
         yield talkers
         assert not any(task.done() for task in tasks)
@@ -235,7 +237,7 @@ def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
 
 
 def test_who_falls_behind_hears_only_the_newest_state_of_each() -> None:
-    inbox = Inbox(maxsize=3)
+    inbox = Inbox(3, newest=OVERTAKEN)
     for at_us in range(50):
         for name in ("hawk", "kite"):
             payload = encoded(state(name, at_us))[1]

@@ -10,7 +10,7 @@ from benchmarks.formation_processes import Stage, formation, map_of
 from benchmarks.mosquitto import MOSQUITTO
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.formation.seats import first_fire
+from mission_service.guidance.formation.members import first_fire
 from mission_service.replay.verification import verify
 
 NAMES, SPEEDUP = ("heron", "stork", "crane"), 10.0

@@ -6,11 +6,15 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission_service.experiments.virtual_agents.camera_view import cells_in_view, look, mark
-from mission_service.guidance.formation.grid import Grid
+from mission_service.experiments.virtual_agents.camera_footprint import (
+    cells_in_view,
+    changed_cells,
+    mark_seen,
+)
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 
-GRID = Grid(30, 45, 10.0, -100.0, 700.0)
+GRID = MapGrid(30, 45, 10.0, -100.0, 700.0)
 X, Y = GRID.xy_of(*np.indices((30, 45)))
 
 VIEWS = st.tuples(
@@ -62,7 +66,7 @@ def test_a_look_tells_what_differs_from_what_is_known(
     arrival_s = np.hypot(X - 100.0, Y - 550.0)
     arrival_s[:, 40:] = np.inf
     known: np.ndarray = np.equal((X // 10 + Y // 20) % 3, 0)
-    burning, unburned = look(GRID, view, arrival_s, 120.0, known)
+    burning, unburned = changed_cells(GRID, view, arrival_s, 120.0, known)
     seen = np.zeros(known.shape, dtype=np.bool_)
     seen.ravel()[cells_in_view(GRID, view)] = True
     assert np.array_equal(burning, np.flatnonzero(seen & ~known & (arrival_s <= 120.0)))
@@ -72,8 +76,8 @@ def test_a_look_tells_what_differs_from_what_is_known(
 def test_marking_keeps_when_each_cell_was_seen_last() -> None:
     seen_s = np.full((30, 45), -np.inf)
     first, second = (50.0, 550.0, 0.5, 60.0, 40.0), (80.0, 550.0, 1.5, 60.0, 40.0)
-    mark(GRID, first, seen_s, 10.0)
-    mark(GRID, second, seen_s, 20.0)
+    mark_seen(GRID, first, seen_s, 10.0)
+    mark_seen(GRID, second, seen_s, 20.0)
     expected = np.where(in_view(first), 10.0, -np.inf)
     expected[in_view(second)] = 20.0
     assert np.array_equal(seen_s, expected)
@@ -87,7 +91,7 @@ def test_a_view_beyond_the_map_sees_nothing() -> None:
 
 def test_the_papers_camera_sees_about_800_cells_of_10_m() -> None:
     camera = Settings().camera
-    wide = Grid(200, 200, 10.0, 0.0, 2000.0)
+    wide = MapGrid(200, 200, 10.0, 0.0, 2000.0)
     width_m, length_m = 2.0 * camera.half_width_m(300.0), 2.0 * camera.half_length_m(300.0)
     cells = cells_in_view(wide, (1000.0, 1000.0, 0.4, width_m / 2.0, length_m / 2.0))
     assert abs(len(cells) - width_m * length_m / 100) < 30

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mission_service.guidance.front.unwatched import nearest_bearings
+from mission_service.guidance.front.unmonitored import nearest_bearings
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.rates import rates_for
+from autopilot_bridge.vehicle.message_rates import RATES_HZ, rates_for
 from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
 from mission_service.config.scenario import load_scenario
 from mission_service.events import (
@@ -19,7 +19,7 @@ from mission_service.events import (
     SystemStateChanged,
     WindMeasured,
 )
-from mission_service.runtime.gateway import RATES_HZ, Gateway, MissionClock
+from mission_service.runtime.gateway import Gateway, MissionClock
 from mission_service.simulation.sim import simulate
 
 
@@ -33,7 +33,7 @@ class Client:
         self._events = list(events)
 
     def __getattr__(self, name: str) -> Any:
-        return lambda now_us: self.orders.append(name)
+        return lambda *told: self.orders.append(told[0] if name == "command" else name)
 
     def hears(self, event: bridge.ClientEvent) -> None:
         self._events.append(event)
@@ -47,7 +47,7 @@ def test_a_return_is_ordered_of_the_client() -> None:
     gateway = Gateway("hawk", client, MissionClock(0, wall=False))
     gateway.execute(Return("hawk"), 0)
     gateway.execute(Hold("hawk"), 0)
-    assert client.orders == ["return_home", "hold"]
+    assert client.orders == ["return", "hold"]
 
 
 def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
@@ -61,8 +61,8 @@ def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
     gateway.execute(Orbit("hawk", 36.0, -84.0, 700.0, -150.0), 5)
     gateway.execute(ChangeSpeed("hawk", 17.5), 6)
     assert ordered == [
-        ("orbit", 36.0, -84.0, 700.0, -150.0, 5),
-        ("change_speed", 17.5, 6),
+        ("command", "orbit", 5, 36.0, -84.0, 700.0, -150.0),
+        ("command", "change speed", 6, 17.5),
     ]
 
 

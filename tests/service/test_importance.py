@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_service.guidance.front.importance import (
+from mission_service.guidance.front.cell_importance import (
     adjusted_spread_rate,
     cell_importance,
     ring_importance,

@@ -18,10 +18,10 @@ CLOCKS = {"now", "utcnow", "today", "fromtimestamp"}
 SHELL = {
     "autopilot_bridge/links/connection.py",
     "autopilot_bridge/links/link.py",  # a seeded random.Random, given as a seed
-    "autopilot_bridge/mavsdk/vehicle.py",
-    "autopilot_bridge/mock/process.py",
+    "autopilot_bridge/clients/mavsdk.py",
+    "autopilot_bridge/mock/serving.py",
     "autopilot_bridge/links/sockets.py",
-    "autopilot_bridge/links/wires.py",
+    "autopilot_bridge/links/transports.py",
     "mission_service/interfaces/api/answers.py",
     "mission_service/interfaces/api/context.py",
     "mission_service/interfaces/api/door.py",

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import peers
-from mission_service.guidance.formation.intent import Choice, Flying, Orbit, Rules, choose, rules
+from mission_service.guidance.formation import peer_table as peers
+from mission_service.guidance.formation.intent_avoidance import (
+    AdoptedOrbit,
+    AvoidanceRules,
+    IntendedOrbit,
+    OwnMotion,
+    avoidance_rules,
+    choose_orbit,
+)
 from mission_service.guidance.formation.settings import Settings
 from tests.service.formation_worlds import (
     deployment,
@@ -18,9 +25,9 @@ from tests.service.formation_worlds import (
     swap,
 )
 
-RULES = rules(Settings())
-HERE = Orbit(0.0, 0.0, -150.0, 17.5)
-OWN = Flying(7, 150.0, 0.0, 300.0, math.pi / 2, 17.5)
+RULES = avoidance_rules(Settings())
+HERE = IntendedOrbit(0.0, 0.0, -150.0, 17.5)
+OWN = OwnMotion(7, 150.0, 0.0, 300.0, math.pi / 2, 17.5)
 NOBODY = np.zeros((0, peers.COLUMNS))
 
 
@@ -43,13 +50,16 @@ def on_orbit(
 
 
 def think(
-    wanted: Orbit, others: NDArray[np.float64], at_s: float = 101.5, rules: Rules = RULES
-) -> Choice:
-    return choose(at_s, OWN, wanted, Choice(HERE), others, rules)
+    wanted: IntendedOrbit,
+    others: NDArray[np.float64],
+    at_s: float = 101.5,
+    rules: AvoidanceRules = RULES,
+) -> AdoptedOrbit:
+    return choose_orbit(at_s, OWN, wanted, AdoptedOrbit(HERE), others, rules)
 
 
 def test_alone_what_is_wanted_is_flown() -> None:
-    wanted = Orbit(300.0, 0.0, -150.0, 20.0)
+    wanted = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
     choice = think(wanted, NOBODY)
     assert choice.orbit == wanted
     assert not choice.in_conflict
@@ -57,15 +67,15 @@ def test_alone_what_is_wanted_is_flown() -> None:
 
 
 def test_what_is_hardly_other_is_not_adopted_and_nobody_thinks_all_the_time() -> None:
-    assert think(Orbit(0.5, 0.5, -150.0, 17.6), NOBODY).orbit == HERE
-    held = choose(100.0, OWN, HERE, Choice(HERE), NOBODY, RULES)
-    wanted = Orbit(300.0, 0.0, -150.0, 20.0)
-    assert choose(100.25, OWN, wanted, held, NOBODY, RULES) == held
-    assert choose(100.5, OWN, wanted, held, NOBODY, RULES).orbit == wanted
+    assert think(IntendedOrbit(0.5, 0.5, -150.0, 17.6), NOBODY).orbit == HERE
+    held = choose_orbit(100.0, OWN, HERE, AdoptedOrbit(HERE), NOBODY, RULES)
+    wanted = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
+    assert choose_orbit(100.25, OWN, wanted, held, NOBODY, RULES) == held
+    assert choose_orbit(100.5, OWN, wanted, held, NOBODY, RULES).orbit == wanted
 
 
 def test_an_orbit_beside_another_in_phase_is_adopted_and_out_of_phase_is_not() -> None:
-    wanted = Orbit(20.0, 0.0, -150.0, 17.5)
+    wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     turns = np.arange(16) * RULES.turn_s + 1.5
     in_phase = [think(wanted, on_orbit(270.0, 0.0), at_s) for at_s in turns]
     assert wanted in [choice.orbit for choice in in_phase]
@@ -75,14 +85,19 @@ def test_an_orbit_beside_another_in_phase_is_adopted_and_out_of_phase_is_not() -
 
 
 def test_near_ones_take_turns_and_a_turn_needs_news() -> None:
-    wanted = Orbit(20.0, 0.0, -150.0, 17.5)
+    wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     seconds = np.arange(64) * RULES.turn_s + 1.5
     other = on_orbit(160.0, 0.0)
     mine = [think(wanted, other, at_s).orbit == wanted for at_s in seconds]
     assert 8 < sum(mine) < 56
     theirs = [
-        choose(
-            at_s, OWN._replace(key=3), wanted, Choice(HERE), on_orbit(160.0, 0.0, key=7), RULES
+        choose_orbit(
+            at_s,
+            OWN._replace(key=3),
+            wanted,
+            AdoptedOrbit(HERE),
+            on_orbit(160.0, 0.0, key=7),
+            RULES,
         ).orbit
         == wanted
         for at_s in seconds
@@ -93,7 +108,7 @@ def test_near_ones_take_turns_and_a_turn_needs_news() -> None:
 
 
 def test_layers_need_no_avoidance() -> None:
-    wanted = Orbit(20.0, 0.0, -150.0, 17.5)
+    wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     above = on_orbit(270.0, 0.0, math.pi, altitude_m=360.0)
     turns = np.arange(16) * RULES.turn_s + 1.5
     layered = dataclasses.replace(RULES, layers_m=60.0)

@@ -17,7 +17,7 @@ from mission_service.experiments.islam_hu.ideal_flight import Flight, fly, look
 from mission_service.experiments.islam_hu.scenarios import COMPARED, ISLAM_HU, islam_hu_burn
 from mission_service.guidance.fire_map import EAST, NORTH
 from mission_service.guidance.front.front_shape import hull_of
-from mission_service.guidance.front.perimeter import Rule
+from mission_service.guidance.front.perimeter_planner import Rule
 from mission_service.replay.distance_error import TrueShape
 
 CENTRE = (30, 30)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import loiter
+from mission_service.guidance.formation import loiter_kernels as loiter
 
 BANK = 0.7
 STEP_S = 0.25
@@ -22,7 +22,7 @@ def fly(
     """(n, 4) states from the first on."""
     states = [state]
     for _ in range(round(seconds / step_s)):
-        states.append(loiter.flown(*states[-1], *orbit, *wind, step_s, BANK))
+        states.append(loiter.orbit_step(*states[-1], *orbit, *wind, step_s, BANK))
     return np.array(states)
 
 
@@ -33,11 +33,6 @@ def test_the_law_points_at_the_agent_from_afar_and_along_the_circle_on_it() -> N
     assert loiter.wanted_course_rad(150.0, 0.0, 0.0, 0.0, 150.0) == pytest.approx(-math.pi / 2)
     assert loiter.wanted_course_rad(0.0, -150.0, 0.0, 0.0, -150.0) == pytest.approx(0.0)
     assert loiter.wanted_course_rad(1e-6, 0.0, 0.0, 0.0, -150.0) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_agent_is_to_the_left_or_to_the_right() -> None:
-    assert loiter.side_of_agent_m(0.0, 0.0, 0.0, 5.0, 3.0) == pytest.approx(3.0)
-    assert loiter.side_of_agent_m(0.0, 0.0, math.pi / 2, 5.0, 3.0) == pytest.approx(-5.0)
 
 
 @pytest.mark.parametrize("radius_m", [-150.0, 150.0, -100.0])
@@ -72,43 +67,17 @@ def test_speed_changes_take_time() -> None:
     assert states[-1, 3] == pytest.approx(25.0)
 
 
-def literal_course_rad(
-    x_m: float, y_m: float, course_rad: float, agent: tuple[float, float], radius_m: float,
-    turn_rad: float,
-) -> float:  # fmt: skip
-    """Eqs. 14 and 15 to the letter: turn on until the agent is on the right side, then eq. 15."""
-    sense = loiter.sense_of(radius_m)
-    if sense * loiter.side_of_agent_m(x_m, y_m, course_rad, *agent) <= 0.0:
-        return float(course_rad - sense * turn_rad)
-    return float(loiter.wanted_course_rad(x_m, y_m, *agent, radius_m))
-
-
-def test_to_the_letter_an_agent_on_the_wrong_side_is_turned_to_first() -> None:
-    literal = literal_course_rad
-    assert literal(0.0, 0.0, 0.0, (500.0, -1.0), -150.0, 0.1) == pytest.approx(-0.1)
-    assert literal(0.0, 0.0, 0.0, (500.0, 1.0), 150.0, 0.1) == pytest.approx(0.1)
-    wanted_rad = loiter.wanted_course_rad(0.0, 0.0, 500.0, 1.0, -150.0)
-    assert literal(0.0, 0.0, 0.0, (500.0, 1.0), -150.0, 0.1) == wanted_rad
-
-
 def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_ever() -> None:
-    """To the letter it would be: 30 m to the right of a vehicle that turns within 37 m."""
-    start = (0.0, 0.0, 0.0, 17.5)
-    states = fly(start, (0.0, -30.0, -150.0, 17.5), (0.0, 0.0), 60.0)
+    """By eq. 14 it would be: 30 m to the right of a vehicle that turns within 37 m."""
+    states = fly((0.0, 0.0, 0.0, 17.5), (0.0, -30.0, -150.0, 17.5), (0.0, 0.0), 60.0)
     assert math.hypot(states[-1, 0], states[-1, 1] + 30.0) == pytest.approx(150.0, rel=0.02)
-    literal = start
-    turn_rad = loiter.most_turn_rad(17.5, BANK, STEP_S)
-    for _ in range(1000):
-        course_rad = literal_course_rad(*literal[:3], (0.0, -30.0), -150.0, turn_rad)
-        literal = loiter.steered(*literal, course_rad, 17.5, 0.0, 0.0, STEP_S, BANK)
-        assert math.hypot(literal[0], literal[1] + 30.0) < 75.0
 
 
 def test_who_must_turn_about_turns_the_way_of_the_orbit() -> None:
     for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # wanted near 0: outwards
         state = (10.0, 0.0, heading_rad, 17.5)
-        anticlockwise = loiter.flown(*state, 0.0, 0.0, -150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
-        clockwise = loiter.flown(*state, 0.0, 0.0, 150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
+        anticlockwise = loiter.orbit_step(*state, 0.0, 0.0, -150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
+        clockwise = loiter.orbit_step(*state, 0.0, 0.0, 150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
         assert math.sin(anticlockwise[2] - heading_rad) > 0.1
         assert math.sin(clockwise[2] - heading_rad) < -0.1
 
@@ -118,8 +87,8 @@ def test_a_wanted_heading_steered_is_the_same_flight() -> None:
     orbit, wind = (0.0, 0.0, -150.0), (6.0, 3.0)
     for _ in range(200):
         heading_rad = loiter.wanted_heading_rad(*state, *orbit, *wind, STEP_S, BANK)
-        steered = loiter.steered(*state, heading_rad, 17.5, *wind, STEP_S, BANK)
-        state = loiter.flown(*state, *orbit, 17.5, *wind, STEP_S, BANK)
+        steered = loiter.heading_step(*state, heading_rad, 17.5, *wind, STEP_S, BANK)
+        state = loiter.orbit_step(*state, *orbit, 17.5, *wind, STEP_S, BANK)
         assert steered == pytest.approx(state)
 
 
@@ -133,10 +102,10 @@ def test_the_path_ahead_is_the_one_flown(
     state = (300.0, 50.0, 2.5, 17.5)
     flown = fly(state, orbit, wind, 50.0)
     path_m = np.empty((200, 2))
-    loiter.predict(*state, *orbit, *wind, BANK, STEP_S, STEP_S, path_m)
+    loiter.predict_path(*state, *orbit, *wind, BANK, STEP_S, STEP_S, path_m)
     assert path_m == pytest.approx(flown[1:, :2], abs=0.2)
     coarse_m = np.empty((50, 2))  # what avoidance looks at
-    loiter.predict(*state, *orbit, *wind, BANK, 0.0, 1.0, coarse_m)
+    loiter.predict_path(*state, *orbit, *wind, BANK, 0.0, 1.0, coarse_m)
     assert np.hypot(*(coarse_m - flown[:200:4, :2]).T).max() < 6.0
 
 
@@ -144,8 +113,8 @@ def test_news_of_some_age_is_carried_on_to_now() -> None:
     state, orbit, wind = (300.0, 50.0, 2.5, 17.5), (0.0, 0.0, -150.0, 14.0), (3.0, 0.0)
     now = fly(state, orbit, wind, 1.5)[-1]
     late_m, fresh_m = np.empty((40, 2)), np.empty((40, 2))
-    loiter.predict(*state, *orbit, *wind, BANK, 1.5, 1.0, late_m)
-    loiter.predict(*now, *orbit, *wind, BANK, 0.0, 1.0, fresh_m)
+    loiter.predict_path(*state, *orbit, *wind, BANK, 1.5, 1.0, late_m)
+    loiter.predict_path(*now, *orbit, *wind, BANK, 0.0, 1.0, fresh_m)
     assert late_m == pytest.approx(fresh_m, abs=3.0)
     assert np.hypot(*(fresh_m[0] - now[:2])) == 0.0
 

@@ -1,6 +1,7 @@
 """A process that flies one vehicle of many: whom it flies, what it says and hears, its time."""
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 from click.testing import CliRunner
@@ -76,10 +77,9 @@ class Flown:
 
     @property
     def peers(self) -> int:
-        leader = self.core.leader
-        assert isinstance(leader, FormationFlight)
-        assert list(leader.formation.seats) == ["crane"]
-        return len(leader.formation.seats["crane"].agent.peers.rows(10 * S))
+        leader = cast(FormationFlight, self.core.leader)
+        assert list(leader.formation.members) == ["crane"]
+        return len(leader.formation.members["crane"].agent.peers.rows(10 * S))
 
 
 def state_of(state: State, sender: str, north_m: float) -> State:

@@ -39,7 +39,7 @@ from mission_service.events import (
 from mission_service.fire.corrected import MAX_OBSERVATIONS, thinned
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
-from mission_service.guidance.front.perimeter import PerimeterPlanner
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
 

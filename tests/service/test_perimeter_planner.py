@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mission_service.events import Observed
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.perimeter_planner import PerimeterPlanner, PerimeterSettings
 
 SIZE = 161
 CENTRE = (80.0, 80.0)
@@ -22,7 +22,7 @@ SETTINGS = PerimeterSettings(
     least_gain_cells=0.3,
     dwell_s=120.0,
     speed_cells_s=0.4,
-    path=PathSettings(horizon_cells=80.0, lead_cells=3.0),
+    path=PathSettings(horizon_cells=80.0, lookahead_cells=3.0),
 )
 ROWS, COLS = np.indices((SIZE, SIZE)).astype(float)
 

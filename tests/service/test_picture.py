@@ -23,7 +23,8 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.runtime.picture import MOST_NEWS, Picture, TelemetryState
+from mission_service.runtime.picture import MOST_NEWS, Picture
+from mission_service.runtime.published_states import TelemetryState
 from mission_service.runtime.watchman import Watchman, near_pairs
 
 

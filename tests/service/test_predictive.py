@@ -17,11 +17,11 @@ from mission_service.experiments.islam_hu.predictive_flight import (
 )
 from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
-from mission_service.guidance.front.belief import Belief
+from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.front.front_shape import hull_of
-from mission_service.guidance.front.hedge import hedged
-from mission_service.guidance.front.predictive import PredictivePlanner, model_of
-from mission_service.guidance.front.sweeps import NODES, PLANS, Ring, costs_of, ring_on
+from mission_service.guidance.front.predictive_planner import PredictivePlanner, model_of
+from mission_service.guidance.front.robust_front import robust_front
+from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
 from mission_service.replay.distance_error import TrueShape
 from tests.service.random_fires import mean_max_errors
 
@@ -56,25 +56,25 @@ def turning() -> Burn:
     return brush_fire((0.0, 6.0, 180.0), (5400.0, 6.0, 60.0))
 
 
-def believed(fire: Burn, told: bool = True) -> Belief:
+def believed(fire: Burn, told: bool = True) -> FrontEstimate:
     """From the ignition on; the wind is told exactly, or only the first one."""
     model = model_of(fire.landscape, fire.weather.entries[0])
-    belief = Belief(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
         now = fire.weather.at(at_s if told else 0.0)
-        belief.wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
-        belief.advance(at_s + 60.0)
-    return belief
+        estimate.add_wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
+        estimate.advance(at_s + 60.0)
+    return estimate
 
 
 def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
     rate = ellipse_rate(0.012, 0.6)
-    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
-    frozen = belief.front.copy()
-    belief.advance(5400.0)
-    off = np.abs(belief.front - rate * 5400.0)
+        estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
+    frozen = estimate.front.copy()
+    estimate.advance(5400.0)
+    off = np.abs(estimate.front - rate * 5400.0)
     assert off.max() < 2.0  # the cells' staircase
     assert off.mean() < 0.6
     assert np.abs(frozen - rate * 5400.0).max() > 15.0
@@ -98,24 +98,24 @@ def test_wind_that_turns_turns_the_belief(turning: Burn) -> None:
 
 def test_two_looks_seconds_apart_teach_nothing() -> None:
     rate = ellipse_rate(0.01, 0.5)
-    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        belief.see(0, 0, burned_ellipse(rate, at_s), at_s)
-    known = belief.factors()
-    belief.see(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
-    assert np.abs(belief.factors() - known).max() < 0.02
-    belief.see(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
-    assert (belief.factors() > 1.2 * known)[60:120].all()
+        estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
+    known = estimate.factors()
+    estimate.observe(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
+    assert np.abs(estimate.factors() - known).max() < 0.02
+    estimate.observe(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
+    assert (estimate.factors() > 1.2 * known)[60:120].all()
 
 
 def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     rate = np.full(BEARINGS, 0.005)
-    belief = Belief(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     off, naive, before = [], [], 0.0
     for at_s in np.arange(3600.0, 9000.0, 150.0):
         window = burned_ellipse(rate, float(at_s))
-        belief.see(0, 0, window, float(at_s))
-        off.append(belief.speed_cells_s[90] / 0.005 - 1.0)
+        estimate.observe(0, 0, window, float(at_s))
+        off.append(estimate.speed_cells_s[90] / 0.005 - 1.0)
         cell = float(np.flatnonzero(window[100, 100:] == BURNED)[-1])
         naive.append((cell - before) / 150.0 / 0.005 - 1.0)
         before = cell
@@ -126,31 +126,31 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
 def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
     fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
     true = TrueShape(fire.arrival_s, fire.ignition)
-    belief = Belief(
+    estimate = FrontEstimate(
         SHAPE, CENTRE, model_of(fire.landscape, fire.weather.entries[0]), np.full(360, 0.5), 0
     )
-    belief.wind(7.0, 225.0, 0.0)
+    estimate.add_wind(7.0, 225.0, 0.0)
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
-        belief.see(0, 0, window, at_s)
-    unlearned = Belief(SHAPE, CENTRE, belief.model, belief.front, 7200.0)
-    unlearned.wind(7.0, 225.0, 7200.0)
-    for one in (belief, unlearned):
+        estimate.observe(0, 0, window, at_s)
+    unlearned = FrontEstimate(SHAPE, CENTRE, estimate.model, estimate.front, 7200.0)
+    unlearned.add_wind(7.0, 225.0, 7200.0)
+    for one in (estimate, unlearned):
         one.advance(END_S)
-    learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (belief, unlearned))
+    learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (estimate, unlearned))
     assert learned_off.mean() < 0.7 * plain_off.mean()
     assert learned_off.max() < 4.0
 
 
-def ring(hot: slice, growth: float = 10.0) -> Ring:
+def ring(hot: slice, growth: float = 10.0) -> CoarseRing:
     """A minute from node to node; one arc's error grows faster."""
-    values = Ring(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
+    values = CoarseRing(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
     values.growth[hot] *= growth
     values.error[hot] += 3.0
     return values
 
 
-def least_cost(values: Ring, clockwise: bool, turn_s: float) -> float:
+def least_cost(values: CoarseRing, clockwise: bool, turn_s: float) -> float:
     found = np.empty(len(PLANS))
     delay_s = 0.0 if clockwise else turn_s
     costs_of(PLANS, values, 36, clockwise, delay_s, turn_s, 2 * NODES * 60.0, found)
@@ -174,7 +174,7 @@ def test_an_even_front_is_circled() -> None:
 def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:
     values, node_of = ring(slice(0, 0)), np.zeros(BEARINGS, np.int64)
     even, none = np.full(BEARINGS, 40.0), np.zeros(BEARINGS)
-    length = ring_on(even, none, none, none, 0.6, np.array([0.0, 0.2]), node_of, values)
+    length = fill_ring(even, none, none, none, 0.6, np.array([0.0, 0.2]), node_of, values)
     assert length == pytest.approx(2 * np.pi * 40.0, rel=1e-3)
     assert values.ahead_s[node_of[0]] / values.back_s[node_of[0]] == pytest.approx(
         (0.6 - 0.2) / (0.6 + 0.2), rel=0.05
@@ -216,15 +216,18 @@ def test_a_fire_whose_ignition_is_unknown(turning: Burn) -> None:
         (CENTRE[0] - 4.0, CENTRE[1] + 3.0),
         0.0,
         turning.landscape.cell_size_m,
-        known.belief.model,
+        known.estimate.model,
     )
     fly(turning, unknown, measured=MeasuredWind(turning.weather, 1))
-    belief = unknown.belief
-    rows, cols = belief.centre_row - belief.front * NORTH, belief.centre_col + belief.front * EAST
-    true = TrueShape(turning.arrival_s, (round(belief.centre_row), round(belief.centre_col)))
-    assert np.hypot(belief.centre_row - CENTRE[0], belief.centre_col - CENTRE[1]) > 2.0
+    estimate = unknown.estimate
+    rows, cols = (
+        estimate.centre_row - estimate.front * NORTH,
+        estimate.centre_col + estimate.front * EAST,
+    )
+    true = TrueShape(turning.arrival_s, (round(estimate.centre_row), round(estimate.centre_col)))
+    assert np.hypot(estimate.centre_row - CENTRE[0], estimate.centre_col - CENTRE[1]) > 2.0
     assert np.isfinite(rows + cols).all()
-    assert np.abs(belief.front - true.at(turning.end_s)).mean() < 2.0
+    assert np.abs(estimate.front - true.at(turning.end_s)).mean() < 2.0
 
 
 def test_hull_is_that_of_geometry_and_a_smooth_front_is_not_hedged() -> None:
@@ -240,9 +243,9 @@ def test_hull_is_that_of_geometry_and_a_smooth_front_is_not_hedged() -> None:
         )
         expected = shapely.length(shapely.intersection(rays, hull))
         np.testing.assert_allclose(hull_of(shape), expected, rtol=1e-9)
-    np.testing.assert_allclose(hedged(np.full(BEARINGS, 30.0)), 30.0, atol=0.05)
+    np.testing.assert_allclose(robust_front(np.full(BEARINGS, 30.0)), 30.0, atol=0.05)
     leap = np.where(np.arange(BEARINGS) < 180, 20.0, 40.0)
-    assert hedged(leap)[179] == pytest.approx(30.0, abs=6.0)
+    assert robust_front(leap)[179] == pytest.approx(30.0, abs=6.0)
 
 
 @pytest.mark.parametrize("seed", [12])

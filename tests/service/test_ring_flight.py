@@ -11,8 +11,8 @@ from mission_service.experiments.bent.ring_flight import (
     min_separation_m,
 )
 from mission_service.experiments.bent.ring_history import RingStep
-from mission_service.guidance.team.benchmarks import Bumper, Circling
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.baselines import Bumper, Circling
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 CELL_M = 30.0
 SPEED_M_S = 15.0
@@ -58,7 +58,7 @@ def test_vehicles_that_bump_never_pass_each_other() -> None:
     class Watched(Bumper):
         order_of: list[list[int]]
 
-        def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+        def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
             around = np.argsort(fleet.cell, kind="stable")
             self.order_of.append(np.roll(around, -int(np.argmin(around))).tolist())
             return super().decide(ring, fleet, which, at_s)
@@ -91,7 +91,7 @@ def test_growth_takes_visits_and_vehicles_along() -> None:
     places: list[Integers] = []
 
     class Noted(Circling):
-        def regrown(self, place_of: Integers) -> None:
+        def on_ring_changed(self, place_of: Integers) -> None:
             places.append(place_of)
 
     flight = fly_team([before, wide, later], Noted(), 1, CELL_M / 8.0)

@@ -1,15 +1,19 @@
 """Every rule a scenario can name, flown ideally by three vehicles over a real fire; no MAVLink."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
 from mission_service.events import Observed
 from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.guidance.front.way import PLANNERS
 from mission_service.guidance.protocol import Planner
-from mission_service.guidance.registry import RULES, planners_of
+from mission_service.guidance.team.way import RULES
 
 FROM_S, TO_S, STEP_S = 5400.0, 7800.0, 5.0
 SPEED_CELLS_S, VIEW_CELLS = 0.5, 6.0
@@ -45,7 +49,8 @@ def fly(
     """Fly all vehicles along their planners' paths: them, all decisions, distances to the front."""
     scenario, landscape, arrival_s = site
     told = scenario.planner.model_copy(update={"rule": rule})
-    planners = planners_of(scenario.model_copy(update={"planner": told}), landscape)
+    core = Core(scenario.model_copy(update={"planner": told}), landscape)
+    planners = cast(dict[str, Planner], core.leader.planners)
     ignition = scenario.ignition[0]
     assert ignition.lat_deg is not None
     assert ignition.lon_deg is not None
@@ -71,7 +76,7 @@ def fly(
     return planners, decisions, off_front
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("rule", [*PLANNERS, *RULES])
 def test_a_rule_finds_the_fire_and_follows_its_front(site: Site, rule: str) -> None:
     planners, decisions, off_front = fly(site, rule)
     assert {planner.phase for planner in planners.values()} == {"monitor"}

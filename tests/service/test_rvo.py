@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import peers, rvo
+from mission_service.guidance.formation import peer_table as peers
+from mission_service.guidance.formation import rvo_kernels as rvo
 
 APART_M, NEIGHBOURHOOD_M = 60.0, 500.0
 

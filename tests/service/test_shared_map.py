@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.errors import MissionServiceError
-from mission_service.experiments.virtual_agents.camera_view import look
+from mission_service.experiments.virtual_agents.camera_footprint import changed_cells
 from mission_service.experiments.virtual_agents.monitoring import inaccuracy_cells
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.shared_cells import CHECKSUM, TILE, mixed
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
+from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, cell_checksum
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
 SHAPE = (40, 50)  # 3 x 4 tiles, not all of them whole
@@ -47,7 +47,7 @@ def exchange(maps: list[SharedMap], from_us: int, most_s: float) -> float:
         at_us = from_us + tick * TICK_US
         for message in [message for shared in maps for message in shared.messages(at_us)]:
             for shared in maps:
-                shared.hear(message)
+                shared.on_message(message)
         if all(np.array_equal(shared.stamps, maps[0].stamps) for shared in maps):
             return tick * TICK_US / S
     return math.inf
@@ -56,21 +56,21 @@ def exchange(maps: list[SharedMap], from_us: int, most_s: float) -> float:
 def test_what_is_seen_is_said_once_with_its_time_and_heard_by_others() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     quiet(one)
-    assert [found.tolist() for found in one.see(cells(7, 8), cells(9), 100)] == [[7, 8], []]
-    assert [found.tolist() for found in one.see(cells(7, 60), NONE, 200)] == [[60], []]
+    assert [found.tolist() for found in one.add_view(cells(7, 8), cells(9), 100)] == [[7, 8], []]
+    assert [found.tolist() for found in one.add_view(cells(7, 60), NONE, 200)] == [[60], []]
     said = one.messages(300)
     assert said == [FireUpdate(100, "one", (7, 8)), FireUpdate(200, "one", (60,))]
     assert one.messages(400) == []
-    assert [found.tolist() for found in other.hear(said[0])] == [[7, 8], []]
-    assert [found.tolist() for found in other.hear(said[0])] == [[], []]
+    assert [found.tolist() for found in other.on_message(said[0])] == [[7, 8], []]
+    assert [found.tolist() for found in other.on_message(said[0])] == [[], []]
     assert fire_of(other) == [7, 8]
-    assert [found.tolist() for found in other.see(cells(8), cells(7), 500)] == [[], [7]]
+    assert [found.tolist() for found in other.add_view(cells(8), cells(7), 500)] == [[], [7]]
     assert of_type(other.messages(600), FireUpdate) == [FireUpdate(500, "other", (), (7,))]
 
 
 def test_the_map_from_before_the_mission_is_known_and_no_news() -> None:
     shared = SharedMap("one", SHAPE)
-    shared.start(cells(3, 4), 0)
+    shared.set_initial(cells(3, 4), 0)
     assert fire_of(shared) == [3, 4]
     assert not of_type(shared.messages(0), FireUpdate)
 
@@ -88,15 +88,15 @@ def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
     ):
         shared = SharedMap("one", SHAPE)
         for message in order:
-            shared.hear(message)
+            shared.on_message(message)
         assert fire_of(shared) == expected, order
 
 
 def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> None:
     shared = SharedMap("one", SHAPE)
-    shared.start(cells(5, 6), 0)
+    shared.set_initial(cells(5, 6), 0)
     runs = ((5, 1, 10, False), (5, 1, 20, True), (6, 1, 10, False), (7, 1, 30, True))
-    on, off = shared.hear(Difference(40, "x", (*runs, (8, 1, 10, True), (8, 1, 20, False))))
+    on, off = shared.on_message(Difference(40, "x", (*runs, (8, 1, 10, True), (8, 1, 20, False))))
     assert fire_of(shared) == [5, 7]
     assert set(on.tolist()) <= {5, 7}
     assert 7 in on
@@ -107,12 +107,12 @@ def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> No
 def test_what_one_sees_itself_is_later_than_all_it_heard_whatever_the_clocks_say() -> None:
     shared = SharedMap("one", SHAPE)
     quiet(shared)
-    shared.hear(FireUpdate(9_000, "ahead", (5, 6)))
-    assert shared.see(NONE, cells(5), 1_000)[1].tolist() == [5]
+    shared.on_message(FireUpdate(9_000, "ahead", (5, 6)))
+    assert shared.add_view(NONE, cells(5), 1_000)[1].tolist() == [5]
     (said,) = shared.messages(1_000)
     other = SharedMap("other", SHAPE)
-    other.hear(FireUpdate(9_000, "ahead", (5, 6)))
-    other.hear(said)
+    other.on_message(FireUpdate(9_000, "ahead", (5, 6)))
+    other.on_message(said)
     assert fire_of(other) == fire_of(shared) == [6]
 
 
@@ -122,13 +122,15 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
     for k in range(60):
         some = rng.integers(0, 2000, 20)
         if k % 3 == 0:
-            shared.see(some, rng.integers(0, 2000, 20), 100 * k)
+            shared.add_view(some, rng.integers(0, 2000, 20), 100 * k)
         else:
-            shared.hear(FireUpdate(100 * k - 150, "x", tuple(some[:9].tolist()), (int(some[9]),)))
+            shared.on_message(
+                FireUpdate(100 * k - 150, "x", tuple(some[:9].tolist()), (int(some[9]),))
+            )
     expected: dict[int, int] = defaultdict(int)
     for cell in np.flatnonzero(shared.stamps).tolist():
         tile = cell // 50 // TILE * 4 + cell % 50 // TILE
-        expected[tile] += int(mixed(cell, int(shared.stamps.ravel()[cell])))
+        expected[tile] += int(cell_checksum(cell, int(shared.stamps.ravel()[cell])))
     (digest,) = of_type(shared.messages(10 * S), Digest)
     assert isinstance(digest, Digest)
     assert dict(digest.tiles) == {tile: total & CHECKSUM for tile, total in expected.items()}
@@ -139,19 +141,19 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
 def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared in (one, other):
-        shared.start(np.arange(400), 0)
+        shared.set_initial(np.arange(400), 0)
     (digest,) = other.messages(0)
     quiet(one)
-    one.hear(FireUpdate(50, "x", (405,)))
-    one.hear(FireUpdate(60, "x", (), (20,)))  # of a tile of its own
-    one.hear(FireUpdate(70, "x", (433, 482)))
-    one.hear(digest)
+    one.on_message(FireUpdate(50, "x", (405,)))
+    one.on_message(FireUpdate(60, "x", (), (20,)))  # of a tile of its own
+    one.on_message(FireUpdate(70, "x", (433, 482)))
+    one.on_message(digest)
     said = [message for k in range(12) for message in one.messages(k * TICK_US)]
     runs = [run for found in of_type(said, Difference) for run in found.cells]  # type: ignore[union-attr]
     assert (405, 1, 50, True) in runs
     assert (433, 1, 70, True) in runs
     for message in said:
-        other.hear(message)
+        other.on_message(message)
     # Cell 20 has taken the place of an older one, which a sum does not show: that is asked for.
     assert exchange([one, other], 3 * S, 20.0) < 15.0
 
@@ -159,14 +161,14 @@ def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
 def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is_newer() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared, new in ((one, (400, 401, 402, 403)), (other, (405, 406, 407, 409))):
-        shared.start(np.arange(400), 0)
-        shared.hear(FireUpdate(50, "x", new))
+        shared.set_initial(np.arange(400), 0)
+        shared.on_message(FireUpdate(50, "x", new))
     said: list[MapMessage] = []
     for tick in range(24):
         for speaker, hearer in ((one, other), (other, one)):
             for message in speaker.messages(tick * TICK_US):
                 said.append(message)
-                hearer.hear(message)
+                hearer.on_message(message)
     assert np.array_equal(one.stamps, other.stamps)
     differences = [message for message in said if isinstance(message, Difference)]
     assert [message.whole for message in differences if message.whole] == [(0,)]
@@ -177,22 +179,22 @@ def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is
 def test_nobody_says_what_another_said_meanwhile() -> None:
     team = [SharedMap(f"uav{k}", SHAPE) for k in range(9)]
     for shared in team:
-        shared.start(np.arange(100), 0)
+        shared.set_initial(np.arange(100), 0)
         for k in range(40):
-            shared.hear(FireUpdate(0, f"far{k}", ()))
+            shared.on_message(FireUpdate(0, f"far{k}", ()))
     lacks, *others = team
     (digest,) = lacks.messages(0)
     quiet(*others)
     for shared in others:
-        shared.hear(FireUpdate(50, "x", (200,)))
-        shared.hear(digest)
+        shared.on_message(FireUpdate(50, "x", (200,)))
+        shared.on_message(digest)
     said = []
     for tick in range(20):
         for shared in others:
             for message in of_type(shared.messages(tick * TICK_US), Difference):
                 said.append(message)
                 for hearer in team:
-                    hearer.hear(message)
+                    hearer.on_message(message)
     assert 1 <= len(said) <= 3  # of eight
     assert fire_of(lacks) == [*range(100), 200]
 
@@ -204,10 +206,10 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
     away = np.hypot(rows - 250, cols - 250) + rng.normal(0.0, 1.0, 250_000)
     order = np.argsort(away)
     for shared in team[1:]:
-        shared.start(order[:2600], 0)
+        shared.set_initial(order[:2600], 0)
         for k in range(160):
             new = order[2600 + 5 * k : 2605 + 5 * k]
-            shared.hear(FireUpdate(6_300_000 * k, "x", tuple(new.tolist())))
+            shared.on_message(FireUpdate(6_300_000 * k, "x", tuple(new.tolist())))
     assert exchange(team[1:], 1000 * S, 10.0) < 10.0
     assert exchange(team, 1010 * S, 15.0) <= 2.0
     assert team[0].fire.sum() == 3400
@@ -216,12 +218,12 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
 def test_fire_goes_from_neighbour_to_neighbour_where_not_all_hear_all() -> None:
     line = [SharedMap(f"uav{k}", SHAPE) for k in range(5)]
     quiet(*line)
-    line[0].see(cells(*range(100, 110)), NONE, S)
+    line[0].add_view(cells(*range(100, 110)), NONE, S)
     for tick in range(4, 120):
         for k, shared in enumerate(line):
             for message in shared.messages(tick * TICK_US):
                 for hearer in line[max(k - 1, 0) : k + 2]:
-                    hearer.hear(message)
+                    hearer.on_message(message)
         if fire_of(line[4]) == list(range(100, 110)):
             break
     assert tick < 100
@@ -238,14 +240,14 @@ def test_a_large_difference_goes_in_several_messages_bounded_in_size_and_rate() 
     shape = (300, 300)
     full, empty = SharedMap("full", shape), SharedMap("empty", shape)
     for seed in range(5):
-        full.hear(shattered(0.02, shape, seed))
+        full.on_message(shattered(0.02, shape, seed))
     sizes = defaultdict(list)
     for tick in range(400):
         at_us = tick * TICK_US
         for speaker, hearer in ((full, empty), (empty, full)):
             for message in speaker.messages(at_us):
                 sizes[at_us // S, speaker.name].append(len(msgspec.json.encode(message)))
-                hearer.hear(message)
+                hearer.on_message(message)
                 if isinstance(message, Digest):
                     assert len(message.tiles) <= 128
                 if isinstance(message, Difference):
@@ -262,9 +264,9 @@ def test_more_tiles_than_fit_a_digest_are_said_in_turns() -> None:
     shape = (300, 300)  # 361 tiles
     one, other = SharedMap("one", shape), SharedMap("other", shape)
     for shared in (one, other):
-        shared.hear(shattered(0.05, shape, 1))
+        shared.on_message(shattered(0.05, shape, 1))
     last = FireUpdate(900, "x", (89_999,))
-    one.hear(last)
+    one.on_message(last)
     assert exchange([one, other], 0, 30.0) < 20.0
 
 
@@ -289,12 +291,12 @@ def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
         at_us += TICK_US
         if isinstance(event, tuple):
             who, burning, unburned = event
-            team[who].see(burning, unburned, at_us)
+            team[who].add_view(burning, unburned, at_us)
         under_way += [message for shared in team for message in shared.messages(at_us)]
         if isinstance(event, int) and under_way:
             for bit in range(12):
                 if event >> bit & 1:
-                    team[bit % 4].hear(under_way[(event >> 12) * (bit + 1) % len(under_way)])
+                    team[bit % 4].on_message(under_way[(event >> 12) * (bit + 1) % len(under_way)])
             if event % 5 == 0:
                 under_way.clear()
     assert exchange(team, at_us + TICK_US, 40.0) <= 15.0
@@ -308,19 +310,19 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
     Returns the mean number of wrong cells in each second (duration_s).
     """
     rng = np.random.default_rng(7)
-    grid = Grid(160, 160, 10.0, 0.0, 1600.0)
+    grid = MapGrid(160, 160, 10.0, 0.0, 1600.0)
     x, y = grid.xy_of(*np.indices(grid.shape))
     noise_s = 190.0 * np.random.default_rng(5).random(grid.shape)
     arrival_s = (np.hypot(x - 800.0, y - 800.0) - 290.0) / 0.08 + noise_s
     team = [SharedMap(f"uav{k}", grid.shape) for k in range(8)]
     for shared in team:
-        shared.start(np.flatnonzero(arrival_s <= 0.0), 0)
+        shared.set_initial(np.flatnonzero(arrival_s <= 0.0), 0)
     under_way: list[tuple[int, MapMessage]] = []
     wrong = []
     for tick in range(4 * duration_s):
         at_s, at_us = tick / 4, tick * TICK_US
         for receiver, message in under_way:
-            team[receiver].hear(message)
+            team[receiver].on_message(message)
         under_way.clear()
         for k, shared in enumerate(team):
             if (tick + k) % 4 == 0:
@@ -328,7 +330,7 @@ def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
                 east, north = 460.0 * math.cos(k * math.pi / 4), 460.0 * math.sin(k * math.pi / 4)
                 x_m, y_m = 800.0 + east + 150 * math.cos(way), 800.0 + north + 150 * math.sin(way)
                 view = (x_m, y_m, way + math.pi / 2, 152.0, 130.0)
-                shared.see(*look(grid, view, arrival_s, at_s, shared.fire), at_us)
+                shared.add_view(*changed_cells(grid, view, arrival_s, at_s, shared.fire), at_us)
             for message in shared.messages(at_us):
                 lost = rng.random(8) < (loss if at_s < lossy_until_s else 0.0)
                 under_way += [(i, message) for i in range(8) if i != k and not lost[i]]
@@ -357,16 +359,16 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) 
     order = np.argsort(np.hypot(rows - 250, cols - 250) + rng.normal(0.0, 1.0, 250_000))
     team = [SharedMap(f"uav{k}", (500, 500)) for k in range(count)]
     for shared in team:
-        shared.start(order[:3000], 0)
+        shared.set_initial(order[:3000], 0)
     under_way: list[tuple[int, MapMessage]] = []
     said, burned = 0, 3000
     for tick in range(240):
         for receiver, message in under_way:
-            team[receiver].hear(message)
+            team[receiver].on_message(message)
         under_way.clear()
         if tick % 3 == 0:
             for k in set(rng.integers(0, count, 2).tolist()):
-                team[k].see(order[burned : burned + 1], NONE, tick * TICK_US)
+                team[k].add_view(order[burned : burned + 1], NONE, tick * TICK_US)
             burned += 1
         for k, shared in enumerate(team):
             for message in shared.messages(tick * TICK_US):
@@ -396,13 +398,13 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) 
 def test_what_is_not_on_the_map_is_an_error_that_says_whose_it_is(message: MapMessage) -> None:
     shared = SharedMap("one", SHAPE)
     with pytest.raises(MissionServiceError, match=r"x: .* not on the map of 40 x 50 cells"):
-        shared.hear(message)
+        shared.on_message(message)
     assert not shared.stamps.any()
 
 
 def test_a_cell_seen_off_the_map_is_an_error() -> None:
     with pytest.raises(MissionServiceError, match="sight: cell 2000 is not on the map"):
-        SharedMap("one", SHAPE).see(cells(2, 2000), NONE, 0)
+        SharedMap("one", SHAPE).add_view(cells(2, 2000), NONE, 0)
 
 
 @pytest.mark.parametrize(

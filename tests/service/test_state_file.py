@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from firemodel.landscape.landscape import Landscape
+from mission_service.config.rules import own_ways
 from mission_service.config.scenario import Scenario, flying, load_scenario
-from mission_service.config.sections import BURN, FORMATION
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent
 from mission_service.fire.setup import landscape_of
-from mission_service.guidance.registry import ALONE, RULES
+from mission_service.guidance.front.way import PLANNERS
 from mission_service.journal.journal import Journal, JournalReader, header_of
 from mission_service.journal.snapshot import Frozen, Known, thawed
 from mission_service.simulation.sim import Simulation
@@ -57,12 +57,12 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
 
 
 def kind_of(rule: str) -> str:
-    return {FORMATION: "virtual-agents", BURN: "burn"}.get(
-        rule, "default" if rule in ALONE else "team"
+    return {"formation": "virtual-agents", "burn": "burn"}.get(
+        rule, "default" if rule in PLANNERS else "team"
     )
 
 
-@pytest.mark.parametrize("rule", [*RULES, FORMATION, BURN])
+@pytest.mark.parametrize("rule", own_ways())
 def test_a_core_goes_on_from_a_state_as_if_nothing_had_been(
     flown: dict[str, Flown], rule: str
 ) -> None:

@@ -14,16 +14,16 @@ from mission_service.experiments.virtual_agents.static_placement import (
     coverage,
     weights_of,
 )
-from mission_service.guidance.formation.coverage import Mover, next_errand, velocity
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import tie_rad
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.coverage import AgentMover, next_goal, velocity
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 
 SETTINGS = Settings()
 CELL_M = 20.0  # coarse, to be fast
 CELLS = 140
-GRID = Grid(CELLS, CELLS, CELL_M, 0.0, CELLS * CELL_M)
+GRID = MapGrid(CELLS, CELLS, CELL_M, 0.0, CELLS * CELL_M)
 MIDDLE_M = CELLS * CELL_M / 2.0
 RADIUS_CELLS = SETTINGS.coverage_radius_m / CELL_M
 ROW, COL = np.mgrid[:CELLS, :CELLS]
@@ -73,7 +73,7 @@ class Team:
         along = 80.0 * (np.arange(count) - (count - 1) / 2.0)
         outwards = np.array([math.cos(side_rad), math.sin(side_rad)])
         self.agents_m = MIDDLE_M + away_m * outwards + np.outer(along, outwards[::-1] * [-1, 1])
-        self.movers = [Mover(SETTINGS, GRID, tie_rad(number)) for number in range(count)]
+        self.movers = [AgentMover(SETTINGS, GRID, tie_rad(number)) for number in range(count)]
         self.time_s = 0.0
 
     def fly(self, maps: AgentMaps, duration_s: float) -> Iterator[Floats]:
@@ -198,15 +198,12 @@ def test_an_agent_goes_round_the_fire_never_through_it() -> None:
     others_m = MIDDLE_M + np.array(
         [[-400.0, 500.0], [-400.0, 0.0], [-400.0, -500.0], [0.0, 750.0], [0.0, -750.0]]
     )
-    errand, gone_m = None, 0.0
+    goal, gone_m = None, 0.0
     for tick in range(200):
         if tick % 2 == 0:
-            errand = next_errand(
-                tick * STEP_S, x_m, y_m, errand, others_m[:, 0].copy(), others_m[:, 1].copy(),
-                maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
-            )  # fmt: skip
-        assert errand is not None
-        east_m_s, north_m_s = velocity(x_m, y_m, errand, 25.0, STEP_S)
+            goal = next_goal(tick * STEP_S, x_m, y_m, goal, others_m, maps, GRID, SETTINGS)
+        assert goal is not None
+        east_m_s, north_m_s = velocity(x_m, y_m, goal, 25.0, STEP_S)
         x_m, y_m = x_m + east_m_s * STEP_S, y_m + north_m_s * STEP_S
         gone_m += math.hypot(east_m_s, north_m_s) * STEP_S
         row, col = GRID.row_col_of(x_m, y_m)
@@ -220,16 +217,14 @@ def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_f
     nobody = np.empty(0)
 
     def asked(x_m: float, y_m: float) -> object:
-        return next_errand(
-            0.0, MIDDLE_M + x_m, MIDDLE_M + y_m, None, nobody, nobody,
-            maps.fire, maps.augmentation, maps.monitored, maps.area, GRID, SETTINGS,
-        )  # fmt: skip
+        place_m = (MIDDLE_M + x_m, MIDDLE_M + y_m)
+        return next_goal(0.0, *place_m, None, np.empty((0, 2)), maps, GRID, SETTINGS)
 
     assert asked(-1390.0, 1390.0) is None
     assert asked(0.0, 99999.0) is None
     assert asked(-600.0, 0.0) is not None  # in the fire, near its edge
     assert asked(-1000.0, 0.0) is not None
-    mover = Mover(SETTINGS, GRID, 0.0)
+    mover = AgentMover(SETTINGS, GRID, 0.0)
     assert mover.velocity(0.0, 50.0, 50.0, nobody, nobody, maps, STEP_S)[0] > 1.0
     nothing = maps_of(np.zeros(GRID.shape, dtype=bool))
     assert mover.velocity(1.0, 50.0, 50.0, nobody, nobody, nothing, STEP_S) == (0.0, 0.0)
@@ -238,13 +233,13 @@ def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_f
 def test_others_without_a_virtual_agent_do_not_count() -> None:
     maps = maps_of(ellipse(160.0, 160.0))
 
-    def errand(others_x_m: Floats, others_y_m: Floats) -> object:
-        mover = Mover(SETTINGS, GRID, 0.0)
+    def goal(others_x_m: Floats, others_y_m: Floats) -> object:
+        mover = AgentMover(SETTINGS, GRID, 0.0)
         mover.velocity(0.0, MIDDLE_M - 500.0, MIDDLE_M, others_x_m, others_y_m, maps, STEP_S)
-        return mover.errand
+        return mover.goal
 
     nowhere = np.array([math.nan])
-    assert errand(nowhere, nowhere) == errand(np.empty(0), np.empty(0)) is not None
+    assert goal(nowhere, nowhere) == goal(np.empty(0), np.empty(0)) is not None
 
 
 def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
@@ -253,7 +248,7 @@ def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
     for _ in team.fly(maps, 400.0):
         pass
     mover, (x_m, y_m) = team.movers[0], team.agents_m[0]
-    stays = mover.errand
+    stays = mover.goal
     assert stays is not None
     goals = set()
     for tick in range(40):  # 25 m/s, 20 m beside it
@@ -261,5 +256,5 @@ def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
         passing_m = np.vstack([passing_m, [x_m - 500.0 + 25.0 * tick, y_m + 20.0]])
         at_s = team.time_s + tick
         mover.velocity(at_s, x_m, y_m, passing_m[:, 0].copy(), passing_m[:, 1].copy(), maps, STEP_S)
-        goals.add((mover.errand.goal_x_m, mover.errand.goal_y_m))  # type: ignore[union-attr]
-    assert goals == {(stays.goal_x_m, stays.goal_y_m)}
+        goals.add((mover.goal.x_m, mover.goal.y_m))  # type: ignore[union-attr]
+    assert goals == {(stays.x_m, stays.y_m)}

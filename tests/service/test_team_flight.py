@@ -10,9 +10,9 @@ import pytest
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
-from mission_service.guidance.team.benchmarks import Bumper
-from mission_service.guidance.team.ring import Fleet, Ring
-from mission_service.guidance.team.team import Seat
+from mission_service.guidance.team.baselines import Bumper
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing
+from mission_service.guidance.team.team import TeamMember
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
 from mission_service.runtime.outputs import summary_of
@@ -55,10 +55,10 @@ class Noted(Bumper):
 
     def __init__(self) -> None:
         super().__init__()
-        self.seats: list[tuple[float, tuple[int, ...]]] = []
+        self.members: list[tuple[float, tuple[int, ...]]] = []
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
-        self.seats.append((at_s, tuple(int(seat) for seat in fleet.seat)))
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
+        self.members.append((at_s, tuple(int(member) for member in fleet.member)))
         return super().decide(ring, fleet, which, at_s)
 
 
@@ -71,9 +71,9 @@ class Run:
     said: list[str] = field(default_factory=list)
 
     @property
-    def seat(self) -> Seat:
+    def member(self) -> TeamMember:
         planner = self.cores[0].steering.planners["hawk"]
-        assert isinstance(planner, Seat)
+        assert isinstance(planner, TeamMember)
         return planner
 
 
@@ -115,7 +115,7 @@ def test_no_two_come_nearer_than_the_separation(run: Run) -> None:
 
 
 def test_the_first_lap_is_shared(run: Run) -> None:
-    began = next(at_s for at_s, _ in run.cores[0].steering.planners["hawk"]._team.rule.seats)  # type: ignore[attr-defined]
+    began = next(at_s for at_s, _ in run.cores[0].steering.planners["hawk"]._team.rule.members)  # type: ignore[attr-defined]
     assert began < 4500.0
 
 
@@ -123,16 +123,16 @@ def test_the_death_of_one_is_told_and_the_others_fly_without_it_from_their_next_
     run: Run,
 ) -> None:
     assert any(line.startswith("swift: no heartbeat") for line in run.said)
-    shown = run.cores[0].steering.planners["hawk"]._team.rule.seats  # type: ignore[attr-defined]
-    before = [seats for at_s, seats in shown if DIES_S - 30.0 < at_s < DIES_S]
-    after = [seats for at_s, seats in shown if at_s > DIES_S + 4.5]
+    shown = run.cores[0].steering.planners["hawk"]._team.rule.members  # type: ignore[attr-defined]
+    before = [members for at_s, members in shown if DIES_S - 30.0 < at_s < DIES_S]
+    after = [members for at_s, members in shown if at_s > DIES_S + 4.5]
     assert (0, 1, 2, 3) in before
     assert set(after) == {(0, 1, 3)}
 
 
 def test_the_others_close_the_gap(run: Run) -> None:
     """What the dead one would have watched has been seen since."""
-    visited_at_s = run.seat._team.map.outer_at_s
+    visited_at_s = run.member._team.map.outer_at_s
     assert np.min(visited_at_s) > DIES_S
     assert ENDS_S - np.min(visited_at_s) < 500.0
 

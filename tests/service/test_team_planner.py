@@ -1,15 +1,17 @@
 """A team's shared map, its first lap, and who is in its fleet."""
 
+from pkgutil import resolve_name
+
 import numpy as np
 import pytest
 
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.registry import TEAM
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
-from mission_service.guidance.team.team import Flyer, Seat, Team, TeamSettings
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.team import way
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
+from mission_service.guidance.team.team import MemberPerformance, Team, TeamMember, TeamSettings
 
 CENTRE = 100.0
 RADIUS = 40.0
@@ -21,22 +23,27 @@ class Told:
 
     def __init__(self) -> None:
         self.clockwise: dict[int, bool] = {}
-        self.fleets: list[Fleet] = []
-        self.rings: list[Ring] = []
+        self.fleets: list[ActiveFleet] = []
+        self.rings: list[FrontRing] = []
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         self.fleets.append(fleet)
         self.rings.append(ring)
-        return self.clockwise.get(int(fleet.seat[which]), bool(fleet.clockwise[which]))
+        return self.clockwise.get(int(fleet.member[which]), bool(fleet.clockwise[which]))
 
-    def regrown(self, place_of: Integers) -> None:
+    def on_ring_changed(self, place_of: Integers) -> None:
         raise AssertionError("the bearings stay")
 
 
 def team_of(rule: Told, *names: str, ignition_known: bool = True, centre: float = CENTRE) -> Team:
     settings = TeamSettings(CELL_M, True, ignition_known, 300.0, 10, PathSettings(80.0, 5.0))
     return Team(
-        rule, settings, dict.fromkeys(names, Flyer(15.0, 20.0)), (200, 200), (centre, centre), 0.0
+        rule,
+        settings,
+        dict.fromkeys(names, MemberPerformance(15.0, 20.0)),
+        (200, 200),
+        (centre, centre),
+        0.0,
     )
 
 
@@ -46,21 +53,21 @@ def place(bearing_deg: float) -> tuple[float, float]:
     return CENTRE - RADIUS * float(np.cos(angle)), CENTRE + RADIUS * float(np.sin(angle))
 
 
-def look(seat: Seat, name: str, bearing_deg: float, at_s: float, reach: int = 6) -> None:
+def look(member: TeamMember, name: str, bearing_deg: float, at_s: float, reach: int = 6) -> None:
     """Its camera sees a square of the round fire around it."""
     row, col = (round(value) for value in place(bearing_deg))
     rows, cols = np.mgrid[row - reach : row + reach + 1, col - reach : col + reach + 1]
     burned = np.hypot(rows - CENTRE, cols - CENTRE) <= RADIUS
     cells = tuple("".join("b" if cell else "u" for cell in line) for line in burned)
-    seat.observe(Observed(round(at_s * 1e6), name, row - reach, col - reach, cells))
+    member.observe(Observed(round(at_s * 1e6), name, row - reach, col - reach, cells))
 
 
 def fly(team: Team, name: str, from_deg: float, to_deg: float, at_s: float) -> float:
     """Along the front, a degree every two seconds; returns the time it is then."""
     step = 1 if to_deg >= from_deg else -1
     for bearing in range(round(from_deg), round(to_deg) + step, step):
-        look(team.seat(name), name, bearing, at_s)
-        team.seat(name).at(*place(bearing), at_s)
+        look(team.member(name), name, bearing, at_s)
+        team.member(name).at(*place(bearing), at_s)
         at_s += 2.0
     return at_s
 
@@ -75,21 +82,21 @@ def test_what_one_has_seen_all_know() -> None:
     team = team_of(Told(), "a", "b")
     fly(team, "a", 0, 90, 1000.0)
     assert np.isfinite(team.map.outer[:90]).all()
-    look(team.seat("b"), "b", 0, 1200.0)
-    assert team.seat("b").shape(*place(0))[60] == pytest.approx(RADIUS, abs=1.5)
+    look(team.member("b"), "b", 0, 1200.0)
+    assert team.member("b").shape(*place(0))[60] == pytest.approx(RADIUS, abs=1.5)
 
 
 def test_two_share_the_first_lap_and_it_ends_for_both() -> None:
     team = team_of(Told(), "a", "b")
-    assert team.seat("a").clockwise
-    assert not team.seat("b").clockwise
-    assert {team.seat(name).phase for name in "ab"} == {"approach"}
+    assert team.member("a").clockwise
+    assert not team.member("b").clockwise
+    assert {team.member(name).phase for name in "ab"} == {"approach"}
     fly(team, "a", 0, 170, 1000.0)
-    assert team.seat("a").phase == "initial circle"
+    assert team.member("a").phase == "initial circle"
     fly(team, "b", 360, 340, 1000.0)
     assert not team.surveyed
     fly(team, "b", 340, 165, 1040.0)
-    assert {team.seat(name).phase for name in "ab"} == {"monitor"}
+    assert {team.member(name).phase for name in "ab"} == {"monitor"}
 
 
 def test_a_lap_of_its_own_ends_the_survey_though_bearings_are_unseen() -> None:
@@ -97,8 +104,8 @@ def test_a_lap_of_its_own_ends_the_survey_though_bearings_are_unseen() -> None:
     at_s = 1000.0
     for bearing in range(365):
         if not 90 < bearing < 120:  # smoke
-            look(team.seat("a"), "a", bearing, at_s)
-        team.seat("a").at(*place(bearing), at_s)
+            look(team.member("a"), "a", bearing, at_s)
+        team.member("a").at(*place(bearing), at_s)
         at_s += 2.0
     assert not team.map.complete
     assert team.surveyed
@@ -121,7 +128,7 @@ def test_the_rule_is_asked_at_every_cell_and_after_a_turn_from_that_cell_on() ->
     rule = Told()
     team = team_of(rule, "a", "b")
     at_s = lap(team)
-    a = team.seat("a")
+    a = team.member("a")
     fly(team, "a", 10, 12, at_s)
     asked = len(rule.fleets)
     assert a.at(*place(12), at_s) is None
@@ -148,32 +155,33 @@ def test_who_has_left_is_out_of_the_fleet_at_the_next_decision_until_the_front_i
     team = team_of(rule, "a", "b")
     at_s = lap(team)
     fly(team, "a", 0, 4, at_s)
-    assert rule.fleets[-1].seat.tolist() == [0, 1]
+    assert rule.fleets[-1].member.tolist() == [0, 1]
     assert rule.fleets[-1].cell[0] in (3, 4)
-    team.seat("b").left(at_s)
-    look(team.seat("a"), "a", 8, at_s + 9.0)
-    assert team.seat("a").at(*place(8), at_s + 9.0) is not None
-    assert rule.fleets[-1].seat.tolist() == [0]
-    assert team.seat("b").at(*place(90), at_s + 9.0) is None
+    team.member("b").left(at_s)
+    look(team.member("a"), "a", 8, at_s + 9.0)
+    assert team.member("a").at(*place(8), at_s + 9.0) is not None
+    assert rule.fleets[-1].member.tolist() == [0]
+    assert team.member("b").at(*place(90), at_s + 9.0) is None
     fly(team, "b", 92, 88, at_s + 10.0)
     fly(team, "a", 9, 10, at_s + 20.0)
-    assert rule.fleets[-1].seat.tolist() == [0, 1]
+    assert rule.fleets[-1].member.tolist() == [0, 1]
 
 
-@pytest.mark.parametrize("name", TEAM)
+@pytest.mark.parametrize("name", way.RULES)
 def test_every_rule_directs_a_team_that_loses_one_and_gets_it_back(name: str) -> None:
-    team = team_of(TEAM[name](load_scenario("team")), "a", "b", "c")  # type: ignore[arg-type]
+    rule = resolve_name(f"{way.__package__}.{way.RULES[name]}")
+    team = team_of(rule(load_scenario("team", (f"planner.rule={name}",))), "a", "b", "c")
     at_s = lap(team)
     places = {"a": 5, "b": 175, "c": 270}
     decisions = 0
     for second in range(240):
         at_s += 1.0
         if second == 60:
-            team.seat("c").left(at_s)
+            team.member("c").left(at_s)
         for each in "ab" if 60 <= second < 120 else "abc":
-            places[each] += 1 if team.seat(each).clockwise else -1
-            look(team.seat(each), each, places[each], at_s)
-            decision = team.seat(each).at(*place(places[each]), at_s)
+            places[each] += 1 if team.member(each).clockwise else -1
+            look(team.member(each), each, places[each], at_s)
+            decision = team.member(each).at(*place(places[each]), at_s)
             decisions += decision is not None
     assert decisions > 100
 
@@ -191,7 +199,7 @@ def test_a_path_leads_along_the_front_in_the_flying_direction() -> None:
     team = team_of(Told(), "a", "b")
     lap(team)
     for name, side in (("a", 1.0), ("b", -1.0)):
-        path = team.seat(name).path(*place(90))
+        path = team.member(name).path(*place(90))
         radii = np.hypot(path[:, 0] - CENTRE, path[:, 1] - CENTRE)
         assert np.allclose(radii, RADIUS, atol=2.0)
         assert side * (path[5, 0] - CENTRE) > 0.0
@@ -209,4 +217,4 @@ def test_a_silent_one_is_reckoned_to_fly_on_and_then_as_lost() -> None:
     b = int(rule.fleets[-1].cell[1])
     assert float(ring.step_m[b:178].sum()) == pytest.approx(300.0, abs=2 * ring.step_m.max())
     fly(team, "a", 13, 20, at_s + 26.0)
-    assert rule.fleets[-1].seat.tolist() == [0]
+    assert rule.fleets[-1].member.tolist() == [0]

@@ -24,8 +24,8 @@ from mission_service.experiments.virtual_agents.tuning_scenarios import (
     scenarios,
 )
 from mission_service.guidance import formation
-from mission_service.guidance.formation.forces import NAMES, as_array
 from mission_service.guidance.formation.settings import Constants
+from mission_service.guidance.formation.virtual_forces_kernels import NAMES, constants_array
 from tests.service.test_live import free_port
 
 TUNED = Path(formation.__file__).parent / "tuned.json"
@@ -117,14 +117,14 @@ def test_scenarios_are_three_small_and_three_large_and_the_seeds_own() -> None:
 
 
 def test_agents_over_fire_cost_far_more_than_they_cover() -> None:
-    genes = as_array(BY_HAND)
-    into = as_array(Constants(c1=20.0, c2=20.0, c4=0.001))  # nothing keeps them out
+    genes = constants_array(BY_HAND)
+    into = constants_array(Constants(c1=20.0, c2=20.0, c4=0.001))  # nothing keeps them out
     covered, too_near = flown(scenarios(11)[0], into)
     assert too_near > 0.5
     assert 0.0 <= covered <= 1.0
     assert fitness(tuple(into), 11) < -4.0
     assert fitness(tuple(genes), 11) > 0.2
-    away = as_array(Constants(c2=0.001))
+    away = constants_array(Constants(c2=0.001))
     assert fitness(tuple(away), 11) == 0.0
 
 
@@ -196,7 +196,7 @@ def test_the_shipped_constants_are_those_of_the_shipped_run() -> None:
 def test_the_shipped_constants_beat_those_set_by_hand_on_fires_never_seen() -> None:
     run = json.loads(TUNED.read_text(encoding="utf-8"))
     assert run["seed"] not in UNSEEN
-    tuned, by_hand = tuple(as_array(Constants())), tuple(as_array(BY_HAND))
+    tuned, by_hand = tuple(constants_array(Constants())), tuple(constants_array(BY_HAND))
     gains = [fitness(tuned, seed) - fitness(by_hand, seed) for seed in UNSEEN]
     assert np.mean(gains) > 0.2
     assert min(gains) > 0.0

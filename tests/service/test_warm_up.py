@@ -10,6 +10,8 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules
+from mission_service.config.scenario import load_scenario
+from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 
@@ -19,7 +21,6 @@ def compiled():
         module
         for name, module in list(sys.modules.items())
         if name.startswith("mission_service.guidance.formation.")
-        and not name.endswith((".monitoring", ".sight"))
     ]
     return {
         f"{module.__name__}.{name}": len(value.signatures)
@@ -30,7 +31,8 @@ def compiled():
 
 
 if "warm" in sys.argv:
-    warm_up("intent")
+    scenario = load_scenario("virtual-agents")
+    warm_up(scenario, landscape_of(scenario))
 before = compiled()
 arrival_s = np.full((500, 500), np.inf)
 arrival_s[240:260, 240:260] = 0.0

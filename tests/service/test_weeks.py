@@ -166,7 +166,8 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
         clients = [rig.client for rig in simulation.rigs]
         samples.append(contents([service, clients], [scenario, landscape, header]))
         uploads = sum(each.uploads_accepted for each in shown.vehicles.values())
-        counts.append((shown.telemetry_count, shown.decisions, uploads, people.count))
+        decisions = sum(each.decisions for each in shown.vehicles.values())
+        counts.append((shown.telemetry_count, decisions, uploads, people.count))
     journal.close()
     first, half, last = counts[0], counts[SAMPLES - 1], counts[-1]
     assert all(a < b < c for a, b, c in zip(first, half, last, strict=True)), "all of it went on"

@@ -3,7 +3,6 @@
 What does happen is decided elsewhere: by hypothesis (``vehicle_machine``).
 """
 
-from mission_service.config.sections import FORMATION
 from mission_service.events import (
     Aborted,
     AutopilotText,
@@ -23,6 +22,8 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.guidance.formation.way import FORMATION
+from mission_service.guidance.registry import way_of
 from mission_service.journal.snapshot import Frozen, thawed
 from tests.service.autopilot_model import NAMES, Bridge
 from tests.service.vehicle_oracle import Violation
@@ -197,7 +198,7 @@ class Flights(Turns):
 
     def _led(self, bridge: Bridge) -> bool:
         flown = bridge.autopilot
-        orbits = self.site.scenario.planner.rule == FORMATION and flown.chosen_by == "service"
+        orbits = way_of(self.site.scenario) is FORMATION and flown.chosen_by == "service"
         modes = ("mission", "hold", "guided") if orbits else ("mission",)
         return flown.armed and flown.in_air and flown.mode in modes
 

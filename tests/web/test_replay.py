@@ -119,7 +119,7 @@ def test_an_answer_that_arrives_after_the_jump_changes_nothing(page: Page, repla
 def test_at_the_end_it_stays_and_begins_again(page: Page, replay: Replay) -> None:
     page.select_option("#replay select", "max")
     page.locator("#replay .play").click()
-    expect(page.locator("#replay .play")).to_have_text("Again")
+    expect(page.locator("#replay .play")).to_have_text("Play again")
     expect(page.locator("#replay output")).to_have_text("2:40 / 2:40")
     page.select_option("#replay select", "0.5")
     page.locator("#replay .play").click()

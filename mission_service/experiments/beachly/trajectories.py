@@ -23,8 +23,8 @@ from mission_service.core.core import Core
 from mission_service.events import CrewEvent, Lit
 from mission_service.fire.setup import landscape_of
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.guidance.burn.controller import BurnFlight
-from mission_service.guidance.burn.drops import Sphere
+from mission_service.guidance.burn.controller import BurnFlight, burn_flight
+from mission_service.guidance.burn.sphere_account import Sphere
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
@@ -122,8 +122,7 @@ class RecordingCrew:
 
     def due(self, now_us: int, core: Core) -> list[CrewEvent]:
         """What the crew does by now."""
-        leader = core.leader
-        assert isinstance(leader, BurnFlight)
+        leader = burn_flight(core.leader)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
             self._note(now_us, core, leader)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.experiments.fires import CELL_M
-from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
 class _Vehicle:
     """On its way from a place (row, col) to a cell of the ring."""
 
-    seat: int
+    member: int
     speed_m_s: float
     goal: int
     goal_place: tuple[float, float]
@@ -97,30 +97,30 @@ def fly_team(
 
     They start at equal distances, seats 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
     (time in s, seat), done at the first step of the ring from then on; a vehicle that joins comes
-    in at the cell that has waited longest. ``rule.decide`` is given one ``Ring`` a step and one
-    ``Fleet`` as long as the team is the same: their arrays are written on, so it copies what it
-    keeps.
+    in at the cell that has waited longest. ``rule.decide`` gets one ``FrontRing`` a step and one
+    ``ActiveFleet`` while the team is the same; it must copy their arrays to keep them, because they
+    are written in place.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
     team.on(first, np.full(len(first.cells), first.at_s))
-    for seat, cell in enumerate(equidistant(first.step_m, uavs)):
-        team.join(seat, int(cell))
+    for member, cell in enumerate(equidistant(first.step_m, uavs)):
+        team.join(member, int(cell))
     samples = []
     for index, step in enumerate(history):
         if index:
             team.grow(step)
-        for at_s, seat in leaving:
+        for at_s, member in leaving:
             if _due(at_s, history, index):
-                team.leave(seat)
-        for at_s, seat in joining:
+                team.leave(member)
+        for at_s, member in joining:
             if _due(at_s, history, index):
-                team.join(seat, int(np.argmin(team.ring.visited_at_s)))
+                team.join(member, int(np.argmin(team.ring.visited_at_s)))
         samples.append((step.at_s, *_costs(team.ring, step.at_s)))
         if index + 1 < len(history):
             team.fly_until(history[index + 1].at_s)
     at, linear, exponential, worst = np.array(samples).T
-    tracks = {seat: np.array(track) for seat, track in sorted(team.tracks.items())}
+    tracks = {member: np.array(track) for member, track in sorted(team.tracks.items())}
     closest_m = min_separation_m(tracks, cell_m, layer_m)
     return TeamFlight(at, linear, exponential, worst, tracks, team.decisions, closest_m)
 
@@ -130,7 +130,7 @@ def _due(at_s: float, history: Sequence[RingStep], index: int) -> bool:
     return before_s < at_s <= history[index].at_s
 
 
-def _costs(ring: Ring, at_s: float) -> tuple[float, float, float]:
+def _costs(ring: FrontRing, at_s: float) -> tuple[float, float, float]:
     age_s = at_s - ring.visited_at_s
     linear = linear_importance(ring.spread_rate_m_s, age_s)
     exponential = exponential_importance(ring.spread_rate_m_s, age_s)
@@ -141,19 +141,19 @@ class _Team:
     """The vehicles in the air and the ring they fly on."""
 
     def __init__(self, rule: TeamRule, speed_m_s: float, cell_m: float) -> None:
-        self.ring: Ring
+        self.ring: FrontRing
         self.tracks: dict[int, list[tuple[float, float, float]]] = {}
         self.decisions = 0
         self._rule = rule
         self._speed_m_s = speed_m_s
         self._cell_m = cell_m
         self._vehicles: list[_Vehicle] = []
-        self._fleet = Fleet(*(np.array([], kind) for kind in (int, int, bool, float)))
+        self._fleet = ActiveFleet(*(np.array([], kind) for kind in (int, int, bool, float)))
 
     def on(self, step: RingStep, visited_at_s: Floats) -> None:
         """This is the ring from now on."""
         self._at_s = step.at_s
-        self.ring = Ring(step.step_m, step.spread_rate_m_s, visited_at_s)
+        self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
         # Lists: single items of arrays are slow.
         self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
         self._step_m: list[float] = step.step_m.tolist()
@@ -169,27 +169,29 @@ class _Team:
             vehicle.goal_place = self._places[vehicle.goal]
             away = math.dist(vehicle.left[1:], vehicle.goal_place)
             vehicle.arrival_s = step.at_s + away * self._cell_m / vehicle.speed_m_s
-        self._rule.regrown(step.place_of)
+        self._rule.on_ring_changed(step.place_of)
 
-    def join(self, seat: int, cell: int) -> None:
+    def join(self, member: int, cell: int) -> None:
         """A vehicle comes in at a cell, and decides there."""
         at = (self._at_s, *self._places[cell])
-        track = self.tracks.setdefault(seat, [])
-        joined = _Vehicle(seat, self._speed_m_s, cell, at[1:], at, self._at_s, track)
+        track = self.tracks.setdefault(member, [])
+        joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
         self._now([*self._vehicles, joined])
 
-    def leave(self, seat: int) -> None:
+    def leave(self, member: int) -> None:
         """A vehicle is gone."""
-        self._now([vehicle for vehicle in self._vehicles if vehicle.seat != seat])
+        self._now([vehicle for vehicle in self._vehicles if vehicle.member != member])
 
     def _now(self, vehicles: list[_Vehicle]) -> None:
-        heading = dict(zip(self._fleet.seat.tolist(), self._fleet.clockwise.tolist(), strict=True))
-        cells = dict(zip(self._fleet.seat.tolist(), self._fleet.cell.tolist(), strict=True))
-        self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.seat)
-        self._fleet = Fleet(
-            np.array([vehicle.seat for vehicle in self._vehicles], np.int64),
-            np.array([cells.get(v.seat, v.goal) for v in self._vehicles], np.int64),
-            np.array([heading.get(vehicle.seat, True) for vehicle in self._vehicles], np.bool_),
+        heading = dict(
+            zip(self._fleet.member.tolist(), self._fleet.clockwise.tolist(), strict=True)
+        )
+        cells = dict(zip(self._fleet.member.tolist(), self._fleet.cell.tolist(), strict=True))
+        self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.member)
+        self._fleet = ActiveFleet(
+            np.array([vehicle.member for vehicle in self._vehicles], np.int64),
+            np.array([cells.get(v.member, v.goal) for v in self._vehicles], np.int64),
+            np.array([heading.get(vehicle.member, True) for vehicle in self._vehicles], np.bool_),
             np.array([vehicle.speed_m_s for vehicle in self._vehicles]),
         )
 
@@ -234,7 +236,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
     Each seat has its own altitude layer, ``layer_m`` apart. Infinite for one vehicle alone.
     """
     closest_m = math.inf
-    for (seat, one), (other_seat, other) in combinations(tracks.items(), 2):
+    for (member, one), (other_member, other) in combinations(tracks.items(), 2):
         begin_s, end_s = max(one[0, 0], other[0, 0]), min(one[-1, 0], other[-1, 0])
         times = np.union1d(one[:, 0], other[:, 0])
         times = times[(times >= begin_s) & (times <= end_s)]
@@ -246,7 +248,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
             for axis in (1, 2)
         ]
         across_m = cell_m * float(_closest_to_origin(np.column_stack(apart)))
-        closest_m = min(closest_m, math.hypot(across_m, layer_m * (seat - other_seat)))
+        closest_m = min(closest_m, math.hypot(across_m, layer_m * (member - other_member)))
     return closest_m
 
 

@@ -19,7 +19,7 @@ from mission_service.experiments.fires import (
     wind,
 )
 from mission_service.guidance.team.balanced import Balanced
-from mission_service.guidance.team.bent import (
+from mission_service.guidance.team.bent_rules import (
     BENCHMARKS,
     IMPORTANCES,
     LATER_NEGOTIATIONS,

@@ -7,8 +7,8 @@ Its inputs are the landscape, the moistures at the beginning, and a measured win
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
 from mission_service.experiments.islam_hu.measured_wind import WIND_20FT_SHARE, MeasuredWind
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.predictive import (
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.predictive_planner import (
     PredictivePlanner,
     PredictiveSettings,
     model_of,
@@ -27,7 +27,7 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
         turn_radius_cells=0.0,
         flies_in_wind=False,
         wind_20ft_share=WIND_20FT_SHARE,
-        path=PathSettings(horizon_cells=80.0, lead_cells=1.0),
+        path=PathSettings(horizon_cells=80.0, lookahead_cells=1.0),
     )
     centre = (float(burn.ignition[0]), float(burn.ignition[1]))
     model = model_of(burn.landscape, burn.weather.entries[0]) if modelled else None

@@ -23,8 +23,12 @@ from mission_service.experiments.fires import (
     of_two_fuels,
     wind,
 )
-from mission_service.guidance.front.following import PathSettings
-from mission_service.guidance.front.perimeter import PerimeterPlanner, PerimeterSettings, Rule
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.front.perimeter_planner import (
+    PerimeterPlanner,
+    PerimeterSettings,
+    Rule,
+)
 from mission_service.guidance.protocol import Planner
 
 COMPARED: tuple[SchemeName, ...] = ("devs8", "anyangle")
@@ -99,7 +103,7 @@ def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPl
         least_gain_cells=defaults.least_gain_cells,
         dwell_s=defaults.dwell_s,
         speed_cells_s=burn.speed_m_s / burn.landscape.cell_size_m,
-        path=PathSettings(horizon_cells=80.0, lead_cells=5.0),  # paths are not flown
+        path=PathSettings(horizon_cells=80.0, lookahead_cells=5.0),  # paths are not flown
     )
     centre = (float(burn.ignition[0]), float(burn.ignition[1]))
     return PerimeterPlanner(settings, burn.arrival_s.shape, centre, 0.0)

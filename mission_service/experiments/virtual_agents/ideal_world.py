@@ -12,7 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.experiments.virtual_agents.camera_view import View, look, mark
+from mission_service.experiments.virtual_agents.camera_footprint import (
+    Footprint,
+    changed_cells,
+    mark_seen,
+)
 from mission_service.experiments.virtual_agents.ideal_world_kernels import (
     count_meetings,
     fly_all,
@@ -20,9 +24,9 @@ from mission_service.experiments.virtual_agents.ideal_world_kernels import (
 )
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.experiments.virtual_agents.scenarios import CELL_M
-from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, Own
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.rvo import clear_heading_rad
+from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
+from mission_service.guidance.formation.map_grid import MapGrid
+from mission_service.guidance.formation.rvo_kernels import clear_heading_rad
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import AnyMessage, State
 
@@ -173,7 +177,7 @@ class FormationWorld:
         at_us = round(self.at_s * 1e6)
         for receiver, message in self.radio.arrived(self.at_s):
             if not self._is_dead(receiver):
-                self.agents[receiver].hear(message)
+                self.agents[receiver].on_message(message)
         looks = round(LOOK_EVERY_S / TICK_S)
         before, self.intentions = self.intentions, []
         for number, agent in enumerate(self.agents):
@@ -200,13 +204,13 @@ class FormationWorld:
         elif self.at_s >= until_s and agent.home_m is not None:
             agent.come_back()
 
-    def _own(self, number: int, at_us: int) -> Own:
+    def _own(self, number: int, at_us: int) -> OwnState:
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()
         height_m, airspeed_m_s = float(self.heights_m[number]), float(self.motion[number, 1])
-        return Own(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
+        return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
-    def view(self, number: int) -> View:
+    def view(self, number: int) -> Footprint:
         """x, y, course, half across, half along of what a camera sees now."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
@@ -216,10 +220,12 @@ class FormationWorld:
 
     def _look(self, number: int, agent: Agent, at_us: int) -> None:
         view = self.view(number)
-        mark(self.grid, view, self.seen_s, self.at_s)
-        burning, unburned = look(self.grid, view, self.arrival_s, self.at_s, agent.maps.fire)
+        mark_seen(self.grid, view, self.seen_s, self.at_s)
+        burning, unburned = changed_cells(
+            self.grid, view, self.arrival_s, self.at_s, agent.maps.fire
+        )
         if len(burning) or len(unburned):
-            agent.see(burning, unburned, at_us)
+            agent.add_view(burning, unburned, at_us)
 
     def _fly(self) -> None:
         """All fly on for a tick as they mean to."""
@@ -277,10 +283,10 @@ class FormationWorld:
         return float(heading_rad)
 
 
-def world_grid(shape: tuple[int, int]) -> Grid:
+def world_grid(shape: tuple[int, int]) -> MapGrid:
     """The paper's cells around the middle of the map."""
     rows, cols = shape
-    return Grid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
+    return MapGrid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
 
 
 def _start(number: int) -> tuple[float, float]:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.guidance.formation.loiter import steered, wanted_heading_rad
-from mission_service.guidance.formation.rvo import meets_after_s
+from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
+from mission_service.guidance.formation.rvo_kernels import meets_after_s
 
 # The paper's cones have no end; but then vehicles that circle near each other are in conflict at
 # every turn, a hundred times for each collision, where the paper has two.
@@ -62,7 +62,7 @@ def fly_all(  # type: ignore[no-untyped-def]
 ):
     """One step of all: ``motion`` (n, 2) is heading and airspeed."""
     for k in range(headings_rad.size):
-        x_m, y_m, heading_rad, airspeed_m_s = steered(
+        x_m, y_m, heading_rad, airspeed_m_s = heading_step(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
             headings_rad[k], airspeeds_m_s[k], wind_x, wind_y, step_s, bank_rad,
         )  # fmt: skip

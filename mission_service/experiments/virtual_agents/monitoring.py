@@ -1,8 +1,8 @@
 """The area to be monitored around the true fire, and how well it is: for evaluation (section 6.2).
 
-It is unknown to the UAVs. It is kept as the agents' maps are: counts of the cells of fire within
-reach, so that what begins to burn adds a disc. What has a priority is also kept as a list, because
-the metrics are computed far more often than the fire grows.
+It is no input of any UAV. Like the agents' maps it consists of counts of the cells of fire within
+reach, to which a cell that begins to burn adds a disc. Cells with a priority are also in a list,
+because the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
-from mission_service.experiments.virtual_agents.camera_view import View, cells_in_view
-from mission_service.guidance.formation.fire_maps import check_cells, disc, no_counts, stamp
-from mission_service.guidance.formation.grid import Grid
+from mission_service.experiments.virtual_agents.camera_footprint import Footprint, cells_in_view
+from mission_service.guidance.formation.agent_maps import check_cells, disc, no_counts, stamp
+from mission_service.guidance.formation.map_grid import MapGrid
 
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ class MonitoringArea:
     elsewhere; ``cells`` (n) are those above 0, and ``priorities`` (n) theirs.
     """
 
-    def __init__(self, grid: Grid, near_m: float, monitoring_m: float) -> None:
+    def __init__(self, grid: MapGrid, near_m: float, monitoring_m: float) -> None:
         self.grid = grid
         self.fire: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._near, self._far = disc(near_m / grid.cell_m), disc(monitoring_m / grid.cell_m)
@@ -46,11 +46,11 @@ class MonitoringArea:
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
-        """Take in what burns at ``at_s`` by the true fire's arrival times (y, x)."""
-        self.add(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
+        """Add the cells that burn at ``at_s`` by the true fire's arrival times (y, x)."""
+        self.add_fire(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
 
-    def add(self, cells: Cells) -> None:
-        """Take in cells that burn now. Raises MissionServiceError for one off the map."""
+    def add_fire(self, cells: Cells) -> None:
+        """Add cells that burn now. Raises MissionServiceError for a cell off the map."""
         if not len(cells):
             return
         check_cells(cells, self.grid.shape)
@@ -90,20 +90,18 @@ class MonitoringArea:
         return share
 
     def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
-        """Share of the priorities seen within the last so long; ``seen_s`` (y, x), see ``mark``."""
+        """Share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x) are times."""
         share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
         return share
 
-    def efficiency(self, views_of_all: Sequence[View]) -> float:
-        """Priorities of all views together over the sum of each one's; 1 where there are none.
-
-        Views are those of ``camera_view``.
-        """
+    def efficiency(self, footprints: Sequence[Footprint]) -> float:
+        """Priorities in all footprints together over the sum of each one's; 1 without any."""
         union = total = 0.0
         self._view += 1
         priorities, views = self.priority.ravel(), self._views.ravel()
-        for view in views_of_all:
-            new, all_of_it = _in_view(cells_in_view(self.grid, view), priorities, views, self._view)
+        for footprint in footprints:
+            cells = cells_in_view(self.grid, footprint)
+            new, all_of_it = _in_view(cells, priorities, views, self._view)
             union += new
             total += all_of_it
         return union / total if total else 1.0

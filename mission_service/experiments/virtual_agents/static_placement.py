@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
@@ -211,7 +211,7 @@ def best_placement(
 
 def best_around(
     fire: NDArray[np.bool_],
-    grid: Grid,
+    grid: MapGrid,
     settings: Settings,
     count: int,
     seed: int = 0,

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
-from mission_service.experiments.virtual_agents.rollout import unroll
+from mission_service.experiments.virtual_agents.rollout_kernels import unroll
 from mission_service.experiments.virtual_agents.static_placement import coverage, weights_of
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import tie_rad
-from mission_service.guidance.formation.grid import Grid
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
+from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Scenario:
     """A fire and where the agents begin: ``agents_m`` (2, n), x and y. Maps are (y, x)."""
 
     kind: Kind
-    grid: Grid
+    grid: MapGrid
     maps: AgentMaps
     danger: NDArray[Any]  # not 0 where a virtual agent's UAV would fly over fire
     weights: Floats
@@ -68,7 +68,7 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
     settings = Settings()
     fire = np.flatnonzero(_fire(kind, rng))
     size_m = kind.cells * CELL_M
-    grid = Grid(kind.cells, kind.cells, CELL_M, 0.0, size_m)
+    grid = MapGrid(kind.cells, kind.cells, CELL_M, 0.0, size_m)
     no_cells = np.empty(0, dtype=np.int64)
     maps = AgentMaps(
         grid.shape,

@@ -8,8 +8,8 @@ from mission_service.events import Aborted, Answered, AnyEvent, Resumed
 class Checklist:
     """Folds answers. An item is open until the last answer to it is GO.
 
-    Answers do not run out with time. An abort, a restart of the service and whatever its owner
-    calls ``clear`` for (a return home, say) make the crew go through the whole list again.
+    Answers do not expire. An abort, a restart of the service and ``clear`` (on a landing, for
+    example) open the whole list again.
     """
 
     def __init__(self, items: tuple[str, ...]) -> None:
@@ -28,8 +28,8 @@ class Checklist:
         """Whether every item has its GO; a list without items is complete."""
         return not self.open_items
 
-    def take(self, event: AnyEvent) -> str | None:
-        """Take in an event; a line for the operator if it was of the list."""
+    def apply(self, event: AnyEvent) -> str | None:
+        """Apply an event; returns a line for the operator if it concerns the list."""
         match event:
             case Answered():
                 return self._answered(event)
@@ -41,7 +41,7 @@ class Checklist:
                 return None
 
     def clear(self, why: str) -> str | None:
-        """Open all items; a line for the operator if any had an answer."""
+        """Open all items; returns a line for the operator if any had an answer."""
         if not self._answers:
             return None
         self._answers.clear()
@@ -57,7 +57,7 @@ class Checklist:
         return f'GO list: {word} for "{event.item}" by {event.by} at {event.station}; {state}'
 
     def status(self) -> dict[str, Any]:
-        """The list for people and programs: item, "go", "no-go" or "open", and who said so."""
+        """The list as plain data: item, "go", "no-go" or "open", and the operator who answered."""
         return {
             "complete": self.complete,
             "open": len(self.open_items),

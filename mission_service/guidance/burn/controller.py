@@ -47,21 +47,28 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
+from mission_service.fire.estimated import EstimatedFire
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.burn.approval import Approvals
+from mission_service.guidance.burn.approved_plan import (
+    HIGH_SHARE,
+    ApprovedPlan,
+    approved_plan_of,
+    first_danger_s,
+)
+from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.checklist import Checklist
-from mission_service.guidance.burn.dropping import drops_due
-from mission_service.guidance.burn.flown import HIGH_SHARE, Flown, first_danger_s, flown_of
-from mission_service.guidance.burn.mission import mission_items
-from mission_service.guidance.burn.planner import LinePlan, NoPlan
-from mission_service.guidance.burn.recheck import trouble
-from mission_service.guidance.burn.state import BurnState
-from mission_service.guidance.burn.watch import Wind, mean_wind, wind_differs
-from mission_service.guidance.protocol import Decision
+from mission_service.guidance.burn.due_drops import due_drops
+from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
+from mission_service.guidance.burn.plan_approval import ApprovalTracker
+from mission_service.guidance.burn.plan_mission import mission_items
+from mission_service.guidance.burn.recheck import plan_problem
+from mission_service.guidance.burn.wind_change import WindFrom, mean_wind, wind_differs
+from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
+from mission_service.vehicles.traffic import Spacing
 
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
@@ -74,15 +81,18 @@ AT_END_M = 3.0
 WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
 
 
-class BurnFlight:
+class BurnFlight(Guidance):
     """Leads the one vehicle of a burn."""
 
-    def __init__(self, scenario: Scenario, landscape: Landscape, missions: MissionsSent) -> None:
+    def __init__(
+        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
+    ) -> None:
         assert scenario.burn is not None  # by the scenario's own check
         burn, section = scenario.burn, scenario.vehicles[0]
+        self.planners = {section.name: Undecided()}
         self.state = BurnState(burn, landscape, weather_of(scenario), section)
         self._refuse_stations_inside()
-        self.approvals = Approvals(burn)
+        self.approvals = ApprovalTracker(burn)
         self.checklist = Checklist(burn.go_items)
         self.phase: Phase = "planning"
         self.complete = False
@@ -90,13 +100,13 @@ class BurnFlight:
         self._vehicle: Vehicle | None = None
         self._name = section.name
         self._found: LinePlan | None = None
-        self._flown: Flown | None = None
+        self._flown: ApprovedPlan | None = None
         self._after_climb: Phase = "planning"
         self._mode, self._armed, self._fix_good, self._by_hand = "", False, True, False
         self._battery_pct: float | None = None
         self._climbed_at_s = self._looked_at_s = -math.inf
         self._reloads = False
-        self._winds: list[Wind] = []
+        self._winds: list[WindFrom] = []
 
     def _refuse_stations_inside(self) -> None:
         """Nobody approves fire from where it is to burn."""
@@ -112,7 +122,7 @@ class BurnFlight:
 
     def told(self, event: CrewEvent) -> list[AnyCommand]:
         """What a person did or said."""
-        self.approvals.heard(event)
+        self.approvals.on_operator_input(event)
         try:
             changed = self.state.fire.take(event)
         except FireModelError as error:
@@ -129,10 +139,10 @@ class BurnFlight:
             case Rejected() if event.plan_hash == self.approvals.plan_hash:
                 return self._stop(f"rejected by {event.by}", "waiting")
             case Aborted():
-                self.checklist.take(event)
+                self.checklist.apply(event)
                 return self._stop(f"aborted by {event.by}", "waiting", always=True)
             case Resumed():
-                self.checklist.take(event)
+                self.checklist.apply(event)
                 self._by_hand, self._mode = False, ""
                 return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
             case _:
@@ -201,7 +211,7 @@ class BurnFlight:
             return None
         if plan.digest != self.state.unit.digest(self.state.burn):
             return "the burn unit, its people or its settings are no longer those of the plan"
-        differs = wind_differs(plan, self.state.wind(at_s), self.state.burn)
+        differs = wind_differs(plan, self.state.wind_from(at_s), self.state.burn)
         return differs or self._danger_ahead(plan, at_s)
 
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
@@ -212,8 +222,8 @@ class BurnFlight:
         here = vehicle.presence.here
         if flown is None or self.phase != "flying":
             begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
-            return trouble(self._found, begins, self.state.burn) or None
-        path = flown.table.ahead(at_s)
+            return plan_problem(self._found, begins, self.state.burn) or None
+        path = flown.progress.ahead(at_s)
         path[0, :3] = here.x_m, here.y_m, self.state.height_m(here)
         air = self.state.air(vehicle, here, at_s)
         found_s = first_danger_s(path, air, self.state.fire.held)
@@ -245,8 +255,8 @@ class BurnFlight:
 
     def _why_over(self, at_us: int) -> str | None:
         """Why the plan or its approval has expired; None if neither has."""
-        over = "it has expired" if self.approvals.out_of_date(at_us) else None
-        return self.approvals.lapsed(at_us) or over
+        over = "it has expired" if self.approvals.is_expired(at_us) else None
+        return self.approvals.expiry_reason(at_us) or over
 
     def _look(self, at_s: float) -> str | None:
         """Now and then: whether the plan is still right."""
@@ -256,7 +266,7 @@ class BurnFlight:
         self._looked_at_s = at_s
         return self._why_void(at_s)
 
-    def _flies(self, vehicle: Vehicle, flown: Flown) -> bool:
+    def _flies(self, vehicle: Vehicle, flown: ApprovedPlan) -> bool:
         """Whether it flies the mission of the plan, by all that it told."""
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
@@ -287,12 +297,12 @@ class BurnFlight:
         why = self._why_void(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
-        self._flown = flown_of(plan, self.state.landscape)
+        self._flown = approved_plan_of(plan, self.state.landscape)
         self.phase, self._by_hand = "approved", False
         return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
     def _answered(self, event: Answered) -> list[AnyCommand]:
-        commands = self._say(self.checklist.take(event) or "")
+        commands = self._say(self.checklist.apply(event) or "")
         if not event.go and self.phase in ("approved", "flying"):
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
         if self.checklist.complete and self._reloads:
@@ -328,15 +338,25 @@ class BurnFlight:
             "plan_hash": self.approvals.plan_hash,
             "approved_by": None if approval is None else f"{approval.by} at {approval.station}",
             "drops_planned": 0 if plan is None else len(plan.drops),
-            "drops_done": len(self.state.account.of(self.approvals.plan_hash)),
+            "drops_done": len(self.state.account.of_plan(self.approvals.plan_hash)),
             "spheres_left": self.state.account.left,
             "battery_pct": self._battery_pct,
             "position_good": self._fix_good,
             "mode": self._mode,
             "checklist": self.checklist.status(),
             "corrections": self.state.fire.log.status(),
-            **self.state.places(),
+            **self.state.map_shapes(),
         }
+
+    def awaited(self) -> Awaited:
+        """The approval of the plan that is proposed, and answers to open items."""
+        plan = "" if self.approvals.approval is not None else self.approvals.plan_hash
+        return Awaited(plan, not self.checklist.complete)
+
+    @property
+    def estimated_fire(self) -> EstimatedFire:
+        """The fire that its plans are made on."""
+        return self.state.fire
 
     # In the air -------------------------------------------------------------------------------
 
@@ -345,7 +365,7 @@ class BurnFlight:
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
-        return flown.table.points_m[:, :2]
+        return flown.progress.points_m[:, :2]
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission of the plan: its path and nothing else."""
@@ -377,20 +397,20 @@ class BurnFlight:
         """At the safe height."""
         return None if self._is_high(here) else self._climb(vehicle, here)
 
-    def _fly(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
-        off_m = flown.table.moved(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
+    def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
+        off_m = flown.progress.update(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
         why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
         if why is not None:
             return self._stop(why)
         commands = self._release(vehicle, flown, here)
-        if flown.table.left_m <= AT_END_M:
+        if flown.progress.left_m <= AT_END_M:
             commands += self._line_done(vehicle, flown)
         return commands
 
-    def _release(self, vehicle: Vehicle, flown: Flown, here: Here) -> list[AnyCommand]:
+    def _release(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
         """Let go of the next sphere if it would fall on its place now."""
         commands: list[AnyCommand] = []
-        for due in drops_due(self.state, flown, here):
+        for due in due_drops(self.state, flown, here):
             why_not = due.why_not or self._why_none()
             if why_not is None:
                 name = self.approvals.plan_hash
@@ -419,8 +439,8 @@ class BurnFlight:
         self.state.fire.hold((*sphere.falls_m, ignites_s))
         return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
 
-    def _line_done(self, vehicle: Vehicle, flown: Flown) -> list[AnyCommand]:
-        spheres = self.state.account.of(self.approvals.plan_hash)
+    def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
+        spheres = self.state.account.of_plan(self.approvals.plan_hash)
         farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
         if self._found is not None:
             self.state.area_left = self._found.area_left
@@ -444,7 +464,7 @@ class BurnFlight:
         return [Withdraw(self._name, name, why), *words]
 
     def _end_plan(self) -> None:
-        self.approvals.void()
+        self.approvals.withdraw()
         self._flown = self._found = None
         self._winds = []
         self.state.fire.let_go()
@@ -520,6 +540,13 @@ class BurnFlight:
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []
+
+
+def burn_flight(guidance: Guidance) -> BurnFlight:
+    """The guidance of a run that is a burn. Raises MissionServiceError for another."""
+    if not isinstance(guidance, BurnFlight):
+        raise MissionServiceError("this run flies no burn")
+    return guidance
 
 
 class Undecided:

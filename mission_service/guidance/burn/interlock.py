@@ -1,7 +1,7 @@
-"""The second lock on drops: folds what happened on its own, and says why a drop must not go out.
+"""The second lock on drops: an independent fold of events that gives reasons to refuse a drop.
 
-It knows nothing of the leader that orders drops (controller.py), and shares no decision with it: a
-mistake there does not open this. Whatever it does not know is a reason to refuse. Pure.
+It shares no state and no decision with the controller that orders drops: a fault there does not
+open this lock. Missing information is a reason to refuse. Pure.
 """
 
 import math
@@ -11,9 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from autopilot_bridge.items import MissionItem
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.shapes import read_shapes
 from mission_service.commands import (
     AnyCommand,
     ClimbAndHold,
@@ -45,17 +50,18 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.ground_distance import distance_m
+from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
 GOING_HOME = ("return", "land")  # by the bridge's names of modes
 AIRBORNE_M = 2.0
-# A vehicle so far off the drop's place, or off its height, is not on the plan that was approved.
-# How exactly a sphere falls is for the leader (release.py); this is for what is grossly wrong.
+# A vehicle this far off the drop's place or height is not on the approved plan. The controller
+# computes the exact impact (release.py); this lock only tests for gross errors.
 LATE_S = 1.0
 BESIDE_M = 5.0
-HEIGHT_SHARE, LEAST_BAND_M = 0.5, 5.0
+HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
 GRAVITY_M_S2 = 9.81
 
 Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
@@ -63,7 +69,7 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 @dataclass
 class _Vehicle:
-    """What is known of a vehicle; nothing at first, and after its autopilot or we restarted."""
+    """The state of a vehicle; unknown at first, and after a restart of autopilot or service."""
 
     linked: bool = False
     armed: bool = False
@@ -76,7 +82,7 @@ class _Vehicle:
 
 @dataclass
 class _Plan:
-    """A plan that was proposed, and what became of it."""
+    """A plan that was proposed, and its approval."""
 
     plan: IgnitionPlan
     proposed_host_us: int | None = None  # by the host's clock
@@ -85,22 +91,22 @@ class _Plan:
     attended_us: int = 0  # the last input that shows an approver's presence
     attended_host_us: int | None = None
     why_not: str = "nobody has approved it"
-    over: bool = False  # withdrawn or rejected: not to be approved unless it is proposed anew
+    over: bool = False  # withdrawn or rejected: not to be approved unless it is proposed again
 
 
 class Interlock:
-    """Asked right before each drop. Feed it with all events and commands in their order.
+    """Tests each drop right before it is sent. Requires all events and commands in their order.
 
     An approval counts only for a plan proposed before, from a station of the scenario, with a
-    complete GO list; a NO-GO ends it. It holds while the user that gave it, or another with the
+    complete GO list; a NO-GO ends it. It holds while the operator that gave it, or another with the
     role approve, gives input at that station. Limits: by mission time and by the host's clock.
     An abort, a restart of service or autopilot, a return home and a landing end it too and open the
-    whole list: nothing is dropped until all is GO and a plan approved anew.
-    A drop that was ordered once is never let out again, whatever became of it.
+    whole list: nothing is dropped until all items are GO and a plan is approved again.
+    A drop that was ordered once is never allowed again, whatever its outcome.
     """
 
     def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
-        """``unit`` (lon, lat) is the burn unit where a file has it, not the scenario."""
+        """``unit`` (lon, lat) is the burn unit if it comes from a file, not from the scenario."""
         self._burn = burn
         self._stations = {station.name for station in burn.stations}
         self._people: dict[str, Circle] = {
@@ -121,18 +127,18 @@ class Interlock:
         self._dropped_us: deque[int] = deque()
         self._at_us = 0
 
-    # What happens --------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
-    def take(self, event: AnyEvent) -> None:
-        """Take in an event, before the commands that it led to."""
+    def apply(self, event: AnyEvent) -> None:
+        """Apply an event, before the commands that it caused."""
         self._at_us = max(self._at_us, event.at_us)
         if isinstance(event, Crew):
-            self._told(event)
+            self._on_operator(event)
         else:
-            self._happened(event)
+            self._on_vehicle(event)
 
-    def sent(self, commands: Iterable[AnyCommand]) -> None:
-        """Take in commands: drops as well, after ``refuses`` was asked and whatever it said."""
+    def on_commands(self, commands: Iterable[AnyCommand]) -> None:
+        """Apply commands: drops after ``refuses`` was called, whatever its result."""
         for command in commands:
             match command:
                 case Propose():
@@ -148,9 +154,9 @@ class Interlock:
                 case _:
                     pass
 
-    def _told(self, event: Crew) -> None:
+    def _on_operator(self, event: Crew) -> None:
         for known in self._plans.values():
-            if known.approved is not None and _attends(event, known.approved):
+            if known.approved is not None and _shows_presence(event, known.approved):
                 known.attended_us, known.attended_host_us = event.at_us, self._host_us
         match event:
             case Approved():
@@ -176,7 +182,7 @@ class Interlock:
             case _:
                 pass
 
-    def _happened(self, event: AnyEvent) -> None:
+    def _on_vehicle(self, event: AnyEvent) -> None:
         assert not isinstance(event, Crew)
         vehicle = self._vehicles.setdefault(event.vehicle, _Vehicle())
         match event:
@@ -203,7 +209,7 @@ class Interlock:
                 pass
 
     def _forget(self, name: str, linked: bool = False) -> None:
-        """All but the spheres used: what was told of the vehicle is to be told anew."""
+        """Reset a vehicle's state but for the spheres used; it must be reported again."""
         self._vehicles[name] = _Vehicle(linked, used=self._vehicles[name].used)
 
     def _mode_changed(self, vehicle: _Vehicle, event: ModeChanged) -> None:
@@ -247,7 +253,7 @@ class Interlock:
             known.approved, known.why_not, known.over = None, why, True
 
     def _void(self, why: str) -> None:
-        """No approval that was given holds any longer."""
+        """End all approvals."""
         for known in self._plans.values():
             if known.approved is not None:
                 known.approved, known.why_not = None, why
@@ -263,7 +269,7 @@ class Interlock:
         self._vehicles.setdefault(drop.vehicle, _Vehicle()).used += 1
         self._ordered.setdefault(drop.plan_hash, set()).add(drop.number)
 
-    # What may be done ----------------------------------------------------------------------------
+    # Outputs -------------------------------------------------------------------------------------
 
     @property
     def open_items(self) -> tuple[str, ...]:
@@ -271,7 +277,7 @@ class Interlock:
         return tuple(item for item in self._burn.go_items if item not in self._go)
 
     def status(self) -> dict[str, Any]:
-        """Plans that can be or are approved, the list and the vehicles, as this lock has them."""
+        """Plans that can be or are approved, the GO list and the vehicles, in this lock's state."""
         return {
             "plans": [
                 {
@@ -301,7 +307,7 @@ class Interlock:
         }
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Why this drop must not go out at ``at_us``; None: it may."""
+        """Why this drop must not be sent at ``at_us``; None if it may."""
         known = self._plans.get(drop.plan_hash)
         if known is None:
             return f"plan {drop.plan_hash[:12]} was never proposed"
@@ -313,6 +319,10 @@ class Interlock:
             or self._place_refuses(known.plan, drop)
             or self._payload_refuses(drop.vehicle, at_us)
         )
+
+    def may_drop(self, items: Iterable[MissionItem]) -> bool:
+        """Whether anything in a mission may switch an output."""
+        return has_drop(items)
 
     def _plan_refuses(self, name: str, known: _Plan, drop: Drop, at_us: int) -> str | None:
         plan = known.plan
@@ -359,8 +369,8 @@ class Interlock:
         if not vehicle.fix_good:
             return f"{name}: no good position fix"
         if battery_pct is None or not battery_pct >= self._burn.least_battery_pct:
-            told = "unknown" if battery_pct is None else f"{battery_pct:g} %"
-            return f"{name}: battery {told}, at least {self._burn.least_battery_pct:g} % wanted"
+            level = "unknown" if battery_pct is None else f"{battery_pct:g} %"
+            return f"{name}: battery {level}, at least {self._burn.least_battery_pct:g} % wanted"
         if not vehicle.armed:
             return f"{name}: not armed"
         if vehicle.mode != "mission":
@@ -381,7 +391,7 @@ class Interlock:
         if not beside_m <= self._burn.miss_m:
             return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
         height_m = math.nan if ground_m is None else here.altitude_amsl_m - ground_m
-        band_m = max(LEAST_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
+        band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
         if not abs(height_m - plan.drop_height_m) <= band_m:
             wanted = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"
             return f"{drop.vehicle} is {height_m:.0f} m over the drop's place, not {wanted}"
@@ -394,7 +404,7 @@ class Interlock:
         return None
 
     def _reach_m(self, plan: IgnitionPlan) -> float:
-        """How far from where it lies a sphere may be let go: it flies on while it falls."""
+        """The largest distance between release and impact: a sphere flies on while it falls."""
         fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
         on_way_s = self._burn.dropper.delay_s + fall_s + LATE_S
         fastest_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
@@ -410,7 +420,7 @@ class Interlock:
         return None
 
 
-def _attends(event: Crew, approved: Approved) -> bool:
+def _shows_presence(event: Crew, approved: Approved) -> bool:
     """Whether an event counts as presence of an approver."""
     if isinstance(event, Resumed) or event.station != approved.station:
         return False
@@ -418,7 +428,7 @@ def _attends(event: Crew, approved: Approved) -> bool:
 
 
 def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """The ground's height by a plan's path at a time; None: the path does not reach so long."""
+    """The ground's altitude by a plan's path at a time; None after the end of the path."""
     for start, end in zip(plan.path, plan.path[1:], strict=False):
         if start.after_s <= after_s <= end.after_s:
             share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)
@@ -429,3 +439,16 @@ def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
 
 def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:
     return shapely.Polygon([(lon_deg, lat_deg) for lat_deg, lon_deg in corners])
+
+
+def interlock_of(burn: BurnSection, landscape: Landscape) -> Interlock:
+    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
+    if burn.unit_file is None:
+        return Interlock(burn)
+
+    def lon_lat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        lat, lon = landscape.lat_lon_of(places[:, 0], places[:, 1])
+        return np.column_stack([lon, lat])
+
+    unit = shapely.union_all(read_shapes(burn.unit_file, landscape))
+    return Interlock(burn, shapely.transform(unit, lon_lat))

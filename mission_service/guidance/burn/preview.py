@@ -9,9 +9,9 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import landscape_of, weather_of
-from mission_service.guidance.burn.planner import Situation, next_line
-from mission_service.guidance.burn.report import burn_json, draw_burn, totals
-from mission_service.guidance.burn.state import BurnState
+from mission_service.guidance.burn.burn_report import burn_json, burn_totals, draw_burn
+from mission_service.guidance.burn.burn_state import BurnState
+from mission_service.guidance.burn.line_planner import Situation
 from mission_service.guidance.burn.whole_burn import whole_burn
 
 
@@ -38,10 +38,4 @@ def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
     told = json.dumps(burn_json(found, area))
     (out / "burn.json").write_text(told + "\n", encoding="utf-8")
     draw_burn(out / "burn.png", found, area, scenario.name)
-    return totals(found, area)
-
-
-def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Plan once: what is compiled is compiled before anybody flies, not while a link is minded."""
-    assert scenario.burn is not None
-    next_line(situation_of(scenario, scenario.burn, landscape), scenario.burn)
+    return burn_totals(found, area)

@@ -1,32 +1,39 @@
-"""Whether a plan that was made before still holds."""
+"""Whether a plan made earlier is still valid."""
 
 from itertools import pairwise
 
 import numpy as np
 
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.flight import Air, OwnFires, Place, part_of
-from mission_service.guidance.burn.planner import LinePlan, Situation, air_of
+from mission_service.guidance.burn.line_flight import (
+    FlightConstraints,
+    FlightPoint,
+    SphereFires,
+    point_on_leg,
+)
+from mission_service.guidance.burn.line_planner import LinePlan, Situation, constraints_of
 
 ROUNDED_S = 1e-6
 
 
-def trouble(
+def plan_problem(
     plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
 ) -> str:
-    """What speaks against flying the rest of a plan, of which ``flown_s`` are flown; "" if nothing.
+    """Why the rest of a plan, of which ``flown_s`` are flown, must not be flown; "" if it may.
 
-    The rest begins at ``situation.at_s``, in its wind and unit. Its fire is to be without the drops
-    of this plan: they count as they did when it was made, at the times of the plan.
+    The rest begins at ``situation.at_s``, in its wind and unit. Its fire must not contain the drops
+    of this plan: they count as when it was made, at the times of the plan.
     """
-    air = air_of(situation, settings)
+    air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
-    places = [Place(x, y, height, begin_s + after) for x, y, height, after in plan.path.tolist()]
-    own, number = OwnFires(air), 0
+    places = [
+        FlightPoint(x, y, height, begin_s + after) for x, y, height, after in plan.path.tolist()
+    ]
+    own, number = SphereFires(air), 0
     for leg in pairwise(places):
         while number < len(plan.drops) and _dropped_by(plan, number, leg[0].at_s - begin_s):
             x_m, y_m, after_s = plan.drops[number].tolist()
-            own.add(x_m, y_m, begin_s + after_s)
+            own.add_drop(x_m, y_m, begin_s + after_s)
             number += 1
         if leg[1].at_s <= situation.at_s:
             continue
@@ -35,7 +42,7 @@ def trouble(
         found = _of_place(air, rest, places[0])
         if found:
             return f"{found} {after_s:.0f} s after its begin"
-        # All of the leg, as it was checked when planned; what is flown of it does not count.
+        # The whole leg, as when planned, or only its rest, whichever has the larger margin.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -50,25 +57,27 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
     return bool(plan.drops[number, 2] <= after_s + ROUNDED_S)
 
 
-def _later(leg: tuple[Place, Place], at_s: float) -> Place:
-    """Where on a leg the vehicle is at a time, its begin at the earliest."""
+def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
+    """The point on a leg at a time, its begin at the earliest."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
-    return part_of(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
+    return point_on_leg(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
 
 
-def _of_place(air: Air, leg: tuple[Place, Place], start: Place) -> str:
+def _of_place(
+    air: FlightConstraints, leg: tuple[FlightPoint, FlightPoint], start: FlightPoint
+) -> str:
     begin, end = leg[0][:2], leg[1][:2]
-    if air.high is not None and not air.high.straight(begin, end):
+    if air.high is not None and not air.high.is_straight_clear(begin, end):
         return "its path leaves the fence"
     upright_at_start = begin == end == start[:2]
-    if not air.is_high(leg) and not upright_at_start and not air.low.straight(begin, end):
+    if not air.is_high(leg) and not upright_at_start and not air.low.is_straight_clear(begin, end):
         return "its path is low outside the unit, or over people,"
     return ""
 
 
-def _of_drops(plan: LinePlan, air: Air, begin_s: float, flown_s: float) -> str:
+def _of_drops(plan: LinePlan, air: FlightConstraints, begin_s: float, flown_s: float) -> str:
     left = plan.drops[plan.drops[:, 2] > flown_s + ROUNDED_S]
     if not len(left):
         return ""

@@ -1,4 +1,4 @@
-"""When to let go of a sphere: where it would lie if it were let go now, and how sure that is.
+"""When to release a sphere: its impact point if it were released now, and the release decision.
 
 Metres east and north (x, y) of the landscape's CRS, wind and velocity in the same directions.
 """
@@ -8,13 +8,13 @@ from typing import Literal, NamedTuple
 
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
-SLOW_M_S = 0.5  # below it no course is to be seen
-NEAR_S = 1.0  # of flight: what is farther than that from its place is not near it yet
+SLOW_M_S = 0.5  # below it the course is undefined
+NEAR_S = 1.0  # of flight: farther than that from its target a sphere is not near it yet
 
-Due = Literal["release", "wait", "missed"]
+ReleaseDecision = Literal["release", "wait", "missed"]
 
 
-class Moving(NamedTuple):
+class VehicleMotion(NamedTuple):
     """A vehicle and its motion; ``height_m`` is above the ground where the sphere will lie."""
 
     x_m: float
@@ -25,39 +25,23 @@ class Moving(NamedTuple):
     climb_m_s: float = 0.0
 
 
-class Landing(NamedTuple):
-    """Where a sphere would lie, and how long after the order."""
+class ImpactPoint(NamedTuple):
+    """The impact point of a sphere, and its time after the order."""
 
     x_m: float
     y_m: float
     after_s: float
 
 
-class Errors(NamedTuple):
-    """Standard deviations, along each axis, of what telemetry tells (positions by satellite).
-
-    ``delay_s`` is how much the delay of link and dropper varies.
-    """
-
-    position_m: float = 1.5
-    height_m: float = 2.0
-    speed_m_s: float = 0.3
-    wind_m_s: float = 1.0
-    delay_s: float = 0.1
-
-
-USUAL = Errors()
-
-
-def landing(
-    vehicle: Moving, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
-) -> Landing:
-    """Where the sphere of an order given now would lie.
+def impact_point(
+    vehicle: VehicleMotion, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
+) -> ImpactPoint:
+    """The impact point of a sphere that is ordered now.
 
     ``delay_s`` after the order it leaves with the vehicle's velocity; then gravity g acts, and a
     drag g (v/vt)^2 against its motion v in the wind (east, north), vt being its terminal speed:
     a sphere's at Reynolds numbers of 1e4 to 2e5, where its drag coefficient hardly changes.
-    On or below the ground it lies where it is let go.
+    On or below the ground it is the point of release.
     """
     drag_per_m = GRAVITY_M_S2 / terminal_speed_m_s**2
     east, north = vehicle.east_m_s - wind_m_s[0], vehicle.north_m_s - wind_m_s[1]
@@ -80,14 +64,14 @@ def landing(
         y += way[1] + wind_m_s[1] * step_s
         fall_s += step_s
         velocity = after
-    return Landing(x, y, delay_s + fall_s)
+    return ImpactPoint(x, y, delay_s + fall_s)
 
 
 Vector = tuple[float, float, float]
 
 
 def _fallen(velocity: Vector, drag_per_m: float, step_s: float) -> tuple[Vector, Vector]:
-    """Way in the air and velocity after a step (Runge and Kutta's of fourth order)."""
+    """Displacement in the air and velocity after a step (fourth-order Runge-Kutta)."""
     half_s = step_s / 2.0
     first = _pull(velocity, drag_per_m)
     second_at = _after(velocity, first, half_s)
@@ -123,44 +107,14 @@ def _pull(velocity: Vector, drag_per_m: float) -> Vector:
     return -drag * east, -drag * north, -drag * up - GRAVITY_M_S2
 
 
-def spread_m(
-    vehicle: Moving,
-    wind_m_s: tuple[float, float],
-    terminal_speed_m_s: float,
-    delay_s: float,
-    errors: Errors = USUAL,
-) -> float:
-    """How far off its predicted place the sphere lies: the root of the mean squared distance.
-
-    First order: each error moves the landing on its own.
-    """
-    there = landing(vehicle, wind_m_s, terminal_speed_m_s, delay_s)
-    speed, wind = errors.speed_m_s, errors.wind_m_s
-    along = (vehicle.east_m_s + speed, vehicle.north_m_s)
-    across = (vehicle.east_m_s, vehicle.north_m_s + speed)
-    off = [
-        landing(moved, blown, terminal_speed_m_s, delay_s)
-        for moved, blown in (
-            (vehicle._replace(height_m=vehicle.height_m + errors.height_m), wind_m_s),
-            (vehicle._replace(east_m_s=along[0], north_m_s=along[1]), wind_m_s),
-            (vehicle._replace(east_m_s=across[0], north_m_s=across[1]), wind_m_s),
-            (vehicle, (wind_m_s[0] + wind, wind_m_s[1])),
-            (vehicle, (wind_m_s[0], wind_m_s[1] + wind)),
-        )
-    ]
-    squares = [(end.x_m - there.x_m) ** 2 + (end.y_m - there.y_m) ** 2 for end in off]
-    late_m = errors.delay_s * math.hypot(vehicle.east_m_s, vehicle.north_m_s)
-    return math.sqrt(sum(squares) + late_m**2 + 2.0 * errors.position_m**2)
-
-
-def is_due(
-    vehicle: Moving,
-    there: Landing,
+def release_decision(
+    vehicle: VehicleMotion,
+    there: ImpactPoint,
     target_m: tuple[float, float],
     step_s: float,
     miss_m: float,
-) -> Due:
-    """Whether to give the order now; ``there`` is where the sphere would lie.
+) -> ReleaseDecision:
+    """Whether to order the release now; ``there`` is the impact point.
 
     ``wait`` until the landing, which moves as the vehicle does, is at its nearest to the target, to
     half a telemetry step. Then ``release``, or ``missed`` if that is farther than ``miss_m``. It

@@ -1,4 +1,4 @@
-"""The burn unit: where is to be burned, where nothing may fall, where must not be flown."""
+"""The burn unit: the area to burn, no-drop areas, people, and the fence of flights."""
 
 import hashlib
 import math
@@ -17,19 +17,19 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.lines import only_areas
+from mission_service.guidance.burn.ignition_lines import only_areas
 from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
 ARC = 16  # sides of a quarter of a circle
-LEAST_M2 = 1.0  # of an area
+MIN_AREA_M2 = 1.0  # of an area
 CLEAR_M = 0.01  # on top of margins, for what is rounded
 
 
-class Person(NamedTuple):
-    """Somebody, or something, around whom nothing falls and nothing is flown low."""
+class ExclusionCircle(NamedTuple):
+    """A circle around a person or an object: no drops and no low flight inside."""
 
     name: str
     x_m: float
@@ -38,31 +38,31 @@ class Person(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Unit:
-    """In the landscape's metres. ``fence`` is None where there is none; flights stay inside it."""
+class BurnUnit:
+    """The unit in the landscape's metres. Flights stay inside ``fence``, if there is one."""
 
     area: BaseGeometry  # Polygon or MultiPolygon, holes are not to be burned
     no_drop: BaseGeometry
     fence: BaseGeometry | None
-    people: tuple[Person, ...]
+    people: tuple[ExclusionCircle, ...]
     edge_m: float
 
     @cached_property
     def droppable(self) -> BaseGeometry:
-        """Where spheres may fall; never more than ``may_drop`` says."""
+        """The area where spheres may fall; never more than ``may_drop`` allows."""
         left = self.area.difference(_grown(self.area.boundary, self.edge_m + CLEAR_M))
         left = left.difference(_grown(self.no_drop, self.edge_m + CLEAR_M))
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
 
     @cached_property
-    def low_paths(self) -> VisibilityGraph:
-        """Where may be flown below the safe height."""
+    def low_graph(self) -> VisibilityGraph:
+        """Paths below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
         return VisibilityGraph(self._without_people(inside))
 
     @cached_property
-    def high_paths(self) -> VisibilityGraph | None:
-        """Where may be flown at the safe height; None for everywhere."""
+    def high_graph(self) -> VisibilityGraph | None:
+        """Paths at the safe height; None without a fence."""
         return None if self.fence is None else VisibilityGraph(self.fence)
 
     def _without_people(self, area: BaseGeometry) -> BaseGeometry:
@@ -85,7 +85,7 @@ class Unit:
             good &= shapely.covers(self.fence, points)
         return np.asarray(good, np.bool_)
 
-    def with_people(self, people: tuple[Person, ...]) -> "Unit":
+    def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
         """The same with these people instead."""
         return replace(self, people=people)
 
@@ -103,24 +103,24 @@ class Unit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """All within a distance of a shape, and never less: arcs are drawn outside of the true ones."""
+    """A buffer of a shape that contains the exact one: arcs are drawn outside of the true ones."""
     if shape.is_empty or by_m <= 0.0:
         return shape
     found: BaseGeometry = shape.buffer(by_m / math.cos(math.pi / (4 * ARC)), quad_segs=ARC)
     return found
 
 
-def unit_of(
+def burn_unit_of(
     burn: BurnSection,
     landscape: Landscape,
     home: tuple[float, float] | None = None,
     corners: Corners | None = None,
-) -> Unit:
+) -> BurnUnit:
     """The unit of a scenario. ``home`` (lat, lon) is where the vehicle starts.
 
-    ``corners`` (lat, lon), told later, take the place of those set. Raises MissionServiceError
-    with one line if the unit, its fence or a no-drop area cannot be, nothing is left to drop on,
-    or home is outside the fence.
+    ``corners`` (lat, lon) replace those of the scenario. Raises MissionServiceError with one line
+    if the unit, its fence or a no-drop area is invalid, nothing is left to drop on, or home is
+    outside the fence.
     """
     if corners is None and burn.unit_file is not None:
         area = _areas_of(burn.unit_file, landscape)
@@ -131,15 +131,17 @@ def unit_of(
         no_drop = _areas_of(burn.no_drop_file, landscape)
     fence = None if burn.fence is None else _polygon("fence", burn.fence, landscape)
     people = tuple(
-        Person(who.name, *landscape.xy_of_lat_lon(who.lat_deg, who.lon_deg), who.radius_m)
-        for who in burn.people
+        ExclusionCircle(
+            person.name, *landscape.xy_of_lat_lon(person.lat_deg, person.lon_deg), person.radius_m
+        )
+        for person in burn.people
     )
-    unit = Unit(area, no_drop, fence, people, burn.edge_m)
-    check(unit, None if home is None else landscape.xy_of_lat_lon(*home))
+    unit = BurnUnit(area, no_drop, fence, people, burn.edge_m)
+    check_unit(unit, None if home is None else landscape.xy_of_lat_lon(*home))
     return unit
 
 
-def check(unit: Unit, home_m: tuple[float, float] | None = None) -> None:
+def check_unit(unit: BurnUnit, home_m: tuple[float, float] | None = None) -> None:
     """Raise MissionServiceError if nothing can be dropped, or home (x, y) is outside the fence."""
     if unit.fence is not None:
         if home_m is not None and not unit.fence.covers(shapely.Point(home_m)):
@@ -197,7 +199,7 @@ def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeomet
             f"burn: {where.removeprefix('burn: ')}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
             "its corners in order, around it, so that no two sides cross"
         )
-    if not area.area >= LEAST_M2:
+    if not area.area >= MIN_AREA_M2:
         raise MissionServiceError(f"{where}: has no area; give at least three corners not in line")
     if not box_of(landscape).covers(area):
         raise MissionServiceError(
@@ -207,7 +209,7 @@ def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeomet
 
 
 def _fault(area: BaseGeometry) -> tuple[float, float]:
-    """Where GEOS finds a polygon not valid."""
+    """The place where GEOS finds a polygon invalid."""
     reason = shapely.is_valid_reason(area)
     inside = reason[reason.index("[") + 1 : reason.index("]")].split()
     return float(inside[0]), float(inside[1])

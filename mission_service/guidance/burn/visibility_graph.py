@@ -1,4 +1,4 @@
-"""Shortest paths inside an area, by its visibility graph."""
+"""Shortest paths inside an area, over the visibility graph of its corners."""
 
 import heapq
 import math
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
-Place = tuple[float, float]
+Vertex = tuple[float, float]
 
-CLEAR_M = 1.0  # corners are passed so far away where there is room
+CLEAR_M = 1.0  # distance to corners where there is room
 
 
 class VisibilityGraph:
-    """The visibility graph of ``area``; its corners are computed on first use."""
+    """Paths inside ``area``; the graph of its corners is built at the first use."""
 
     def __init__(self, area: BaseGeometry) -> None:
         self.area = area
@@ -23,15 +23,15 @@ class VisibilityGraph:
         self._corners: Floats | None = None
         self._lengths: Floats = np.empty((0, 0))
 
-    def straight(self, begin: Place, end: Place) -> bool:
-        """Whether the straight line is inside."""
+    def is_straight_clear(self, begin: Vertex, end: Vertex) -> bool:
+        """Whether the straight line between two points is inside the area."""
         if begin == end:
             return bool(self.area.covers(shapely.Point(begin)))
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
-    def shortest_path(self, begin: Place, end: Place) -> list[Place] | None:
-        """Places from ``begin`` to ``end``, both with them; None if there is no path."""
-        if self.straight(begin, end):
+    def shortest_path(self, begin: Vertex, end: Vertex) -> list[Vertex] | None:
+        """Points of the shortest path, ``begin`` and ``end`` included; None without a path."""
+        if self.is_straight_clear(begin, end):
             return [begin, end]
         if not self.area.covers(shapely.MultiPoint([begin, end])):
             return None
@@ -64,7 +64,7 @@ class VisibilityGraph:
     def _known(self) -> tuple[Floats, Floats]:
         if self._corners is None:
             inner: BaseGeometry = self.area.buffer(-CLEAR_M, join_style="mitre")
-            # Fewer corners of circles; what is seen is seen in the area itself.
+            # Fewer corners of circles; visibility is tested in the area itself.
             inner = (self.area if inner.is_empty else inner).simplify(CLEAR_M / 2.0)
             self._corners = _bends(inner)
             count = len(self._corners)
@@ -75,8 +75,8 @@ class VisibilityGraph:
                 )
         return self._corners, self._lengths
 
-    def _seen(self, place: Place, corners: Floats) -> Floats:
-        """How far corners are away that are seen straight from a place, else infinity."""
+    def _seen(self, place: Vertex, corners: Floats) -> Floats:
+        """Distances of the corners visible from a place; infinity for the others."""
         ends = np.empty((len(corners), 2, 2))
         ends[:, 0], ends[:, 1] = place, corners
         inside = shapely.covers(self.area, shapely.linestrings(ends))
@@ -84,7 +84,7 @@ class VisibilityGraph:
 
 
 def _bends(area: BaseGeometry) -> Floats:
-    """Corners (n, 2) that a shortest way can bend around: those that point into the area."""
+    """Corners (n, 2) that a shortest path can bend around: those that point into the area."""
     found = []
     # Outlines clockwise, holes the other way.
     for ring in shapely.get_rings(shapely.get_parts(shapely.normalize(area))):

@@ -1,4 +1,4 @@
-"""A burn to its end: all lines one after the other, loads, time, and the fire that it will be."""
+"""A burn from begin to end: all lines in order, loads, times, and the resulting fire."""
 
 import math
 from collections.abc import Sequence
@@ -10,18 +10,24 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.flight import Place
-from mission_service.guidance.burn.planner import LinePlan, NoPlan, Situation, air_of, next_line
+from mission_service.guidance.burn.line_flight import FlightPoint
+from mission_service.guidance.burn.line_planner import (
+    LinePlan,
+    NoPlan,
+    Situation,
+    constraints_of,
+    next_line,
+)
 
 Floats = NDArray[np.float64]
 
-MOST_ROUNDS = 2_000  # lines, and reloads
-REST_S, REST_TIMES = 60.0, 60  # waits for fire near home to burn out, and how many
+MAX_ROUNDS = 2_000  # lines, and reloads
+REST_S, REST_TIMES = 60.0, 60  # duration and number of waits for fire near home to burn out
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What the figures hold for."""
+    """Settings and wind that the figures depend on."""
 
     ignition_delay_s: float
     spheres_a_load: int
@@ -42,8 +48,8 @@ class Assumptions:
 
 
 @dataclass(frozen=True, eq=False)
-class FlownLine:
-    """A line, or the part of it that one load sufficed for."""
+class BurnLine:
+    """A line, or the part of it that one load is enough for."""
 
     number: int  # from 1
     load: int  # from 1
@@ -51,15 +57,15 @@ class FlownLine:
 
     @property
     def end_s(self) -> float:
-        """When the vehicle holds at the safe height."""
+        """Time at which the vehicle holds at the safe height."""
         return self.plan.begin_s + self.plan.duration_s
 
 
 @dataclass(frozen=True, eq=False)
 class WholeBurn:
-    """All of it. ``ended`` is why no further line was planned; ``end_s`` is with the way home."""
+    """A whole burn. ``ended`` is why no further line was planned; ``end_s`` is at home."""
 
-    lines: tuple[FlownLine, ...]
+    lines: tuple[BurnLine, ...]
     loads: int
     begin_s: float
     end_s: float
@@ -69,31 +75,31 @@ class WholeBurn:
     assumptions: Assumptions
 
 
-class Together:
-    """Several fires as one: the first of them that comes."""
+class CombinedFires:
+    """Several fires as one, by the first that reaches a place."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        """Times of ignition (n,) of points (n, 2) x, y in metres; infinity for never."""
         found: Floats = np.min([fire.ignition_time_s(points_m) for fire in self.fires], axis=0)
         return found
 
 
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
-    """Line after line from a situation until none is left, each begun ``pause_s`` after the last.
+    """All lines from a situation until none is left, each begun ``pause_s`` after the last.
 
-    Spheres or battery that do not suffice for the rest of a line are filled up first, if they are
-    not full: a line is not left half dropped for a reload that has to come anyway. A reload is the
-    way home at the safe height, ``reload_s``, and a start from the ground at home.
+    If spheres or battery are not enough for the rest of a line and not full, they are reloaded
+    first, so that no line is interrupted by a reload that is due anyway. A reload is a return home
+    at the safe height, ``reload_s``, and a start from the ground at home.
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))
-    lines: list[FlownLine] = []
+    lines: list[BurnLine] = []
     load, resting = 1, 0
     fresh = now.spheres >= settings.spheres and now.battery_s >= settings.battery_s
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         plan = next_line(now, settings)
         short = plan.why in ("spheres", "battery") if isinstance(plan, NoPlan) else bool(plan.ended)
         if short and not fresh:
@@ -105,12 +111,12 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
                 now, resting = replace(now, at_s=now.at_s + REST_S), resting + 1
                 continue
             break
-        lines.append(FlownLine(len(lines) + 1, load, plan))
+        lines.append(BurnLine(len(lines) + 1, load, plan))
         delay_s = plan.begin_s + settings.ignition_delay_s
         lit = np.concatenate([lit, plan.drops + np.array([0.0, 0.0, delay_s])])
-        now, fresh = _after(now, plan, Together([base, now.lights(lit)]), pause_s), False
+        now, fresh = _after(now, plan, CombinedFires([base, now.lights(lit)]), pause_s), False
     else:
-        plan = NoPlan("complete", f"stopped after {MOST_ROUNDS} lines and reloads")
+        plan = NoPlan("complete", f"stopped after {MAX_ROUNDS} lines and reloads")
     home_s = _way_home_s(now, settings)
     return WholeBurn(
         lines=tuple(lines),
@@ -143,8 +149,8 @@ def _after(now: Situation, plan: LinePlan, fire: Simulation, pause_s: float) -> 
 def _way_home_s(now: Situation, settings: BurnSection) -> float:
     if now.height_m <= 0.0 and (now.x_m, now.y_m) == now.home_m:
         return 0.0
-    here = Place(now.x_m, now.y_m, now.height_m, now.at_s)
-    air = air_of(now, settings)
+    here = FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s)
+    air = constraints_of(now, settings)
     above = air.straight_up(here)[-1]
     home_s = air.home_s(above)
     return above.at_s - here.at_s + (home_s if math.isfinite(home_s) else 0.0)

@@ -1,8 +1,8 @@
-"""One UAV of the formation: what it knows, where its virtual agent goes, what it means to fly.
+"""One UAV of the formation: its maps, its virtual agent, and the orbit it intends to fly.
 
-Every UAV runs one of these on what it sees and hears itself. ``step`` is called at each of its
-positions; what comes out is an ``Intention``: an orbit and an airspeed. Whoever flies it (the ideal
-world's kinematics, an autopilot's own orbit command, a loiter item) keeps to that.
+Every UAV runs one of these on its own camera and on the messages it receives. ``step`` is called at
+each of its positions and returns an ``Intention``: an orbit and an airspeed, to be flown by the
+ideal world's kinematics, an autopilot's own orbit command, or a loiter item.
 """
 
 import math
@@ -12,16 +12,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation.coverage import Mover
-from mission_service.guidance.formation.fire_maps import AgentMaps
-from mission_service.guidance.formation.forces import tie_rad
-from mission_service.guidance.formation.grid import Grid
-from mission_service.guidance.formation.intent import Choice, Flying, Orbit, choose, rules
-from mission_service.guidance.formation.peers import GOAL_X, GOAL_Y, Peers, key_of
-from mission_service.guidance.formation.phase import airspeed_in_phase_m_s, is_on_orbit
+from mission_service.guidance.formation.agent_maps import AgentMaps
+from mission_service.guidance.formation.coverage import AgentMover
+from mission_service.guidance.formation.intent_avoidance import (
+    AdoptedOrbit,
+    IntendedOrbit,
+    OwnMotion,
+    avoidance_rules,
+    choose_orbit,
+)
+from mission_service.guidance.formation.lost_peers import LostPeers
+from mission_service.guidance.formation.map_grid import MapGrid
+from mission_service.guidance.formation.orbit_phase_kernels import (
+    airspeed_in_phase_m_s,
+    is_on_orbit,
+)
+from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, PeerTable, priority_key
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import SharedMap
-from mission_service.guidance.formation.silent import Silent
+from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 from mission_service.peer_messages import AnyMessage, Leaving, State
 
 Floats = NDArray[np.float64]
@@ -30,16 +39,16 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-NEWS_M = 20.0  # another orbit than was told is told at once, and so is another goal
+RESEND_M = 20.0  # an orbit this far from the one sent is sent at once, as is any other goal
 LONGEST_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
-COOL_FOR_S = 20.0  # it stays up for so long after it was hot
+COOL_FOR_S = 20.0  # after heat it stays at the higher altitude for so long
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
-    """What a UAV knows of itself; velocities over the ground, and the wind as it blows towards."""
+class OwnState:
+    """A UAV's own state; velocities over the ground, the wind towards x (east), y (north)."""
 
     at_us: int
     x_m: float
@@ -55,7 +64,7 @@ class Own:
 
 @dataclass(frozen=True, slots=True)
 class Intention:
-    """What a UAV means to fly: an orbit, signed as in MAVLink, and an airspeed.
+    """The orbit (radius signed as in MAVLink) and the airspeed that a UAV intends to fly.
 
     ``climb_m`` is how far above its normal altitude, to get away from heat; ``settled``: the UAV
     has been on that orbit for a while. On the way home there is no virtual agent: not a number.
@@ -69,31 +78,31 @@ class Intention:
     settled: bool
     agent_x_m: float
     agent_y_m: float
-    in_conflict: bool = False  # another orbit was wanted, but somebody is in its way
+    in_conflict: bool = False  # the orbit wanted is not flown: another UAV is in its way
 
 
 class Agent:
-    """See the module. ``name`` decides who goes first where two are in each other's way."""
+    """See the module. ``name`` gives the priority where two are in each other's way."""
 
     def __init__(
         self,
         name: str,
         settings: Settings,
-        grid: Grid,
+        grid: MapGrid,
         fire: Cells,
         at_us: int,
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """``fire`` is what the ground base shares before the mission: cells that burn at ``at_us``.
+        """``fire`` is shared by the ground base before the mission: cells that burn at ``at_us``.
 
         Raises MissionServiceError for cells that are not on the grid.
         """
         self.name = name
         self.settings = settings
         self.grid = grid
-        self.peers = Peers()
-        self._silent = Silent()
+        self.peers = PeerTable()
+        self._lost_peers = LostPeers()
         self.map = SharedMap(name, grid.shape)
         self.maps = AgentMaps(
             grid.shape,
@@ -105,11 +114,11 @@ class Agent:
         self.avoidance = avoidance
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
-        self.home_m: tuple[float, float] | None = None  # where it is on its way to
-        self._mover = Mover(settings, grid, tie_rad(key_of(name)))
-        self._rules = rules(settings)
-        self._key = key_of(name)
-        self._choice: Choice | None = None
+        self.home_m: tuple[float, float] | None = None  # set while it flies home
+        self._mover = AgentMover(settings, grid, tie_rad(priority_key(name)))
+        self._rules = avoidance_rules(settings)
+        self._key = priority_key(name)
+        self._choice: AdoptedOrbit | None = None
         self._settled_m = (math.inf, math.inf)
         self._settled_at_us = at_us
         self._stepped_at_us = at_us
@@ -117,68 +126,68 @@ class Agent:
         self._step_s = 0.0
         self._cool_at_us = at_us
         self._climb_m = 0.0
-        self._told_orbit_m = (math.inf, math.inf)
-        self._told_goal_m: tuple[float, float] | None = None
-        self._to_say: list[AnyMessage] = []
-        self.map.start(fire, at_us)
+        self._sent_orbit_m = (math.inf, math.inf)
+        self._sent_goal_m: tuple[float, float] | None = None
+        self._outbox: list[AnyMessage] = []
+        self.map.set_initial(fire, at_us)
         self.maps.set(fire, NO_CELLS)
 
-    # What comes in ----------------------------------------------------------------------------
+    # Inputs -----------------------------------------------------------------------------------
 
-    def hear(self, message: AnyMessage) -> None:
-        """Take in what another UAV has said."""
+    def on_message(self, message: AnyMessage) -> None:
+        """Apply a message of another UAV."""
         match message:
             case State():
-                self.peers.hear(message)
-                self._silent.heard(message)
+                self.peers.update(message)
+                self._lost_peers.update(message)
             case Leaving():
-                self.peers.forget(message.sender)
-                self._silent.left(message.sender)
+                self.peers.remove(message.sender)
+                self._lost_peers.remove(message.sender)
             case _:
-                self.maps.set(*self.map.hear(message))
+                self.maps.set(*self.map.on_message(message))
 
-    def see(self, burning: Cells, unburned: Cells, at_us: int) -> None:
-        """Take in what the camera saw: cells that burn, and cells that do not."""
-        self.maps.set(*self.map.see(burning, unburned, at_us))
+    def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
+        """Apply a camera view: numbers of cells that burn, and of cells that do not."""
+        self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
-    # What comes out ---------------------------------------------------------------------------
+    # Outputs ----------------------------------------------------------------------------------
 
-    def step(self, own: Own) -> Intention:
-        """Where the UAV is now; returns what it means to fly from here on."""
+    def step(self, own: OwnState) -> Intention:
+        """Advance to the UAV's state now; returns what it intends to fly from here on."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
-        for state in self._silent.states(own.at_us):
-            self.peers.hear(state)
+        for state in self._lost_peers.states(own.at_us):
+            self.peers.update(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
             self._move_agent(own, peers)
         return self._intend(own, peers)
 
     def messages(self, at_us: int) -> list[AnyMessage]:
-        """What is to be said now."""
-        said, self._to_say = self._to_say, []
-        return [*said, *self.map.messages(at_us)]
+        """The messages to send now."""
+        outbox, self._outbox = self._outbox, []
+        return [*outbox, *self.map.messages(at_us)]
 
     def leave(self, at_us: int, why: str) -> None:
-        """The UAV is lost, or on the ground: the others need not mind it until it steps again."""
+        """Leave the formation (lost, or on the ground) until the next ``step``."""
         self.agent_m = self._choice = None
-        self._to_say.append(Leaving(at_us, self.name, why))
+        self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
-        """From now on it flies to a circle there, without a virtual agent, and minds the others."""
+        """Fly to a circle there from now on, without a virtual agent, still avoiding the others."""
         self.home_m, self.agent_m = (x_m, y_m), None
 
     def come_back(self) -> None:
-        """It has a virtual agent again, which begins where the UAV is."""
+        """End ``go_home``: the virtual agent starts again at the UAV."""
         self.home_m = None
 
     # The virtual agent ------------------------------------------------------------------------
 
-    def _move_agent(self, own: Own, peers: Floats) -> None:
-        """Eqs. 4 and 12: it begins ahead of its UAV, and moves as ``Mover`` has it."""
+    def _move_agent(self, own: OwnState, peers: Floats) -> None:
+        """Start the virtual agent ahead of its UAV, and move it (eqs. 4 and 12)."""
         settings = self.settings
         agent_m = self.agent_m
-        if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.begin_again_m:
+        if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.restart_m:
             yaw_rad = math.atan2(own.velocity_y_m_s, own.velocity_x_m_s)
             agent_m = (
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
@@ -196,15 +205,15 @@ class Agent:
         agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
         self.agent_m = agent_m
 
-    # What it flies ----------------------------------------------------------------------------
+    # Intention --------------------------------------------------------------------------------
 
-    def _intend(self, own: Own, peers: Floats) -> Intention:
+    def _intend(self, own: OwnState, peers: Floats) -> Intention:
         orbit, conflict = self._orbit(own, peers), False
         if self.avoidance == "intent":
             heading_rad = math.atan2(
                 own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
             )
-            flying = Flying(
+            flying = OwnMotion(
                 self._key,
                 own.x_m,
                 own.y_m,
@@ -214,8 +223,8 @@ class Agent:
                 own.wind_x_m_s,
                 own.wind_y_m_s,
             )
-            held = self._choice if self._choice is not None else Choice(orbit)
-            self._choice = choose(own.at_us / 1e6, flying, orbit, held, peers, self._rules)
+            held = self._choice if self._choice is not None else AdoptedOrbit(orbit)
+            self._choice = choose_orbit(own.at_us / 1e6, flying, orbit, held, peers, self._rules)
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
         intention = Intention(
             orbit.x_m,
@@ -227,11 +236,11 @@ class Agent:
             *(self.agent_m or NOWHERE),
             conflict,
         )
-        self._tell(own, intention)
+        self._queue_state(own, intention)
         return intention
 
-    def _orbit(self, own: Own, peers: Floats) -> Orbit:
-        """Round the virtual agent, in phase with the others (section 5.3.2)."""
+    def _orbit(self, own: OwnState, peers: Floats) -> IntendedOrbit:
+        """The orbit round the virtual agent, in phase with the others (section 5.3.2)."""
         airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
@@ -249,10 +258,10 @@ class Agent:
                 airframe.most_airspeed_m_s,
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
-        return Orbit(*centre_m, radius_m, airspeed_m_s)
+        return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
 
-    def _climb(self, own: Own) -> float:
-        """Away from heat, and down again when it has been cool for a while (section 5.3.3)."""
+    def _climb(self, own: OwnState) -> float:
+        """Metres to climb: up in heat, down again after ``COOL_FOR_S`` (section 5.3.3)."""
         step_m = self.settings.airframe.climb_m_s * self._step_s
         if own.hot:
             self._cool_at_us = own.at_us + round(COOL_FOR_S * 1e6)
@@ -262,7 +271,7 @@ class Agent:
             self._climb_m = max(self._climb_m - step_m, 0.0)
         return self._climb_m
 
-    def _is_settled(self, own: Own, orbit: Orbit) -> bool:
+    def _is_settled(self, own: OwnState, orbit: IntendedOrbit) -> bool:
         if math.dist(self._settled_m, (orbit.x_m, orbit.y_m)) > SETTLED_M:
             self._settled_m, self._settled_at_us = (orbit.x_m, orbit.y_m), own.at_us
         on_orbit = is_on_orbit(own.x_m, own.y_m, orbit.x_m, orbit.y_m, orbit.radius_m)
@@ -270,14 +279,14 @@ class Agent:
             self._settled_at_us = own.at_us
         return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
 
-    def _tell(self, own: Own, intention: Intention) -> None:
-        """Say the state when it is time, or at once when another orbit is meant."""
+    def _queue_state(self, own: OwnState, intention: Intention) -> None:
+        """Send the state when it is due, or at once when the orbit or the goal has changed."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
-        is_news = math.dist(self._told_orbit_m, orbit_m) > NEWS_M or goal_m != self._told_goal_m
-        if own.at_us < self._state_due_us and not is_news:
+        changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_m != self._sent_goal_m
+        if own.at_us < self._state_due_us and not changed:
             return
-        self._told_orbit_m, self._told_goal_m = orbit_m, goal_m
+        self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
         state = State(
             own.at_us,
@@ -297,4 +306,4 @@ class Agent:
             goal_m and goal_m[0],
             goal_m and goal_m[1],
         )
-        self._to_say.append(state)
+        self._outbox.append(state)

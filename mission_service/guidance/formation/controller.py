@@ -10,7 +10,6 @@ often.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +36,9 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.guidance.formation.agent import Intention
-from mission_service.guidance.formation.seats import Formation
-from mission_service.guidance.protocol import Decision
+from mission_service.guidance.formation.members import Formation
+from mission_service.guidance.protocol import Guidance
+from mission_service.missions.landing import Landing
 from mission_service.missions.orbits import (
     CLIMBS_FIRST_M,
     Circle,
@@ -55,7 +55,7 @@ from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import Here
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.state import Vehicle, say
-from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M
+from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, Spacing
 
 Floats = NDArray[np.float64]
 
@@ -113,15 +113,26 @@ def waits_at(
     return waiting_place(number, formation.centre_m, reach_m, home_m, apart_m)
 
 
-class FormationFlight:
+def mission_to_place(
+    scenario: Scenario, section: VehicleSection, landscape: Landscape
+) -> tuple[MissionItem, ...]:
+    """The first mission of a vehicle on the ground: to its place at the fire's edge."""
+    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
+    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
+    return first_mission(landscape, Circle(*place_m, -section.loiter_radius_m), section, landing)
+
+
+class FormationFlight(Guidance):
     """Leads each vehicle as its agent means it to fly."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, formation: Formation, missions: MissionsSent
+        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
     ) -> None:
         self.scenario = scenario
         self.landscape = landscape
-        self.formation = formation
+        self.formation = Formation(scenario, landscape)
+        self.planners = self.formation.members
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()
@@ -151,37 +162,39 @@ class FormationFlight:
                 led.loiter = led.sending
             case MissionHeld() if vehicle.read_back == "unknown":
                 led.loiter = None
-            case Telemetry() if self._by_hand(vehicle, led):
+            case Telemetry() if self._is_manual(vehicle, led):
                 assert vehicle.presence.here is not None
-                self.formation.watch(vehicle.name, vehicle.presence.here)
-            case LinkLost() if led.taken_over or self.formation.seats[vehicle.name].by_hand:
-                self.formation.lost(vehicle.name)
+                self.formation.track_manual(vehicle.name, vehicle.presence.here)
+            case LinkLost() if (
+                led.taken_over or self.formation.members[vehicle.name].manual_control
+            ):
+                self.formation.on_link_lost(vehicle.name)
             case LinkRestored():
                 led.circle = led.airspeed_m_s = None
             case VehicleRebooted():
-                self.formation.not_lost(vehicle.name, event.at_us)
+                self.formation.end_tracking(vehicle.name, event.at_us)
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 self._mode_changed(vehicle, led, event, at_s)
             case Contact():
                 self._in_contact = event.there
             case Heard():
-                commands += self._hear(vehicle, event.message)
+                commands += self._receive(vehicle, event.message)
             case _:
                 pass
-        return [*commands, *self.formation.said()]
+        return [*commands, *self.formation.outgoing()]
 
-    def _by_hand(self, vehicle: Vehicle, led: Led) -> bool:
+    def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
         """Whether it is in the air, and neither its agent nor its mission leads it."""
         presence = vehicle.presence
         if not presence.airborne or presence.here is None:
             return False
         return bool(vehicle.ordered) or presence.recalled or not led.leads
 
-    def _hear(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
+    def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
         """What is not of this map is left out, and told once of each who says it."""
         try:
-            self.formation.hear(vehicle.name, message)
+            self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
             if message.sender not in self._not_understood:
                 self._not_understood.add(message.sender)
@@ -204,8 +217,8 @@ class FormationFlight:
 
     def _mode_changed(self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float) -> None:
         if not event.armed:
-            self.formation.seats[vehicle.name].agent.come_back()
-            self.formation.not_lost(vehicle.name, event.at_us)
+            self.formation.members[vehicle.name].agent.come_back()
+            self.formation.end_tracking(vehicle.name, event.at_us)
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return
         if event.mode == led.mode and led.leads and event.mode != "mission":
@@ -221,20 +234,12 @@ class FormationFlight:
         if not led.leads or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
             return
         self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
-        self.formation.seats[vehicle.name].left(at_s)
-        self.formation.not_lost(vehicle.name, event.at_us)
-
-    def status(self) -> dict[str, Any]:
-        """Nothing to tell."""
-        return {"complete": True}
+        self.formation.members[vehicle.name].left(at_s)
+        self.formation.end_tracking(vehicle.name, event.at_us)
 
     def in_mission(self, name: str) -> bool:
         """Whether it flies the mission it has on board, by its mode."""
         return self._led[name].mode == "mission"
-
-    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        """Nothing."""
-        return []
 
     # Missions ---------------------------------------------------------------------------------
 
@@ -339,7 +344,7 @@ class FormationFlight:
             vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             led.goes_home_until_s = here.at_s + away_m / slow_m_s
-            self.formation.seats[vehicle.name].agent.go_home(*vehicle.home_m)
+            self.formation.members[vehicle.name].agent.go_home(*vehicle.home_m)
             words = "its time is nearly over: led home"
             return [say(vehicle, words), *self.lead(vehicle, here)]
         return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None

@@ -1,11 +1,11 @@
-"""Compiled parts of ``coverage``: what a circle adds to others', and ways around the fire.
+"""Compiled parts of ``coverage``: the weight that a circle adds, and paths around the fire.
 
 Lengths are in cells, places are float (row, col) of the grid with whole numbers at the centres of
 cells. Boxes are (top, bottom, left, right), the second and last excluded. The lattice has a node at
 each cell whose row and column are multiples of ``stride``; node (i, j) has the number
 ``i * wide + j``.
 
-Indices of inner loops are unsigned: signed ones are tried for being negative each time.
+Indices of inner loops are unsigned: signed ones cost a test for negative values each time.
 """
 
 import math
@@ -15,9 +15,12 @@ import numpy as np
 from firemodel.compiled import kernel
 
 NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
-RINGS = 8  # so far, in strides, the first free node is looked for
-PER_CELL = 4  # places looked at along a straight way
-NO_WAY = math.inf
+RINGS = 8  # radius, in strides, of the search for the first free node
+PER_CELL = 4  # samples along a straight line
+NO_PATH = math.inf
+# Others nearer than the spacing cost up to the first, nearer than CROWD_M up to the second more.
+NEIGHBOUR, CROWD = 800.0, 5000.0
+TOUCHING = 50.0  # what a place within the margin of the augmented fire costs
 
 
 @kernel
@@ -54,7 +57,7 @@ def wider(box, by, shape):  # type: ignore[no-untyped-def]
 
 @kernel
 def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums):  # type: ignore[no-untyped-def]
-    """Fill ``sums`` (rows, cols + 1) in the box with sums along rows of weights nobody covers."""
+    """Fill ``sums`` (rows, cols + 1) in the box with sums along rows of uncovered weights."""
     top, bottom, left, right = box
     for r in range(top, bottom):
         for c in range(left, right):
@@ -97,7 +100,7 @@ def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-
 
 @kernel
 def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, crowd):  # type: ignore[no-untyped-def]
-    """What it costs to be so near to others: up to ``neighbour`` each, ``crowd`` when too near."""
+    """Cost of the nearness of others: up to ``neighbour`` each, up to ``crowd`` more when close."""
     total = 0.0
     for k in range(others_row.size):
         away = math.hypot(row - others_row[k], col - others_col[k])
@@ -128,7 +131,7 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
 
 @kernel
 def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped-def]
-    """Whether the straight way between two places keeps out of the augmentation."""
+    """Whether the straight line between two places keeps out of the augmentation."""
     steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
     for k in range(steps + 1):
         share = k / max(steps, 1)
@@ -140,19 +143,19 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 
 
 @kernel
-def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):  # type: ignore[no-untyped-def]
-    """The way's length from (row, col) to each node in the box, ``NO_WAY`` where there is none.
+def find_paths(row, col, augmentation, box, stride, distances, previous, queue, queued):  # type: ignore[no-untyped-def]
+    """Fill ``distances`` from (row, col) to each node in the box, ``NO_PATH`` without a path.
 
-    ``before`` is the node before it on that way, -1 for the first. The first ones are the free
+    ``previous`` is the node before it on that path, -1 for the first. The first ones are the free
     nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
-    whether there are any. ``queue``, ``queued`` are room for an entry a node.
+    whether there are any. ``queue``, ``queued`` are work arrays with an entry for each node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
     j_left, j_end = (box[2] + stride - 1) // stride, (box[3] - 1) // stride + 1
     for i in range(i_top, i_end):
         for j in range(j_left, j_end):
-            ways[i * wide + j], queued[i * wide + j] = NO_WAY, False
+            distances[i * wide + j], queued[i * wide + j] = NO_PATH, False
     first, count = 0, 0
     inside = not is_free(math.floor(row + 0.5), math.floor(col + 0.5), augmentation, 0)
     i0, j0 = math.floor(row / stride), math.floor(col / stride)
@@ -164,7 +167,7 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
                     inside or is_clear(row, col, r, c, augmentation)
                 ):
                     node = i * wide + j
-                    ways[node], before[node] = math.hypot(r - row, c - col), -1
+                    distances[node], previous[node] = math.hypot(r - row, c - col), -1
                     queue[count], queued[node] = node, True
                     count += 1
         if count:
@@ -179,12 +182,12 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
         i, j = node // wide, node % wide
         for a in range(max(i - 1, i_top), min(i + 2, i_end)):
             for b in range(max(j - 1, j_left), min(j + 2, j_end)):
-                longer = ways[np.uint64(node)] + (stride if a == i or b == j else slant)
+                longer = distances[np.uint64(node)] + (stride if a == i or b == j else slant)
                 other = np.uint64(a * wide + b)
-                if longer < ways[other] - 1e-9 and is_clear(
+                if longer < distances[other] - 1e-9 and is_clear(
                     i * stride, j * stride, a * stride, b * stride, augmentation
                 ):
-                    ways[other], before[other] = longer, node
+                    distances[other], previous[other] = longer, node
                     if not queued[other]:
                         queue[np.uint64((first + count) % queue.size)] = other
                         queued[other] = True
@@ -193,32 +196,145 @@ def find_ways(row, col, augmentation, box, stride, ways, before, queue, queued):
 
 
 @kernel
-def node_next_to(row, col, stride, box, wide, ways):  # type: ignore[no-untyped-def]
-    """The node around a cell over which the way to it is shortest, -1 if there is none; the way."""
-    best, best_node = NO_WAY, -1
+def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
+    """The node next to a cell with the shortest path to it, -1 if there is none; its length."""
+    best, best_node = NO_PATH, -1
     for i in range(row // stride, row // stride + 2):
         for j in range(col // stride, col // stride + 2):
             r, c = i * stride, j * stride
             if box[0] <= r < box[1] and box[2] <= c < box[3]:
-                way = ways[i * wide + j] + math.hypot(r - row, c - col)
+                way = distances[i * wide + j] + math.hypot(r - row, c - col)
                 if way < best:
                     best, best_node = way, i * wide + j
     return best_node, best
 
 
 @kernel
-def first_leg(row, col, augmentation, box, stride, ways, before, found):  # type: ignore[no-untyped-def]
-    """Put into ``found[2:]`` how far one can go straight on the way to ``found[:2]``.
+def first_leg(row, col, augmentation, box, stride, distances, previous, found):  # type: ignore[no-untyped-def]
+    """Set ``found[2:]`` to the farthest node in sight on the path to ``found[:2]``.
 
-    Returns whether there is a way (``find_ways``).
+    Returns whether there is a path (``find_paths``).
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
-    node, _ = node_next_to(goal_row, goal_col, stride, box, wide, ways)
+    node, _ = node_next_to(goal_row, goal_col, stride, box, wide, distances)
     if node < 0:
         return False
     while True:
         found[2], found[3] = node // wide * stride, node % wide * stride
-        if before[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
+        if previous[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
             return True
-        node = before[node]
+        node = previous[node]
+
+
+@kernel
+def find_goal(  # type: ignore[no-untyped-def]
+    row,
+    col,
+    has_goal,
+    goal_row,
+    goal_col,
+    others_row,
+    others_col,
+    fire,
+    augmentation,
+    monitored,
+    area,
+    worth,
+    way_cost,
+    margin,
+    radius,
+    monitored_reach,
+    area_reach,
+    spacing,
+    crowd_at,
+    stride,
+    half_widths,
+    sums,
+    distances,
+    before,
+    queue,
+    queued,
+    found,
+):
+    """``coverage.next_goal`` in cells: fills ``found`` (4), goal and via; False for None."""
+    if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
+        return False
+    burning = extent(fire)
+    box = wider(burning, monitored_reach, fire.shape)
+    sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums)
+    scene = (
+        augmentation,
+        margin,
+        half_widths,
+        box,
+        sums,
+        others_row,
+        others_col,
+        spacing,
+        crowd_at,
+    )
+    # The present goal, unless the fire has come, and the best place near it.
+    found[0], found[1] = goal_row, goal_col
+    r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
+    threshold, best = -math.inf, -math.inf
+    if is_free(r, c, augmentation, 0):
+        threshold = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        near_row, near_col = climb(r, c, stride, area, scene)
+        way = math.hypot(near_row - row, near_col - col)
+        best = value(near_row, near_col, scene) - way_cost * way
+        if best > threshold:
+            found[0], found[1] = near_row, near_col
+    # The best node of the lattice, and uphill from there.
+    field = wider(burning, area_reach, fire.shape)
+    on_lattice, node_row, node_col = -math.inf, -1, -1
+    for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
+        for c in range((field[2] + stride - 1) // stride * stride, field[3], stride):
+            if area[r, c] != 0 and augmentation[r, c] == 0:
+                new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+                if new > on_lattice:
+                    on_lattice, node_row, node_col = new, r, c
+    if node_row >= 0:
+        r, c = climb(node_row, node_col, stride, area, scene)
+        new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        if new > max(best, threshold):
+            found[0], found[1] = r, c
+    elif threshold == -math.inf:
+        return False
+    found[2], found[3] = found[0], found[1]
+    if is_clear(row, col, found[0], found[1], augmentation):
+        return True
+    if not find_paths(row, col, augmentation, field, stride, distances, before, queue, queued):
+        return False
+    return first_leg(row, col, augmentation, field, stride, distances, before, found)
+
+
+@kernel
+def value(row, col, scene):  # type: ignore[no-untyped-def]
+    """The gain of a free cell to an agent."""
+    augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
+    gain = weight_within(row, col, half_widths, box, sums) - crowding(
+        row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
+    )
+    return gain if is_free(row, col, augmentation, margin) else gain - TOUCHING
+
+
+@kernel
+def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
+    """The best place near a cell, in the area: uphill with smaller and smaller steps."""
+    augmentation = scene[0]
+    best = value(row, col, scene)
+    while step > 1:
+        step = (step + 1) // 2
+        gained = True
+        while gained:
+            gained = False
+            for side in range(9):
+                r, c = row + step * (side // 3 - 1), col + step * (side % 3 - 1)
+                if is_free(r, c, augmentation, 0) and area[r, c] != 0:
+                    new = value(r, c, scene)
+                    if new > best + 1e-9:
+                        best, next_row, next_col, gained = new, r, c, True
+            if gained:
+                row, col = next_row, next_col
+    return row, col

@@ -65,7 +65,7 @@ class Settings:
     neighbourhood_m: float = 500.0  # d_n
     # ---
     range_m: float = 2000.0  # r_com: how far states are heard; fire updates reach all
-    begin_again_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
+    restart_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
     apart_by_height_m: float = NEVER_M  # altitudes that differ so much need no avoidance
     placement: Literal["coverage", "forces"] = "coverage"  # ``coverage.py``; the paper's forces
     camera: Camera = PAPER_CAMERA

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from mission_service.guidance.formation.agent import Agent, Avoidance, Own
-from mission_service.guidance.formation.grid import Grid
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.formation.agent import Agent, OwnState
+from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate
 
@@ -11,23 +13,24 @@ STEPS = 60
 STEP_US = 250_000
 
 
-def warm_up(avoidance: Avoidance) -> None:
+def warm_up(scenario: Scenario, landscape: Landscape) -> None:
     """Fly three agents for a moment over a small fire and have them lose what they say of it.
 
     So all that an agent does has been done once, and is compiled, or read from the disk. Columns of
     one row and of several are different to the compiler: each hears nobody first, then two.
     """
-    grid = Grid(64, 64, 10.0, 0.0, 640.0)
+    grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])
+    avoidance = scenario.formation.avoidance
     agents = [Agent(name, Settings(), grid, fire, 0, avoidance) for name in ("one", "two", "three")]
     for step in range(1, STEPS):
         at_us = step * STEP_US
         for number, agent in enumerate(agents):
             east_m = 100.0 + 200.0 * number
             seen = fire + step + 64 * number
-            agent.see(seen, seen + 128, at_us)
-            agent.step(Own(at_us, east_m, 20.0 + 4.0 * step, 300.0, 0.0, 17.0, 17.0, 1.0, 1.0))
+            agent.add_view(seen, seen + 128, at_us)
+            agent.step(OwnState(at_us, east_m, 20.0 + 4.0 * step, 300.0, 0.0, 17.0, 17.0, 1.0, 1.0))
             for message in agent.messages(at_us):
                 for other in agents:
                     if other is not agent and not isinstance(message, FireUpdate):
-                        other.hear(message)
+                        other.on_message(message)

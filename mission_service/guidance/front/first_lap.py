@@ -1,4 +1,4 @@
-"""The first lap around a fire: when it is over, and the map made anew around the fire's centre."""
+"""The first lap around a fire: its end, and the map rebuilt around the fire's centre."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,45 +7,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.guidance.fire_map import BEARINGS, FireMap
-from mission_service.guidance.front.following import centre_of_area, turned_deg
+from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
-MAX_SEEN = 10_000  # windows of a lap that are remembered: 20 minutes of four cameras, some 4 MB
+MAX_SEEN = 10_000  # windows kept of a lap: 20 minutes of four cameras, some 4 MB
 
-Seen = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
+CameraView = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
 
 
 @dataclass(slots=True)
-class Lap:
-    """How far a vehicle has come around the map's centre, in its flying direction."""
+class LapProgress:
+    """Degrees that a vehicle has flown around the map's centre, in its flying direction."""
 
-    bearing_deg: float | None = None  # where it was last
+    bearing_deg: float | None = None  # of the vehicle, at the last update
     swept_deg: float = 0.0
 
-    def reach(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
-        """The vehicle is at this bearing now; true once the degrees that count are a whole lap."""
+    def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
+        """Set the vehicle's bearing; ``counts`` adds to the lap. True once a whole lap is flown."""
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
         self.bearing_deg = bearing_deg
         return counts and self.swept_deg >= ROUND_AGAIN_DEG
 
 
-def remember(seen: list[Seen], one: Seen) -> None:
-    """Add an observation of a lap; of ``MAX_SEEN`` every second one is dropped first."""
+def append_view(seen: list[CameraView], one: CameraView) -> None:
+    """Add a view to those of a lap; at ``MAX_SEEN`` every second one is dropped first."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)
 
 
-def recentred(fire_map: FireMap, seen: Sequence[Seen]) -> tuple[FireMap, NDArray[np.bool_]]:
-    """A map of what was seen around the fire's centre: for an ignition that is not known.
+def recentred_map(
+    fire_map: FireMap, seen: Sequence[CameraView]
+) -> tuple[FireMap, NDArray[np.bool_]]:
+    """A map of the same views around the fire's centre of area, for an unknown ignition.
 
-    Also returns the bearings (360) that were in view last.
+    Also returns the bearings (360) that were in the last view.
     """
     outer, _ = fire_map.filled_outer()
     centre = centre_of_area(outer, fire_map.centre_row, fire_map.centre_col)
-    anew = FireMap(fire_map.shape, *centre, fire_map.ignited_at_s, fire_map.baseline_s)
+    renewed = FireMap(fire_map.shape, *centre, fire_map.ignited_at_s, fire_map.baseline_s)
     in_view = np.zeros(BEARINGS, dtype=bool)
     for window in seen:
-        in_view = anew.observe(*window)
-    return anew, in_view
+        in_view = renewed.observe(*window)
+    return renewed, in_view

@@ -1,10 +1,9 @@
-"""Which way round: sweeps and circles of one vehicle flown ahead on a coarse ring.
+"""Roll-outs of one vehicle's sweeps and circles on a coarse ring, to choose its direction.
 
-A plan is a row of legs, each so many nodes long, with a turn between them; the last has no end.
-The cost is the integral over time, and the sum over the ring, of the cube of the expected error:
-near to the largest error, and it still tells plans with the same largest one apart. The error of a
-node grows steadily while nobody looks, so only visits have to be followed: a roll-out costs nodes
-plus steps.
+A plan is a sequence of legs with a turn between them, in nodes of the ring; the last leg has no
+end. The cost is the integral over time, and the sum over the ring, of the cube of the expected
+error: close to the largest error, but different for plans that have the same largest one. The error
+of a node out of view grows linearly, so a roll-out only follows visits: it costs nodes plus steps.
 
 Lengths in cells, times in seconds, speeds in cells per second.
 """
@@ -22,11 +21,11 @@ Integers = NDArray[np.int64]
 
 NODES = 72
 NEVER = 1 << 40
-LEAST_GROWTH_CELLS_S = 1e-6
+MIN_GROWTH_CELLS_S = 1e-6
 SLOWEST = 0.2  # over the ground, as a share of the airspeed
 
 
-class Ring(NamedTuple):
+class CoarseRing(NamedTuple):
     """The front as nodes of the same length, clockwise; arrays (n)."""
 
     ahead_s: Floats  # to fly from each node to the next one
@@ -37,7 +36,7 @@ class Ring(NamedTuple):
 
 
 def _plans() -> Integers:
-    """Legs (m, 3): on round; out, back and on round; out, back, and out again for good."""
+    """Legs (m, 3): on; out, back and on; out and back."""
     legs = [(NEVER, 0, 0)]
     for out in (2, 5, 9, 14, 20, 28, 38, 50, 62):
         legs += [(out, back, NEVER) for back in (4, 8, 14, 22, 32, 44, 58)]
@@ -49,19 +48,19 @@ PLANS = _plans()
 
 
 @compiled
-def ring_on(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
+def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
     """Divide a front (cells on 360 bearings) into the nodes of a ring, which is filled in.
 
     ``error``, ``growth`` and ``left`` are by bearing; a node has the largest of its own. ``wind``
     blows towards (north, east) and carries a vehicle that flies ``speed`` through the air.
-    ``node_of`` (360) tells the node of each bearing. Returns the length of the front.
+    ``node_of`` (360) is filled with the node of each bearing. Returns the length of the front.
     """
     count, nodes = front.size, ring.error.size
     length = 0.0
     for turn in range(2):
         along = 0.0
         if turn == 1:
-            ring.error[:], ring.growth[:], ring.left[:] = 0.0, LEAST_GROWTH_CELLS_S, 0.0
+            ring.error[:], ring.growth[:], ring.left[:] = 0.0, MIN_GROWTH_CELLS_S, 0.0
             ring.ahead_s[:], ring.back_s[:] = 0.0, 0.0
         for i in range(count):
             k = (i + 1) % count

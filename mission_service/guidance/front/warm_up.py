@@ -8,7 +8,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import Observed
 from mission_service.fire.setup import fire_position
-from mission_service.guidance.registry import planners_of
+from mission_service.guidance.front.way import Planners
 from mission_service.missions.separation import Track, heights_below
 
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
@@ -17,7 +17,7 @@ STEP_S = 20.0
 ENOUGH = 2  # vehicles: more do nothing that two do not
 
 
-def warm_up(scenario: Scenario, landscape: Landscape) -> None:
+def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> None:
     """Have planners of their own fly more than a lap around a round fire where theirs is.
 
     So all that a rule does has been done once, and is compiled, or read from the disk.

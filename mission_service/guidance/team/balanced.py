@@ -1,65 +1,66 @@
-"""A team that shares the front so that its mean cost is least (``team.balanced``).
+"""A team that shares the front at the smallest mean cost (``team.balanced``).
 
-Two questions, answered apart. How should the team share the ring for good: all lap, all lap and
-pass a hot arc three times, or some sweep it (``patterns``)? And what does each vehicle do next, so
-that the team gets there with even gaps and serves what has waited (``lookahead``)? Both are
-answered by flying plans ahead; each decision tries a few and keeps what it has unless another is
-better by a margin, so that it costs the same however long the search goes on.
+Two searches, both by roll-outs. ``patterns``: how the team shares the ring in the long run (all
+lap; all lap and pass a hot arc three times; some sweep the arc). ``lookahead``: what each vehicle
+does next, so that the team gets to that pattern with even gaps and visits what has waited. Each
+decision tries a few plans and keeps the present one unless another is better by a margin, so its
+cost does not grow with the duration of the search.
 """
 
 from typing import Literal
 
 import numpy as np
 
-from mission_service.guidance.front.lookahead import (
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.front.planners import turn_back_s
+from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
     Floats,
+    Horizon,
     Integers,
     Moves,
     Nodes,
-    Span,
-    Start,
+    StartState,
     improve,
-    room_for,
+    workspace_for,
 )
-from mission_service.guidance.front.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
-from mission_service.guidance.team.ring import Fleet, Ring
+from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
-NODES = 256  # at most, of the ring as plans are flown ahead on it
-BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to go back and come again
-SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is put off
-# How far plans are flown ahead, in laps (periods, with an arc), and how often one lap more counts
-# beside that: the more it counts, the sooner gaps are evened out, until plans promise later gains
-# for ever and never bring them.
+NODES = 256  # at most, of the ring for roll-outs
+BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before going on again
+SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
+# Length of the first part of a roll-out, in laps (periods, with an arc), and the weight of one more
+# lap after it: a larger weight evens gaps out sooner, but too large a one defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-MARGIN = 1e-3  # of the cost: a plan is changed for no less
-PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: the more, the harder a growing front makes even gaps
-SEARCH_S = 2.0  # a vehicle's plan is looked at again after so long
+MARGIN = 1e-3  # share of the cost that another plan must save
+PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: on a growing front many keep even gaps less easily
+SEARCH_S = 2.0  # between two searches for a vehicle's plan
 
 Importance = Literal["linear", "exponential"]
 
 
 class Balanced:
-    """A ``TeamRule``: any number of vehicles, which may come and go."""
+    """A ``TeamRule`` for any number of vehicles, which may join and leave."""
 
     def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
-        """``turn_s`` is what turning back costs a vehicle."""
+        """``turn_s`` is the time that turning back costs a vehicle."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
         self._moves = Moves(
             np.array(BACKS), np.array(SHIFTS), np.empty(LEGS, np.int64), np.empty(LEGS, np.int64)
         )
-        self._ring: Ring | None = None
+        self._ring: FrontRing | None = None
         self._pattern = LAPS
         self._pattern_cost = np.inf
         self._untried: list[Pattern] = []
         self._next_pattern_s = -np.inf
-        self.flown_ahead = 0
+        self.rollouts = 0
         self.turns = 0
-        # The vehicles (k): who; cells to go before each turn; the next cell, when due, which way.
-        self._seats: list[int] = []
+        # The vehicles (k): members; cells to fly before each turn; next cell, its time, direction.
+        self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
         self._due_s = np.empty(0)
@@ -67,13 +68,13 @@ class Balanced:
         self._searched_s = np.empty(0)
         self._sweeps = np.empty(0, np.bool_)
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
-        """Clockwise from here? A few plans are tried for this vehicle, the others' given."""
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
+        """Whether to fly on clockwise. Tries a few plans of this vehicle, the others' fixed."""
         if ring is not self._ring:
-            self._look(ring, fleet)
-        seats: list[int] = fleet.seat.tolist()
-        if seats != self._seats:
-            self._team_is(seats, fleet, at_s)
+            self._update_ring(ring, fleet)
+        members: list[int] = fleet.member.tolist()
+        if members != self._members:
+            self._set_team(members, fleet, at_s)
         if at_s >= self._next_pattern_s:
             self._next_pattern_s = at_s + SEARCH_S
             self._try_patterns(fleet)
@@ -83,34 +84,34 @@ class Balanced:
             self._improve(fleet, which, at_s)
         return self._advance(which, ring, fleet, at_s)
 
-    def regrown(self, place_of: Integers) -> None:
-        """The cells where turns are planned have moved along with the front."""
+    def on_ring_changed(self, place_of: Integers) -> None:
+        """Move the cells at which turns are planned along with the front."""
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
         onward = np.concatenate([[0], np.cumsum(np.diff(place_of) % size)]) + place_of[0]
-        for who, heading in enumerate(self._heading.tolist()):
-            place = int(self._goal[who])
+        for vehicle, heading in enumerate(self._heading.tolist()):
+            place = int(self._goal[vehicle])
             before = int(onward[place])
-            self._goal[who] = before % size
-            for leg, length in enumerate(self._legs[who].tolist()):
+            self._goal[vehicle] = before % size
+            for leg, length in enumerate(self._legs[vehicle].tolist()):
                 if length >= NEVER:
                     break
                 place += heading * length
                 after = int(onward[place % old]) + size * (place // old)
-                self._legs[who, leg] = abs(after - before)
+                self._legs[vehicle, leg] = abs(after - before)
                 before, heading = after, -heading
 
     @property
     def nodes(self) -> int:
-        """How many the ring has on which plans are flown ahead."""
+        """Number of nodes of the ring for roll-outs."""
         return int(self._step_m.size)
 
-    def expected(self, seat: int) -> int:
-        """The cell to which a vehicle is thought to come next."""
-        return int(self._goal[self._seats.index(seat)])
+    def next_cell(self, member: int) -> int:
+        """The cell that a vehicle is expected to reach next."""
+        return int(self._goal[self._members.index(member)])
 
-    def _look(self, ring: Ring, fleet: Fleet) -> None:
-        """Everything about a ring that does not change from decision to decision."""
+    def _update_ring(self, ring: FrontRing, fleet: ActiveFleet) -> None:
+        """Compute all that stays the same between decisions on one ring."""
         self._ring = ring
         size = ring.step_m.size
         self._stride = -(-size // NODES)
@@ -119,7 +120,7 @@ class Balanced:
         self._step_m = np.add.reduceat(ring.step_m, self._edges)
         rates = np.add.reduceat(ring.spread_rate_m_s, self._edges)
         self._scale, self._power = self._integral(rates, self._counts)
-        self._room = room_for(self._step_m.size, fleet.seat.size)
+        self._room = workspace_for(self._step_m.size, fleet.member.size)
         self._lap_s = float(ring.step_m.sum() / fleet.speed_m_s.mean())
         parts_m, rates = _in_parts(ring.step_m), _in_parts(ring.spread_rate_m_s)
         scale, power = self._integral(rates, np.full(PARTS, size / PARTS))
@@ -133,24 +134,28 @@ class Balanced:
         power = 2.0 + rate_sum / cells
         return cells / power, power
 
-    def _settled(self, pattern: Pattern, fleet: Fleet) -> float:
-        self.flown_ahead += 1
+    def _settled(self, pattern: Pattern, fleet: ActiveFleet) -> float:
+        self.rollouts += 1
         return settled_cost(
-            pattern, self._parts, fleet.speed_m_s, self._turn_s, room_for(PARTS, fleet.seat.size)
+            pattern,
+            self._parts,
+            fleet.speed_m_s,
+            self._turn_s,
+            workspace_for(PARTS, fleet.member.size),
         )
 
-    def _try_patterns(self, fleet: Fleet) -> None:
-        """Try one more pattern; all vehicles are planned anew if it is better."""
+    def _try_patterns(self, fleet: ActiveFleet) -> None:
+        """Try one more pattern; if it is better, plan all vehicles again."""
         if not self._untried:
-            self._untried = [LAPS, *candidates(fleet.seat.size)][::-1]
+            self._untried = [LAPS, *candidates(fleet.member.size)][::-1]
         pattern = self._untried.pop()
         cost = self._settled(pattern, fleet)
-        margin = PATTERN_MARGIN * (fleet.seat.size - 1) ** 2
+        margin = PATTERN_MARGIN * (fleet.member.size - 1) ** 2
         if cost < (1.0 - margin) * self._pattern_cost:
             self._pattern, self._pattern_cost = pattern, cost
             self._plan_all()
         elif self._pattern.length:
-            # The arc follows the front: vehicles take it over as they turn.
+            # The arc follows the front: a vehicle uses the new one from its next turn on.
             first, length, sweeping = self._pattern
             for move, grow in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 pattern = Pattern((first + move) % PARTS, max(length + grow, 1), sweeping)
@@ -163,30 +168,30 @@ class Balanced:
                 self._plan_all()
 
     def _plan_all(self) -> None:
-        """Every vehicle flies the pattern from its next cell on."""
+        """Set the plans of all vehicles to the pattern, each from its next cell on."""
         size = self._size()
         middle = (2 * self._pattern.first + self._pattern.length) * size // (2 * PARTS)
         away = (self._goal - middle) % size
         nearest = np.argsort(np.minimum(away, size - away), kind="stable")
-        self._sweeps = np.zeros(len(self._seats), np.bool_)
+        self._sweeps = np.zeros(len(self._members), np.bool_)
         self._sweeps[nearest[: self._pattern.sweeping]] = True
-        for who in range(len(self._seats)):
-            self._plan(who)
+        for vehicle in range(len(self._members)):
+            self._plan(vehicle)
 
     def _size(self) -> int:
         assert self._ring is not None
         return self._ring.step_m.size
 
-    def _plan(self, who: int, came_back: bool = False) -> None:
-        """This one flies the pattern from its next cell on; ``came_back``: its third pass."""
+    def _plan(self, vehicle: int, came_back: bool = False) -> None:
+        """Set one plan to the pattern from the next cell on; ``came_back``: on the third pass."""
         size = self._size()
         first = self._pattern.first * size // PARTS
         length = self._pattern.length * size // PARTS
-        sweeps = bool(self._sweeps[who])
+        sweeps = bool(self._sweeps[vehicle])
         serves = length > 0 and sweeps == (self._pattern.sweeping > 0)
         legs = []
-        place = int(self._goal[who])
-        if self._heading[who] < 0:
+        place = int(self._goal[vehicle])
+        if self._heading[vehicle] < 0:
             back = (place - first) % size
             turn = back if serves and back <= 2 * length else 0
             legs.append(turn)
@@ -199,34 +204,34 @@ class Balanced:
         while len(legs) < LEGS:
             legs.append(pair[0])
             pair = pair[::-1]
-        self._legs[who] = legs
+        self._legs[vehicle] = legs
 
-    def _team_is(self, seats: list[int], fleet: Fleet, at_s: float) -> None:
-        """Somebody has come or gone: all lap until a better pattern is found."""
-        before = {seat: place for place, seat in enumerate(self._seats)}
+    def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
+        """A vehicle has joined or left: all lap until a better pattern is found."""
+        before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
-        self._seats = seats
-        self._legs = np.full((len(seats), LEGS), NEVER)
+        self._members = members
+        self._legs = np.full((len(members), LEGS), NEVER)
         self._goal = fleet.cell.copy()
-        self._due_s = np.full(len(seats), at_s)
+        self._due_s = np.full(len(members), at_s)
         self._heading = np.where(fleet.clockwise, 1, -1)
-        self._searched_s = np.full(len(seats), -np.inf)
-        for place, seat in enumerate(seats):
-            if seat in before:
+        self._searched_s = np.full(len(members), -np.inf)
+        for place, member in enumerate(members):
+            if member in before:
                 for now, then in zip(
                     (self._legs, self._goal, self._due_s, self._heading), old, strict=True
                 ):
-                    now[place] = then[before[seat]]
-        self._room = room_for(self._step_m.size, len(seats))
+                    now[place] = then[before[member]]
+        self._room = workspace_for(self._step_m.size, len(members))
         self._pattern, self._untried = LAPS, []
         self._pattern_cost = self._settled(LAPS, fleet)
         self._plan_all()
 
-    def _improve(self, fleet: Fleet, which: int, at_s: float) -> None:
+    def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
         """Try other plans for one vehicle."""
         assert self._ring is not None
         silent = self._due_s < at_s - SEARCH_S
-        if silent.any():  # they are where the fleet reckons them
+        if silent.any():  # they are where dead reckoning has them
             self._goal[silent] = fleet.cell[silent]
             self._due_s[silent] = at_s
             self._heading[silent] = np.where(fleet.clockwise[silent], 1, -1)
@@ -234,7 +239,7 @@ class Balanced:
         if self._stride > 1:
             visited_s = np.add.reduceat(visited_s, self._edges) / self._counts
         nodes = Nodes(self._step_m, self._scale, self._power, self._linear, visited_s, self._stride)
-        start = Start(
+        start = StartState(
             self._goal // self._stride,
             np.maximum(self._due_s - at_s, 0.0),
             self._heading,
@@ -246,16 +251,14 @@ class Balanced:
             ahead, late_times = AHEAD_ON_ARCS, LATE_ON_ARCS
         if self._pattern.sweeping == 0:
             period_s *= 1.0 + 2.0 * self._pattern.length / PARTS
-        span = Span((1.0 + ahead) * period_s, ahead * period_s, late_times)
+        span = Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
         moves = self._moves
         if self._pattern.length:
             moves = moves._replace(backs=moves.backs[:0])
-        self.flown_ahead += improve(
-            nodes, start, self._legs, span, self._room, which, moves, MARGIN
-        )
+        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, MARGIN)
 
-    def _advance(self, which: int, ring: Ring, fleet: Fleet, at_s: float) -> bool:
-        """Turn if it is time to, and go on by one cell."""
+    def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
+        """Advance the plan by one cell, with a turn if it is due."""
         legs, heading = self._legs[which], self._heading[which]
         while legs[0] == 0:
             self._heading[which] *= -1
@@ -282,3 +285,9 @@ def _in_parts(of_cells: Floats) -> Floats:
     at = np.linspace(0.0, of_cells.size, PARTS + 1)
     parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))
     return parts
+
+
+def balanced(scenario: Scenario) -> Balanced:
+    """The rule for the vehicles of a scenario."""
+    turns_s = [turn_back_s(section) for section in scenario.vehicles]
+    return Balanced(scenario.planner.importance, sum(turns_s) / len(turns_s))

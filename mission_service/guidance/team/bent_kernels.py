@@ -22,7 +22,7 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
     The one on which a vehicle is has none (4.1.3). Of equals the nearest in cells, clockwise first.
     """
     n = rate.size
-    best, most = here, -1.0
+    best, best_worth = here, -1.0
     for cell in range(begin, end):
         if cell == here:
             continue
@@ -31,8 +31,8 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
         nearer = abs(cell - here) < abs(best - here) or (
             abs(cell - here) == abs(best - here) and cell > best
         )
-        if importance > most or (importance == most and nearer):
-            best, most = cell, importance
+        if importance > best_worth or (importance == best_worth and nearer):
+            best, best_worth = cell, importance
     return best
 
 
@@ -45,7 +45,7 @@ def best_path(  # type: ignore[no-untyped-def]
     ``target`` wins over equals, then the nearer end, clockwise first.
     """
     n = rate.size
-    best, most, before = here, -1.0, -1.0
+    best, best_worth, before = here, -1.0, -1.0
     for way in (1, -1):
         total, reached_s, cells = 0.0, at_s, 0
         cell = here
@@ -56,11 +56,11 @@ def best_path(  # type: ignore[no-untyped-def]
             place = cell % n
             total += _importance(rate[place], reached_s - visited[place], exponential)
             mean = total / cells
-            if mean > most or (mean == most and abs(cell - here) < abs(best - here)):
-                best, most = cell, mean
+            if mean > best_worth or (mean == best_worth and abs(cell - here) < abs(best - here)):
+                best, best_worth = cell, mean
             if cell == target:
                 before = mean
-    return target if before == most else best
+    return target if before == best_worth else best
 
 
 @compiled
@@ -76,26 +76,26 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 
 @compiled
 def chunk(  # type: ignore[no-untyped-def]
-    rate, visited, first, way, most_cells, offer, at_s, exponential
+    rate, visited, first, way, max_cells, offer, at_s, exponential
 ):
-    """How many cells from ``first`` inwards (way 1 or -1) are worth no more than an offer."""
+    """Number of cells from ``first`` inwards (way 1 or -1) that are worth no more than an offer."""
     n = rate.size
     worth = 0.0
-    for count in range(most_cells):
+    for count in range(max_cells):
         place = (first + way * count) % n
         worth += _importance(rate[place], at_s - visited[place], exponential)
         if worth > offer:
             return count
-    return most_cells
+    return max_cells
 
 
 @compiled
 def most_centred(  # type: ignore[no-untyped-def]
-    rate, visited, begin, end, most_first, most_last, at_s, exponential
+    rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
-    """How many cells to give at either end so that the centre of importance is most central.
+    """Cells to give at either end so that the centre of importance is most central.
 
-    Returns (at the beginning, at the end), at most ``most_first`` and ``most_last``; tried from all
+    Returns (at the beginning, at the end), at most ``max_first`` and ``max_last``; tried from all
     to none, and (0, 0) unless another pair is better (4.2.2).
     """
     n = rate.size
@@ -108,22 +108,22 @@ def most_centred(  # type: ignore[no-untyped-def]
     if worth <= 0.0:
         return 0, 0
     best_first, best_last = 0, 0
-    least = abs(moment / worth - (begin + end - 1) / 2.0)
+    best_off = abs(moment / worth - (begin + end - 1) / 2.0)
     # Sums without the cells given so far: all of the first chunk, put back one by one.
     worth_first, moment_first = worth, moment
-    for cell in range(begin, begin + most_first):
+    for cell in range(begin, begin + max_first):
         place = cell % n
         importance = _importance(rate[place], at_s - visited[place], exponential)
         worth_first -= importance
         moment_first -= importance * cell
-    for first in range(most_first, -1, -1):
-        if first < most_first:
+    for first in range(max_first, -1, -1):
+        if first < max_first:
             place = (begin + first) % n
             importance = _importance(rate[place], at_s - visited[place], exponential)
             worth_first += importance
             moment_first += importance * (begin + first)
         worth_both, moment_both = worth_first, moment_first
-        for last in range(most_last + 1):
+        for last in range(max_last + 1):
             if last:
                 place = (end - last) % n
                 importance = _importance(rate[place], at_s - visited[place], exponential)
@@ -133,6 +133,6 @@ def most_centred(  # type: ignore[no-untyped-def]
                 continue
             middle = (begin + first + end - last - 1) / 2.0
             off = abs(moment_both / worth_both - middle)
-            if off < least - 1e-9:
-                best_first, best_last, least = first, last, off
+            if off < best_off - 1e-9:
+                best_first, best_last, best_off = first, last, off
     return best_first, best_last

@@ -1,10 +1,10 @@
-"""What a planner of Bent's sees and keeps: its own region of the ring, and where it is going."""
+"""Input and result of Bent's planners: a vehicle's region of the ring, and its course."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,7 @@ class Region:
     ``end`` on.
     """
 
-    ring: Ring
+    ring: FrontRing
     begin: int
     end: int
     here: int
@@ -25,14 +25,14 @@ class Region:
 
 
 class Course(NamedTuple):
-    """Where a vehicle is going; the target lifted like its region, if it has one."""
+    """A vehicle's direction, and its target if it has one (a lifted cell, like its region)."""
 
     clockwise: bool = True
     target: int | None = None
 
 
-# Decides in a region in which the vehicle is, from the course it was on.
-Steer = Callable[[Region, Course], Course]
+# The new course of a vehicle that is in its region, from the course so far.
+CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
@@ -40,15 +40,15 @@ def lifted(cell: int, begin: int, cells: int) -> int:
     return begin + (cell - begin) % cells
 
 
-def towards(region: Region, target: int) -> Course:
-    """On to a target in the region."""
+def course_to(region: Region, target: int) -> Course:
+    """The course to a target in the region."""
     return Course(target > region.here, target)
 
 
-def ended(region: Region, course: Course) -> bool:
-    """Whether a course is over: no target, at or past it, or it is the region's no longer.
+def is_finished(region: Region, course: Course) -> bool:
+    """Whether a course has no target, has reached or passed it, or it left the region.
 
-    Past it, because growth, and in flight the cells that a vehicle skips, carry it on.
+    A target can be passed by growth of the ring, and in flight by cells that a vehicle skips.
     """
     target = course.target
     if target is None or not region.begin <= target < region.end:
@@ -56,8 +56,8 @@ def ended(region: Region, course: Course) -> bool:
     return region.here >= target if course.clockwise else region.here <= target
 
 
-def back_into(region: Region) -> Course:
-    """The shorter way, in cells, into a region in which the vehicle is not."""
+def course_back(region: Region) -> Course:
+    """The shorter course, in cells, into the region of a vehicle that is outside of it."""
     cells = region.ring.step_m.size
     clockwise = region.begin + cells - region.here < region.here - (region.end - 1)
     return Course(clockwise)

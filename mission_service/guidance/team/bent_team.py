@@ -1,28 +1,34 @@
 """A team of Bent's: a region for each vehicle, a planner in it, negotiation at intervals."""
 
-from mission_service.guidance.team.bent_region import Course, Region, Steer, back_into, lifted
-from mission_service.guidance.team.negotiation import Negotiation, Part, held_cells
+from mission_service.guidance.team.bent_region import (
+    Course,
+    CourseRule,
+    Region,
+    course_back,
+    lifted,
+)
+from mission_service.guidance.team.negotiation import Negotiation, Party, reserved_cells
 from mission_service.guidance.team.regions import (
     Regions,
-    grown,
-    joined_by,
-    kept,
-    moved,
-    parted,
+    equal_regions,
+    on_new_ring,
+    retained,
     served,
-    without,
+    with_border_moved,
+    with_member,
+    without_member,
 )
-from mission_service.guidance.team.ring import Fleet, Integers, Ring
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 NEGOTIATE_EVERY_S = 20.0
 
 
 class RegionTeam:
-    """Flies ``steer`` in each region; ``negotiate`` moves the borders; a ``TeamRule``."""
+    """A ``TeamRule``: ``steer`` directs each vehicle in its region, ``negotiate`` moves borders."""
 
     def __init__(
         self,
-        steer: Steer,
+        steer: CourseRule,
         negotiate: Negotiation,
         *,
         exponential: bool,
@@ -36,55 +42,55 @@ class RegionTeam:
         self._regions: Regions | None = None
         self._growths: list[Integers] = []
         self._courses: dict[int, Course] = {}
-        self._fleet_seats: list[int] = []
+        self._fleet_members: list[int] = []
         self._index: dict[int, int] = {}
 
     @property
     def regions(self) -> Regions | None:
-        """Who serves what, as far as the last decision."""
+        """The regions at the last decision."""
         return self._regions
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
-        """Back into the vehicle's own region, or as its planner steers."""
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
+        """The course of the vehicle's planner, or back into its region if it is outside."""
         regions = self._now(ring, fleet, at_s)
-        seat = int(fleet.seat[which])
-        begin, end = served(regions, self._index[seat])
+        member = int(fleet.member[which])
+        begin, end = served(regions, self._index[member])
         here = lifted(int(fleet.cell[which]), begin, regions.cells)
         speed_m_s = float(fleet.speed_m_s[which])
         region = Region(ring, begin, end, here, at_s, speed_m_s, self._exponential)
         if here >= end:
-            course = back_into(region)
+            course = course_back(region)
         else:
-            before = self._courses.get(seat, Course())
+            before = self._courses.get(member, Course())
             if before.target is not None:
                 target = lifted(before.target, begin, regions.cells)
                 before = Course(before.clockwise, target)
             course = self._steer(region, before)
-        self._courses[seat] = course
+        self._courses[member] = course
         return course.clockwise
 
-    def regrown(self, place_of: Integers) -> None:
-        """Borders and targets move with their cells."""
-        # How many cells the new ring has is known only with the next decision, or growth.
+    def on_ring_changed(self, place_of: Integers) -> None:
+        """Move borders and targets with their cells, at the next decision."""
+        # The size of the new ring is known only with the next decision, or the next growth.
         self._growths.append(place_of)
 
-    def _now(self, ring: Ring, fleet: Fleet, at_s: float) -> Regions:
+    def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
         """The regions after all that has happened since the last decision."""
         cells = ring.step_m.size
-        seats = fleet.seat.tolist()
+        members = fleet.member.tolist()
         regions = self._regions
         if regions is None:
-            regions = parted(seats, fleet.cell.tolist(), cells)
+            regions = equal_regions(members, fleet.cell.tolist(), cells)
             self._growths.clear()
             self._next_s = at_s + self._every_s
         for number, place_of in enumerate(self._growths, 1):
             last = number == len(self._growths)
             regions = self._grown(regions, place_of, cells if last else self._growths[number].size)
         self._growths.clear()
-        if seats != self._fleet_seats:
-            regions = _with_team(regions, seats, fleet.cell.tolist())
-            self._fleet_seats = seats
-            self._index = {seat: index for index, seat in enumerate(regions.seats)}
+        if members != self._fleet_members:
+            regions = _with_team(regions, members, fleet.cell.tolist())
+            self._fleet_members = members
+            self._index = {member: index for index, member in enumerate(regions.members)}
         if at_s >= self._next_s:
             self._next_s = at_s + self._every_s
             regions = self._negotiated(regions, ring, fleet, at_s)
@@ -92,54 +98,56 @@ class RegionTeam:
         return regions
 
     def _grown(self, regions: Regions, place_of: Integers, cells: int) -> Regions:
-        for seat, course in self._courses.items():
+        for member, course in self._courses.items():
             if course.target is not None:
                 target = int(place_of[course.target % place_of.size])
-                self._courses[seat] = Course(course.clockwise, target)
-        return grown(regions, place_of, cells)
+                self._courses[member] = Course(course.clockwise, target)
+        return on_new_ring(regions, place_of, cells)
 
-    def _negotiated(self, regions: Regions, ring: Ring, fleet: Fleet, at_s: float) -> Regions:
-        """One after the other gives to its neighbours what the negotiation says (4.2.1)."""
-        count = len(regions.seats)
+    def _negotiated(
+        self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
+    ) -> Regions:
+        """Each vehicle in turn gives cells to its neighbours by the negotiation (4.2.1)."""
+        count = len(regions.members)
         if count == 1:
             return regions
-        which_of = {seat: which for which, seat in enumerate(fleet.seat.tolist())}
+        which_of = {member: which for which, member in enumerate(fleet.member.tolist())}
         for index in range(count):
             parts = {
-                other: self._part(regions, other, fleet, which_of[regions.seats[other]])
+                other: self._part(regions, other, fleet, which_of[regions.members[other]])
                 for other in {(index - 1) % count, index, (index + 1) % count}
             }
             own = parts[index]
             left, right = parts[(index - 1) % count], parts[(index + 1) % count]
             first, last = self._negotiate(ring, left, own, right, at_s, self._exponential)
             if first:
-                regions = moved(regions, index, own.begin + first, left=False)
+                regions = with_border_moved(regions, index, own.begin + first, left=False)
             if last:
                 after = (index + 1) % count
                 place = own.end - last - (0 if after else regions.cells)
-                regions = moved(regions, after, place, left=True)
+                regions = with_border_moved(regions, after, place, left=True)
         return regions
 
-    def _part(self, regions: Regions, index: int, fleet: Fleet, which: int) -> Part:
-        begin, end = kept(regions, index)
+    def _part(self, regions: Regions, index: int, fleet: ActiveFleet, which: int) -> Party:
+        begin, end = retained(regions, index)
         cell, cells = int(fleet.cell[which]), regions.cells
         here = lifted(cell, begin, cells)
         following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
-        target = self._courses.get(regions.seats[index], Course()).target
+        target = self._courses.get(regions.members[index], Course()).target
         going_to = here if target is None else lifted(target, begin, cells)
-        return Part(begin, end, here, held_cells(begin, end, (here, following, going_to)))
+        return Party(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
 
 
-def _with_team(regions: Regions, seats: list[int], cells_of: list[int]) -> Regions:
-    """Those who have come are taken in and those who have gone are left out."""
-    for seat, cell in zip(seats, cells_of, strict=True):
-        if seat not in regions.seats:
-            at = dict(zip(seats, cells_of, strict=True))
-            # One that has gone as well may be anywhere: where its region begins.
-            begins = dict(zip(regions.seats, regions.borders, strict=True))
-            others = [at.get(other, begins[other].right.place) for other in regions.seats]
-            regions = joined_by(regions, seat, others, cell)
-    for seat in regions.seats:
-        if seat not in seats:
-            regions = without(regions, seat)
+def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
+    """Regions with the vehicles that have joined, and without those that have left."""
+    for member, cell in zip(members, cells_of, strict=True):
+        if member not in regions.members:
+            at = dict(zip(members, cells_of, strict=True))
+            # The place of one that has left is unknown: the begin of its region stands for it.
+            begins = dict(zip(regions.members, regions.borders, strict=True))
+            others = [at.get(other, begins[other].right.place) for other in regions.members]
+            regions = with_member(regions, member, others, cell)
+    for member in regions.members:
+        if member not in members:
+            regions = without_member(regions, member)
     return regions

@@ -1,44 +1,45 @@
-"""Negotiation on importance (Bent 4.2.1), and what all negotiations share."""
+"""Negotiations between neighbours about the borders of their regions (Bent, 4.2 and 6.1)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mission_service.guidance.team.bent_kernels import chunk, total
-from mission_service.guidance.team.ring import Ring
+from mission_service.guidance.team.bent_kernels import chunk, most_centred, total
+from mission_service.guidance.team.bent_region import lifted
+from mission_service.guidance.team.ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """A vehicle as a negotiation sees it; cells are lifted (see ``regions``).
+class Party:
+    """A vehicle's part in a negotiation; cells are lifted (see ``regions``).
 
-    ``held`` are the first and the last of the cells that it does not give away: its own, its next
-    one and its target, those of them that are in its region.
+    ``reserved`` are the first and the last of the cells that it does not give away: its own, its
+    next one and its target, those of them that are in its region.
     """
 
     begin: int
     end: int
     here: int
-    held: tuple[int, int]
+    reserved: tuple[int, int]
 
     @property
-    def most_first(self) -> int:
-        """How many cells it may give at the beginning of its region."""
-        return max(self.held[0] - self.begin, 0)
+    def max_first(self) -> int:
+        """Number of cells that it may give at the beginning of its region."""
+        return max(self.reserved[0] - self.begin, 0)
 
     @property
-    def most_last(self) -> int:
-        """How many it may give at the end."""
-        return max(self.end - 1 - self.held[1], 0)
+    def max_last(self) -> int:
+        """Number of cells that it may give at the end."""
+        return max(self.end - 1 - self.reserved[1], 0)
 
 
 # (ring, the vehicle left of it, it, the one right of it, time in s, exponential importance) to the
 # number of cells that it gives at the beginning and at the end of its region. Of two vehicles in
 # all, the one is left and right of the other.
-Negotiation = Callable[[Ring, Part, Part, Part, float, bool], tuple[int, int]]
+Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int, int]]
 
 
-def held_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
-    """The first and the last of those of these cells that are in a region; its middle without."""
+def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
+    """The first and the last of these cells that are in a region; its middle if none is."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
 
@@ -60,21 +61,60 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
     return scale * more_left, scale * more_right
 
 
-def largest_chunks(
-    ring: Ring, left: Part, own: Part, right: Part, at_s: float, exponential: bool
+def on_importance(
+    ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """As many cells as are worth no more than the offer, at either end."""
+    """4.2.1: as many cells as are worth no more than the offer, at either end."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
-    def worth(part: Part) -> float:
+    def worth(part: Party) -> float:
         return float(total(rate, visited, part.begin, part.end, at_s, exponential))
 
     alone = left is right
     to_left, to_right = offers(worth(own), worth(left), worth(right), alone)
-    first = chunk(rate, visited, own.begin, 1, own.most_first, to_left, at_s, exponential)
-    last = chunk(rate, visited, own.end - 1, -1, own.most_last, to_right, at_s, exponential)
+    first = chunk(rate, visited, own.begin, 1, own.max_first, to_left, at_s, exponential)
+    last = chunk(rate, visited, own.end - 1, -1, own.max_last, to_right, at_s, exponential)
     # Cells worth nothing are no reason to trade.
     return int(first) if to_left else 0, int(last) if to_right else 0
 
 
-on_importance: Negotiation = largest_chunks
+def on_centre(
+    ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
+) -> tuple[int, int]:
+    """4.2.2: of all chunks within the offers, those that best centre the importance that is left.
+
+    The pseudocode is garbled: it compares signed differences, never refills a chunk that it has
+    emptied and tries the first chunk without the second only if there is no second. The text says
+    what is meant: every combination is tried for the least distance of centre and middle.
+    """
+    first, last = on_importance(ring, left, own, right, at_s, exponential)
+    if not first and not last:
+        return 0, 0
+    found = most_centred(
+        ring.spread_rate_m_s,
+        ring.visited_at_s,
+        own.begin,
+        own.end,
+        first,
+        last,
+        at_s,
+        exponential,
+    )
+    return int(found[0]), int(found[1])
+
+
+def on_arrival(
+    ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
+) -> tuple[int, int]:
+    """6.1 (future work, after Ahmadi & Stone): the cells that the neighbour would reach sooner.
+
+    It would fly there at once. All have the same speed, so sooner is nearer; in cells, as steps are
+    much alike.
+    """
+    cells = ring.step_m.size
+    behind = lifted(left.here, own.here - cells, cells)
+    ahead = lifted(right.here, own.here + 1, cells)
+    # A cell just as near to both stays where it is.
+    first = (behind + own.here + 1) // 2 - own.begin
+    last = own.end - 1 - (ahead + own.here) // 2
+    return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)

@@ -1,12 +1,12 @@
-"""Who serves which part of the ring: contiguous regions, and moving the borders between them.
+"""Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-Each border has two sides, what the vehicle left of it (counter-clockwise) knows and what the right
-one knows: a place and a version. It is moved only by giving cells away, and only by the side whose
-turn it is: even versions are the left one's, odd ones the right one's. A side that offers version
-v + 1 keeps serving what it gave until it hears of v + 1 or later; the other one owns the cells from
-the moment it hears of them, and has the next turn. So messages need nothing but place and version,
-and may be lost, doubled or late: only a version that is newer than one's own counts, and no version
-is ever made twice. What vehicles serve covers the ring always; the newer side of each border is the
+Each border has two sides, the states of the vehicle left of it (counter-clockwise) and of the right
+one: a place and a version. A border is moved only by giving cells away, and only by the side whose
+turn it is: the left one's after even versions, the right one's after odd ones. A side that offers
+version v + 1 serves the cells offered until it receives v + 1 or later; the other side owns them
+from when it receives the offer, and has the next turn. So messages consist of place and version,
+and may be lost, doubled or late: only a version newer than the receiver's is applied, and no
+version is made twice. The cells served always cover the ring; the newer side of each border is the
 ledger, in which each cell has exactly one owner.
 
 Places are *lifted*: cells that go on counting around the ring, so that a region is
@@ -23,7 +23,7 @@ from mission_service.guidance.team.ring import Integers
 
 
 class Side(NamedTuple):
-    """What one of its two vehicles knows of a border: the first cell right of it."""
+    """The state of a border at one of its two vehicles: the first cell right of it."""
 
     place: int
     version: int = 0
@@ -37,8 +37,8 @@ class Border(NamedTuple):
     right: Side
 
 
-class Message(NamedTuple):
-    """What a side says of its border; worth nothing on a ring or in a team of another epoch."""
+class BorderMessage(NamedTuple):
+    """The message of a side about its border; ignored in another epoch."""
 
     epoch: int
     place: int
@@ -50,29 +50,29 @@ class Regions:
     """The team clockwise; ``borders[i]`` is where the region of ``seats[i]`` begins.
 
     Places rise from border to border, by no more than ``cells`` once around. ``epoch`` counts
-    growths of the ring and changes of the team, which all vehicles know of.
+    growths of the ring and changes of the team, which all vehicles receive.
     """
 
-    seats: tuple[int, ...]
+    members: tuple[int, ...]
     borders: tuple[Border, ...]
     cells: int
     epoch: int = 0
 
 
-def parted(seats: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
+def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
 
     As Bent's begin (4.2), wherever the vehicles are.
     """
-    order = sorted(range(len(seats)), key=lambda which: (cells_of[which], seats[which]))
+    order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
     begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
     return Regions(
-        tuple(seats[which] for which in order), tuple(_agreed(begin) for begin in begins), cells
+        tuple(members[which] for which in order), tuple(_agreed(begin) for begin in begins), cells
     )
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """What a vehicle serves, lifted [begin, end): all that is its own as far as it knows."""
+    """The cells that a vehicle serves, lifted [begin, end): its own by its sides of the borders."""
     last = index + 1 == len(regions.borders)
     end = regions.borders[0].left.place + regions.cells if last else 0
     return regions.borders[index].right.place, (
@@ -80,8 +80,8 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
     )
 
 
-def kept(regions: Regions, index: int) -> tuple[int, int]:
-    """What a vehicle serves and has not offered to anyone, lifted [begin, end)."""
+def retained(regions: Regions, index: int) -> tuple[int, int]:
+    """The cells that a vehicle serves and has not offered, lifted [begin, end)."""
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
     end_place = end.place if end.offered is None else end.offered
@@ -123,16 +123,16 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
     return border._replace(left=offered) if left else border._replace(right=offered)
 
 
-def said(regions: Regions, index: int, *, left: bool) -> Message:
-    """What a side of a border says whenever it speaks: its offer, or else what it knows."""
+def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
+    """The message of one side of a border: its offer, or else its state."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
-        return Message(regions.epoch, side.offered, side.version + 1)
-    return Message(regions.epoch, side.place, side.version)
+        return BorderMessage(regions.epoch, side.offered, side.version + 1)
+    return BorderMessage(regions.epoch, side.place, side.version)
 
 
-def heard(regions: Regions, index: int, message: Message, *, left: bool) -> Regions:
-    """One side of a border hears what the other one said."""
+def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
+    """The regions after one side of a border has received a message of the other."""
     border = regions.borders[index]
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
@@ -148,8 +148,8 @@ def with_border(regions: Regions, index: int, border: Border) -> Regions:
     return replace(regions, borders=borders)
 
 
-def moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
-    """One side moves a border and nothing is lost: turn asked for, offer, taken, acknowledged."""
+def with_border_moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
+    """The regions after one side has moved a border, with all messages exchanged."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
         regions = _given(regions, index, other.place, left=not left)
@@ -159,12 +159,12 @@ def moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
 def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
     border = offering(regions.borders[index], place, left=left)
     regions = with_border(regions, index, border)
-    regions = heard(regions, index, said(regions, index, left=left), left=not left)
-    return heard(regions, index, said(regions, index, left=not left), left=left)
+    regions = with_message(regions, index, message_of(regions, index, left=left), left=not left)
+    return with_message(regions, index, message_of(regions, index, left=not left), left=left)
 
 
-def grown(regions: Regions, place_of: Integers, cells: int) -> Regions:
-    """The ring has changed to one of ``cells`` cells: borders move with the cells they are at."""
+def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
+    """The regions on a new ring of ``cells`` cells: borders move with their cells."""
     first, before = int(place_of[0]), place_of.size
 
     def new(place: int | None) -> int | None:
@@ -177,15 +177,15 @@ def grown(regions: Regions, place_of: Integers, cells: int) -> Regions:
         return Side(new(old.place) or 0, old.version, new(old.offered))
 
     borders = tuple(Border(side(left), side(right)) for left, right in regions.borders)
-    return Regions(regions.seats, borders, cells, regions.epoch + 1)
+    return Regions(regions.members, borders, cells, regions.epoch + 1)
 
 
-def without(regions: Regions, seat: int) -> Regions:
-    """A vehicle has left: its neighbours share its region. All are told, offers are off.
+def without_member(regions: Regions, member: int) -> Regions:
+    """The regions after a vehicle has left: its neighbours share its region. Offers are void.
 
     The last one cannot leave; raises ValueError.
     """
-    index, count = regions.seats.index(seat), len(regions.seats)
+    index, count = regions.members.index(member), len(regions.members)
     if count == 1:
         raise ValueError("the last vehicle cannot leave its region to another one")
     begins = list(ledger(regions))
@@ -197,14 +197,14 @@ def without(regions: Regions, seat: int) -> Regions:
     else:
         begins[0] = middle - regions.cells
     del begins[index]
-    return _settled(regions, regions.seats[:index] + regions.seats[index + 1 :], begins)
+    return _settled(regions, regions.members[:index] + regions.members[index + 1 :], begins)
 
 
-def joined_by(regions: Regions, seat: int, cells_of: Sequence[int], cell: int) -> Regions:
-    """A vehicle has come to a cell: the region there is halved. All are told, offers are off.
+def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
+    """The regions after a vehicle has joined at a cell: it halves the region. Offers are void.
 
-    ``cells_of`` are the cells of the others, clockwise; the one whose region it was keeps the half
-    that it is in.
+    ``cells_of`` are the cells of the others, clockwise; the owner of the region keeps the half that
+    it is in.
     """
     begins = list(ledger(regions))
     host = int(owners(regions)[cell])
@@ -214,12 +214,12 @@ def joined_by(regions: Regions, seat: int, cells_of: Sequence[int], cell: int) -
     first_half = begin + (cells_of[host] - begin) % regions.cells < middle
     begins.insert(host + 1, middle)
     after = host + 1 if first_half else host
-    return _settled(regions, (*regions.seats[:after], seat, *regions.seats[after:]), begins)
+    return _settled(regions, (*regions.members[:after], member, *regions.members[after:]), begins)
 
 
-def _settled(regions: Regions, seats: tuple[int, ...], begins: Sequence[int]) -> Regions:
+def _settled(regions: Regions, members: tuple[int, ...], begins: Sequence[int]) -> Regions:
     borders = tuple(_agreed(begin) for begin in begins)
-    return Regions(seats, borders, regions.cells, regions.epoch + 1)
+    return Regions(members, borders, regions.cells, regions.epoch + 1)
 
 
 def _agreed(place: int) -> Border:

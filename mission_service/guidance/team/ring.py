@@ -1,8 +1,7 @@
-"""The front as a ring, and what the rules of a team decide on it.
+"""The front as a ring, and the interface of a team's rules.
 
-A ring is a closed, clockwise row of cells. Where it comes from does not matter to a rule: from a
-fire that is known (Bent's experiments) or from an on-board map in flight, where the cells are its
-360 bearings.
+A ring is a closed, clockwise sequence of cells: of a simulated fire (Bent's experiments), or of an
+on-board map in flight, where the cells are its 360 bearings.
 """
 
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Ring:
+class FrontRing:
     """The front at one moment, clockwise; arrays (n)."""
 
     step_m: Floats  # from each cell to the next one, the last to the first
@@ -26,11 +25,11 @@ class Ring:
 
 
 @dataclass(frozen=True, slots=True)
-class Fleet:
+class ActiveFleet:
     """The vehicles that fly now; arrays (k), in rising order of seat."""
 
-    seat: Integers  # who; stays the same as long as the vehicle is in the team
-    cell: Integers  # where on the ring
+    member: Integers  # number of the vehicle in the team, which stays the same
+    cell: Integers  # of the ring
     clockwise: Booleans
     speed_m_s: Floats
 
@@ -38,11 +37,11 @@ class Fleet:
 class TeamRule(Protocol):
     """Decides for every vehicle of a team which way it flies along the ring."""
 
-    def decide(self, ring: Ring, fleet: Fleet, which: int, at_s: float) -> bool:
-        """Vehicle ``which`` (place in the fleet) has come to a new cell: clockwise from here?"""
+    def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
+        """Whether vehicle ``which`` (index in the fleet), at a new cell, is to fly on clockwise."""
 
-    def regrown(self, place_of: Integers) -> None:
-        """The ring has changed: ``place_of[i]`` is the new place of what was cell i.
+    def on_ring_changed(self, place_of: Integers) -> None:
+        """Move all state to a new ring: ``place_of[i]`` is the new cell of the old cell i.
 
-        It keeps the order around the ring; several old cells may share a new one.
+        The order around the ring is the same; several old cells may share a new one.
         """

@@ -1,10 +1,10 @@
 """A team in flight: one on-board map for all its vehicles, and a rule that directs each of them.
 
-What one camera sees, all know. The front is a ring of the map's 360 bearings; whenever a vehicle
-comes to a new one, the rule is asked which way it flies on. The vehicles share the first lap: half
-of them fly the other way round, and it is over when the map is complete.
+All cameras update the same map. The front is a ring of the map's 360 bearings; whenever a vehicle
+reaches a new one, the rule decides its direction. The vehicles share the first lap: half of them
+fly the other way round, and it ends when the map is complete.
 
-A vehicle that has left (lost, recalled, on the ground) is not in the fleet that the rule sees, so
+A vehicle that has left (lost, recalled, on the ground) is not in the fleet given to the rule, so
 the others close the gap at their next decision. It is back once it flies and has the front in view.
 """
 
@@ -16,28 +16,33 @@ from numpy.typing import NDArray
 
 from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
-from mission_service.guidance.front.dead_reckoning import Heard, fleet_of
-from mission_service.guidance.front.first_lap import Lap, Seen, recentred, remember
-from mission_service.guidance.front.following import (
+from mission_service.guidance.front.first_lap import (
+    CameraView,
+    LapProgress,
+    append_view,
+    recentred_map,
+)
+from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
-    continued,
+    extrapolated_front,
     path_along,
-    reconstructed,
+    reconstructed_front,
 )
 from mission_service.guidance.protocol import Decision, Phase
-from mission_service.guidance.team.ring import Fleet, Ring, TeamRule
+from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_reckoned_fleet
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
 
 Floats = NDArray[np.float64]
 
 FRESH_S = 2.0  # positions come several times a second
 LOST_AFTER_S = 30.0
-CARRIED_BACK = 30  # cells at most, while it turns back
+CARRIED_BACK = 30  # cells at most that a vehicle drifts while it turns back
 
 
 @dataclass(frozen=True, slots=True)
 class TeamSettings:
-    """What a team is told besides its rule."""
+    """Settings of a team besides its rule."""
 
     cell_m: float
     clockwise_first: bool
@@ -48,21 +53,21 @@ class TeamSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Flyer:
-    """What a team has to know of one of its vehicles."""
+class MemberPerformance:
+    """Speed of a vehicle, and the duration of its turn back."""
 
     speed_m_s: float
-    turn_s: float  # to turn back; meanwhile it is not asked to turn again
+    turn_s: float  # meanwhile the rule does not decide for it
 
 
 class Team:
-    """The map, the rule and the seats. Positions are float (row, col) of the landscape's grid."""
+    """The map, the rule and the members. Positions are float (row, col) of the landscape's grid."""
 
     def __init__(
         self,
         rule: TeamRule,
         settings: TeamSettings,
-        flyers: Mapping[str, Flyer],
+        flyers: Mapping[str, MemberPerformance],
         shape: tuple[int, int],
         centre: tuple[float, float],
         ignited_at_s: float,
@@ -71,36 +76,37 @@ class Team:
         self.settings = settings
         self.surveyed = False  # the first lap is over
         self.map = FireMap(shape, *centre, ignited_at_s, settings.baseline_s)
-        self._observations: list[Seen] = []
-        self._seats = {
-            name: Seat(self, number, flyer) for number, (name, flyer) in enumerate(flyers.items())
+        self._observations: list[CameraView] = []
+        self._members = {
+            name: TeamMember(self, number, flyer)
+            for number, (name, flyer) in enumerate(flyers.items())
         }
 
-    def seat(self, name: str) -> "Seat":
+    def member(self, name: str) -> "TeamMember":
         """The planner of one vehicle."""
-        return self._seats[name]
+        return self._members[name]
 
-    def see(self, observed: Observed) -> NDArray[np.bool_]:
-        """Take in what a camera saw; returns the bearings (360) in its view."""
+    def add_view(self, observed: Observed) -> NDArray[np.bool_]:
+        """Update the map by a camera window; returns the bearings (360) in view."""
         window = window_codes(observed.cells)
         seen = (observed.row, observed.col, window, observed.at_us / 1e6)
         if not self.surveyed and not self.settings.ignition_known:
-            remember(self._observations, seen)
+            append_view(self._observations, seen)
         return self.map.observe(*seen)
 
     def end_survey(self) -> None:
-        """The first lap is done; an unknown ignition is replaced by the fire's centre."""
+        """End the first lap; an unknown ignition is replaced by the fire's centre."""
         self.surveyed = True
         if not self.settings.ignition_known:
-            self.map, _ = recentred(self.map, self._observations)
+            self.map, _ = recentred_map(self.map, self._observations)
             self._observations.clear()
 
-    def ring(self) -> Ring:
-        """The front as the map has it, a cell for each bearing."""
+    def ring(self) -> FrontRing:
+        """The front of the map, a cell for each bearing."""
         cell_m = self.settings.cell_m
         outer, visited_at_s = self.map.filled_outer()
         north, east = outer * NORTH, outer * EAST
-        return Ring(
+        return FrontRing(
             cell_m * np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east),
             cell_m * self.map.spread_rate_cells_s(self.settings.smoothing_deg),
             visited_at_s,
@@ -108,90 +114,95 @@ class Team:
 
     @property
     def flying(self) -> int:
-        """How many fly the front, as far as is known."""
-        return sum(seat.flies for seat in self._seats.values())
+        """Number of vehicles that fly the front, by their last reports."""
+        return sum(member.flies for member in self._members.values())
 
-    def fleet(self, ring: Ring, at_s: float) -> Fleet:
+    def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
         """The vehicles that fly the front now.
 
-        One that has been silent is reckoned to have flown on, and after a while not to fly.
+        One without reports is advanced by dead reckoning, and after a while left out.
         """
-        heard = [
-            Heard(
-                seat.number,
-                seat.bearing,
-                seat.clockwise,
-                seat.flyer.speed_m_s,
-                seat.heard_at_s if at_s - seat.heard_at_s > FRESH_S else at_s,
+        reports = [
+            ReportedPosition(
+                member.number,
+                member.bearing,
+                member.clockwise,
+                member.flyer.speed_m_s,
+                member.reported_at_s if at_s - member.reported_at_s > FRESH_S else at_s,
             )
-            for seat in self._seats.values()
-            if seat.flies
+            for member in self._members.values()
+            if member.flies
         ]
-        return fleet_of(heard, ring, at_s, LOST_AFTER_S)
+        return dead_reckoned_fleet(reports, ring, at_s, LOST_AFTER_S)
 
 
-class Seat:
-    """One vehicle's place in a team: a ``Planner``."""
+class TeamMember:
+    """One vehicle of a team: a ``Planner``."""
 
-    def __init__(self, team: Team, number: int, flyer: Flyer) -> None:
+    def __init__(self, team: Team, number: int, flyer: MemberPerformance) -> None:
         self.number = number
         self.flyer = flyer
-        self.flies = False  # in the air, heard, and the front was in view
-        self.heard_at_s = -np.inf
-        self.bearing = 0  # the cell of the ring to which it has come
+        self.flies = False  # in the air, and the front was in view
+        self.reported_at_s = -np.inf
+        self.bearing = 0  # the cell of the ring that it has reached
         # On the first lap neighbours by number fly opposite ways: half a lap shows all.
         self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
         self.reversals = 0
         self._team = team
         self._found = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._lap = Lap()
+        self._lap = LapProgress()
         self._turned_at_s = -np.inf
 
     @property
     def team(self) -> Team:
-        """The team it sits in."""
+        """The team of this member."""
         return self._team
 
     @property
+    def map(self) -> FireMap:
+        """The on-board map, of all."""
+        return self._team.map
+
+    @property
     def phase(self) -> Phase:
-        """On its way until it has seen the front; then the team's first lap, then monitoring."""
+        """Approach until the front was in view; then the team's first lap, then monitoring."""
         if not self._found:
             return "approach"
         return "monitor" if self._team.surveyed else "initial circle"
 
     def observe(self, observed: Observed) -> None:
-        """Take in what the camera saw, for all."""
-        self._in_view = self._team.see(observed)
+        """Update the team's map by a camera window."""
+        self._in_view = self._team.add_view(observed)
         self._found |= bool(self._in_view.any())
 
-    def correct(self, told: Observed) -> None:
-        """Take in what people say of a window of the fire, for all."""
-        window = window_codes(told.cells)
-        self._team.map.correct(told.row, told.col, window, told.at_us / 1e6)
+    def correct(self, observed: Observed) -> None:
+        """Apply an operator's correction of a window to the team's map."""
+        window = window_codes(observed.cells)
+        self._team.map.correct(observed.row, observed.col, window, observed.at_us / 1e6)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """The rules of teams do not ask for the wind."""
+        """Nothing: the rules of teams do not use the wind."""
 
     def left(self, at_s: float) -> None:
-        """Out of the fleet until it flies and sees the front again."""
+        """Leave the fleet until the vehicle flies and has the front in view again."""
         self.flies = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._lap.bearing_deg = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever it has come to a new cell of the ring.
+        """Set the vehicle's position; returns a decision whenever it has reached a new cell.
 
-        The rule is asked at every cell that was passed, but not while the vehicle turns back: then
-        it comes to a new cell when it has passed the one where it turned.
+        The rule decides at every cell passed, but not while the vehicle turns back: then it reaches
+        a new cell when it has passed the one where it turned.
         """
         team = self._team
-        self.heard_at_s = at_s
+        self.reported_at_s = at_s
         self.flies |= bool(self._in_view.any())
         if not self.flies:
             return None
         before, bearing = self._lap.bearing_deg, bearing_deg(team.map, row, col)
-        round_again = self._lap.reach(bearing, self.clockwise, counts=not team.surveyed)
+        round_again = self._lap.update(bearing, self.clockwise, counts=not team.surveyed)
         if before is not None and not team.surveyed and (team.map.complete or round_again):
             team.end_survey()
             bearing = bearing_deg(team.map, row, col)
@@ -210,13 +221,13 @@ class Seat:
         return self._decide(passed, step, at_s)
 
     def _decide(self, passed: int, step: int, at_s: float) -> Decision:
-        """Ask at each cell, until the rule turns it back."""
+        """Let the rule decide at each cell passed, until it turns the vehicle back."""
         ring = self._team.ring()
         turn = False
         for _ in range(passed):
             self.bearing = (self.bearing + step) % BEARINGS
             fleet = self._team.fleet(ring, at_s)
-            which = fleet.seat.tolist().index(self.number)
+            which = fleet.member.tolist().index(self.number)
             turn = bool(self._team.rule.decide(ring, fleet, which, at_s)) != self.clockwise
             if turn:
                 self.clockwise = not self.clockwise
@@ -227,18 +238,18 @@ class Seat:
 
     def shape(self, row: float, col: float) -> Floats:
         """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
-        return reconstructed(self._team.map, self._in_view, row, col, self.clockwise)
+        return reconstructed_front(self._team.map, self._in_view, row, col, self.clockwise)
 
     def path(self, row: float, col: float) -> Floats:
         """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
 
-        During the first lap what no vehicle has seen is the line on which the visible front ends.
+        During the first lap the front is extrapolated where no vehicle has seen it.
         """
         fire_map = self._team.map
         if self._team.surveyed:
             front = self.shape(row, col)
         else:
-            front = continued(fire_map, self._in_view, row, col, self.clockwise)
+            front = extrapolated_front(fire_map, self._in_view, row, col, self.clockwise)
             front = np.where(np.isnan(fire_map.outer), front, fire_map.outer)
         settings = self._team.settings.path
         return path_along(front, fire_map, row, col, self.clockwise, settings)

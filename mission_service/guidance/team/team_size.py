@@ -1,22 +1,24 @@
-"""How many vehicles a front needs, and how many of them should lap and how many sweep.
+"""How many vehicles a front needs, how many of them should lap or sweep, and advice about it.
 
 Ring of length L, vehicles of speed v: n that lap, evenly spaced, see every point each L/(n v); k
 that sweep an arc of length l come back to its ends after 2 l/(k v). With the rate of spread at a
-point, that is how far the front gets there unseen (facts/patrolling.md).
+point, that is how far the front gets there unseen.
 """
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.team.ring import Floats
+from mission_service.guidance.team.ring import Floats, FrontRing
 
+ADVISE_EVERY_S = 300.0
 PARTS = 64  # of the ring: where arcs may begin and end
 
 
 class Split(NamedTuple):
-    """How many vehicles lap and how many sweep an arc of ``arc_m`` metres of the ring."""
+    """Numbers of vehicles that lap and sweep; the arc in metres along the ring from cell 0."""
 
     lapping: int
     sweeping: int
@@ -25,14 +27,14 @@ class Split(NamedTuple):
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, worst_age_s: float) -> int:
-    """How many must lap so that nothing stays unseen for longer: n >= L / (v T)."""
+    """Vehicles that must lap so that nothing stays unseen for longer: n >= L / (v T)."""
     return _at_least(length_m / (speed_m_s * worst_age_s))
 
 
 def vehicles_for_advance(
     spread_rate_m_s: float, length_m: float, speed_m_s: float, advance_m: float
 ) -> int:
-    """How many must lap so that the front gets no further unseen: n >= ROS_max L / (v D)."""
+    """Vehicles that must lap to bound the unseen advance: n >= ROS_max L / (v D)."""
     return _at_least(spread_rate_m_s * length_m / (speed_m_s * advance_m))
 
 
@@ -41,9 +43,10 @@ def _at_least(number: float) -> int:
 
 
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
-    """The split and the arc that keep the worst advance least, from the measured spread.
+    """The split and the arc with the smallest worst advance, from the measured spread.
 
-    Arrays (n) of a ring. All lap unless sweeping is better; of equal ones the fewest sweep.
+    Arrays (n) of a ring. All lap unless sweeping is better; of equal splits the one with fewest
+    sweeping.
     """
     length_m = float(step_m.sum())
     lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
@@ -76,12 +79,77 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
 def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
 ) -> Split:
-    """The smallest team that keeps the unseen advance under a limit, and how it splits."""
-    most = vehicles_for_advance(
+    """The smallest team that keeps the unseen advance under a limit, and its split."""
+    max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
-    for vehicles in range(1, most):
+    for vehicles in range(1, max_vehicles):
         split = best_split(step_m, spread_rate_m_s, vehicles, speed_m_s)
         if split.worst_advance_m <= advance_m:
             return split
-    return best_split(step_m, spread_rate_m_s, most, speed_m_s)
+    return best_split(step_m, spread_rate_m_s, max_vehicles, speed_m_s)
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageTargets:
+    """Limits of the age of any part of the front, and of its unseen advance."""
+
+    worst_age_s: float | None = None
+    unseen_advance_m: float | None = None
+
+
+def team_size_advice(
+    ring: FrontRing, speed_m_s: Floats, targets: CoverageTargets
+) -> tuple[bool, str]:
+    """Whether the team (speeds, k) is too small for the targets, and a text for the operator.
+
+    Computed with the team's mean speed; without targets the text has only what the team achieves.
+    """
+    vehicles, mean_m_s = speed_m_s.size, float(np.mean(speed_m_s))
+    length_m, fastest_m_s = float(ring.step_m.sum()), float(ring.spread_rate_m_s.max())
+    split = best_split(ring.step_m, ring.spread_rate_m_s, vehicles, mean_m_s)
+    lapping = "" if not split.sweeping else f", {split.sweeping} of them sweeping the fastest part"
+    text = (
+        f"front of {length_m / 1e3:.1f} km, fastest {60.0 * fastest_m_s:.1f} m/min: "
+        f"{_vehicles(vehicles)} can see every part every {length_m / mean_m_s / vehicles:.0f} s; "
+        f"the front then gets {split.worst_advance_m:.0f} m further unseen at most{lapping}"
+    )
+    max_needed = 0
+    if targets.worst_age_s is not None:
+        needed = vehicles_for_age(length_m, mean_m_s, targets.worst_age_s)
+        max_needed = max(max_needed, needed)
+        text += f"; every {targets.worst_age_s:g} s takes {_vehicles(needed)}"
+    if targets.unseen_advance_m is not None:
+        enough = vehicles_needed(
+            ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.unseen_advance_m
+        )
+        needed = enough.lapping + enough.sweeping
+        max_needed = max(max_needed, needed)
+        text += f"; no more than {targets.unseen_advance_m:g} m takes {_vehicles(needed)}"
+    return max_needed > vehicles, text
+
+
+def _vehicles(count: int) -> str:
+    return f"{count} vehicle" if count == 1 else f"{count} vehicles"
+
+
+class TeamSizeAdviser:
+    """Repeats the advice when the team or its need has changed, checked every five minutes."""
+
+    def __init__(self, targets: CoverageTargets) -> None:
+        self._targets = targets
+        self._last_advice: tuple[int, bool] | None = None
+        self._next_s = -np.inf
+
+    def is_due(self, vehicles: int, at_s: float) -> bool:
+        """Whether to check again: after five minutes, or when the team has changed."""
+        return at_s >= self._next_s or (
+            self._last_advice is not None and self._last_advice[0] != vehicles
+        )
+
+    def advise(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
+        """(too few vehicles, text) if the advice has changed, else None."""
+        self._next_s = at_s + ADVISE_EVERY_S
+        too_few, text = team_size_advice(ring, speed_m_s, self._targets)
+        last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)
+        return None if last == self._last_advice else (too_few, text)

@@ -26,6 +26,7 @@ from mission_service.interfaces.api import (
     missions,
     planner,
     replay,
+    requests,
     state,
     states,
     vehicles,
@@ -37,8 +38,13 @@ from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import COMMON, REF, V1, Needs, json, route
 from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import MissionState, NewsLine, TelemetryState, VehicleState
 from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
+    MissionState,
+    NewsLine,
+    TelemetryState,
+    VehicleState,
+)
 
 PAGE = Path(__file__).parents[1] / "web" / "dist"
 ANSWERS = (
@@ -83,7 +89,7 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
         redirect_slashes=False,
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
-    for part in (state, vehicles, missions, fire, planner, burn, journal, replay, health):
+    for part in (state, vehicles, missions, fire, planner, burn, requests, journal, replay, health):
         part.add(app.router, api)
     described = json({"openapi": "3.1.0"}, what="This description.")
 

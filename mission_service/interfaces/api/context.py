@@ -7,8 +7,7 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from mission_service.config.sections import BURN
-from mission_service.core.requests import NOT_OF_BURNS, OF_BURNS, REPLAY
+from mission_service.core.requests import ABORT
 from mission_service.interfaces.api.access.auth import Tokens, Who
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.frames import Frames
@@ -16,7 +15,7 @@ from mission_service.interfaces.api.live import Streams
 from mission_service.interfaces.maps.of_run import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import VehicleState
+from mission_service.runtime.published_states import VehicleState
 
 MOST_THREADS = 2  # at once: those who look must not slow down those who fly
 
@@ -70,7 +69,7 @@ class Api:
         wanted = dict(parse_qsl(query_string.decode("latin-1")))
         by = who.name if self.tokens.named else wanted.get("by", who.name)
         station = who.station or wanted.get("station", "") or self._only_station()
-        found = self.hub.desk.ask({"do": "abort", "by": by, "station": station})
+        found = self.hub.desk.ask({"do": ABORT, "by": by, "station": station})
         self.hub.ring()
         if not found["ok"]:
             if self.hub.replay is not None:
@@ -87,11 +86,8 @@ class Api:
         if not found["ok"]:
             if self.hub.service.recording.trouble:
                 raise ApiError(507, str(found["error"]))
-            do = wanted["do"]
-            if self.hub.replay is not None and do != REPLAY:
-                raise ApiError(409, str(found["error"]))
-            elsewhere = OF_BURNS if self.hub.scenario.planner.rule != BURN else NOT_OF_BURNS
-            raise ApiError(409 if do in elsewhere else 422, str(found["error"]))
+            is_accepted = wanted["do"] in self.hub.desk.scope.accepted
+            raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
 
     def _who_asks(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:

@@ -9,8 +9,10 @@ from typing import Any
 import msgspec
 from fastapi import Depends, Request
 
-from mission_service.interfaces.api.access.auth import Role
+from mission_service import requests
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import ApiError
+from mission_service.requests import Role
 
 V1 = "/api/v1"
 REF = "#/components/schemas/{name}"
@@ -77,15 +79,16 @@ def route(
     }
 
 
-def struct(kind: type, example: Any) -> dict[str, Any]:
+def struct(kind: type, example: Any = None) -> dict[str, Any]:
     """An answer that is one of the API's Structs."""
-    return {"application/json": {"schema": _ref(kind), "example": example}}
+    shown = examples.example_of(kind) if example is None else example
+    return {"application/json": {"schema": _ref(kind), "example": shown}}
 
 
-def structs(kind: type, example: Any) -> dict[str, Any]:
+def structs(kind: type) -> dict[str, Any]:
     """An answer that is a list of them."""
     schema = {"type": "array", "items": _ref(kind)}
-    return {"application/json": {"schema": schema, "example": [example]}}
+    return {"application/json": {"schema": schema, "example": [examples.example_of(kind)]}}
 
 
 def json(example: Any, media_type: str = "application/json", what: str = "") -> dict[str, Any]:
@@ -98,9 +101,7 @@ def file(media_type: str) -> dict[str, Any]:
     return {media_type: {"schema": {"type": "string", "format": "binary"}}}
 
 
-def body(
-    kind: type[msgspec.Struct], example: dict[str, Any], without: tuple[str, ...] = ()
-) -> dict[str, Any]:
+def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:
     """A body that becomes a request of this kind; ``without`` is what the path says already."""
     whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
     left_out = ("do", "by", "station", *without)
@@ -112,6 +113,7 @@ def body(
         "required": [key for key in whole["required"] if key not in left_out],
         "additionalProperties": False,
     }
+    example = {key: value for key, value in kind.example.items() if key not in without}
     return {"application/json": {"schema": schema, "example": example}}
 
 

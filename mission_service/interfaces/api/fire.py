@@ -6,14 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from mission_service.config.sections import BURN
-from mission_service.core import requests
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import ApiError, answer, body_of, encode
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, file, json, route, struct
+from mission_service.interfaces.api.described import V1, file, json, route
 from mission_service.interfaces.api.perimeter import read_aside
-from mission_service.interfaces.api.states import Told
 from mission_service.interfaces.maps import fronts, overlay, perimeters_out
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.perimeter_worker import Job
@@ -33,7 +30,7 @@ UPLOADS = (
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/fire``, ``/wind``, ``/weather``."""
+    """``/fire``, ``/weather``."""
     _shapes(routes, api)
     _pictures(routes, api)
     _words(routes, api)
@@ -114,7 +111,7 @@ def _shapes(routes: APIRouter, api: Api) -> None:
             when_s,
             name=scenario.name,
             written_unix_ms=api.wall_us() // 1000,
-            prescribed=scenario.planner.rule == BURN,
+            prescribed=scenario.burn_flown is not None,
             time_zero=scenario.time_zero,
             start_area=found.start_area,
         )
@@ -176,8 +173,6 @@ def _pictures(routes: APIRouter, api: Api) -> None:
 
 def _words(routes: APIRouter, api: Api) -> None:
     """What people say of fire and wind."""
-    areas = {"burned_ha_before": 329.4, "burned_ha_after": 331.2}
-    corrected = struct(Told, {**examples.TOLD, "event": "Corrected", "said": [], **areas})
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(
@@ -185,44 +180,6 @@ def _words(routes: APIRouter, api: Api) -> None:
     )
     async def corrections() -> Response:
         return answer(api.hub.fire()["corrections"])
-
-    @routes.post(
-        f"{V1}/fire/corrections",
-        **route(
-            "correct",
-            "Draw where the fire is, was or will be.",
-            corrected,
-            body(requests.Correct, examples.CORRECT),
-        ),
-    )
-    async def correct(request: Request) -> Response:
-        return await api.ask(request, "correct")
-
-    @routes.post(
-        f"{V1}/fire/erase",
-        **route(
-            "correct",
-            "Take marks away.",
-            corrected,
-            body(requests.Erase, {**examples.PLACE, "radius_m": 50.0}),
-        ),
-    )
-    async def erase(request: Request) -> Response:
-        return await api.ask(request, "erase")
-
-    @routes.post(
-        f"{V1}/fire/undo",
-        **route("correct", "Take the last back.", corrected, body(requests.Undo, {})),
-    )
-    async def undo(request: Request) -> Response:
-        return await api.ask(request, "undo")
-
-    @routes.post(
-        f"{V1}/fire/redo",
-        **route("correct", "Let it hold again.", corrected, body(requests.Redo, {})),
-    )
-    async def redo(request: Request) -> Response:
-        return await api.ask(request, "redo")
 
     drawn = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in UPLOADS}
     taken = json({"perimeter": examples.FRONT, "told": [examples.TOLD]})
@@ -250,18 +207,6 @@ def _words(routes: APIRouter, api: Api) -> None:
                 raise ApiError(error.status, words if told else str(error)) from None
             await asyncio.sleep(0)  # others have their turn
         return answer({"perimeter": found.perimeter, "told": told})
-
-    @routes.post(
-        f"{V1}/wind",
-        **route(
-            "correct",
-            "The wind from now on.",
-            struct(Told, {**examples.TOLD, "event": "WindTold"}),
-            body(requests.Wind, {"speed_m_s": 4.0, "from_deg": 225.0}),
-        ),
-    )
-    async def wind(request: Request) -> Response:
-        return await api.ask(request, "wind")
 
     @routes.get(
         f"{V1}/weather",

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mission_service.ground_distance import distance_m
 from mission_service.interfaces.api.states import Difference
-from mission_service.runtime.picture import ItemState
+from mission_service.runtime.published_states import ItemState
 
 
 def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> Difference:

@@ -1,41 +1,23 @@
-"""Missions: what is on board, what would be sent now, and a person's word on it."""
+"""Missions: what is on board and what would be sent now."""
 
 import tempfile
-from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
 from autopilot_bridge.items import Items, MissionItem, Plan
 from autopilot_bridge.missions.planfile import write_plan
 from autopilot_bridge.stacks.stacks import stack_named
-from mission_service.core import requests
 from mission_service.fire.setup import home_of
-from mission_service.interfaces.api import examples
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, json, route, struct
+from mission_service.interfaces.api.described import V1, json, route, struct
 from mission_service.interfaces.api.mission_difference import difference_of
-from mission_service.interfaces.api.states import Preview, Told
+from mission_service.interfaces.api.states import Preview
 from mission_service.missions.mission_hash import mission_hash
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import Mission, MissionState, item_state
-
-WORDS: dict[str, tuple[type[requests.Request], str, dict[str, Any]]] = {
-    "renew": (requests.Renew, "Plan a new mission and send it now.", {}),
-    "accept": (
-        requests.Accept,
-        "Let the proposed mission of this hash go to the vehicle.",
-        {"hash": examples.HASH},
-    ),
-    "refuse": (
-        requests.Refuse,
-        "Have the proposed mission of this hash not flown.",
-        {"hash": examples.HASH},
-    ),
-}
+from mission_service.runtime.published_states import Mission, MissionState, item_state
 
 
 def items_of(mission: Mission) -> Items:
@@ -94,7 +76,7 @@ def add(routes: APIRouter, api: Api) -> None:
         **route(
             "look",
             "What is on board, on its way, and waits for a word.",
-            struct(MissionState, examples.MISSION),
+            struct(MissionState),
         ),
     )
     async def mission(name: str) -> Response:
@@ -121,27 +103,10 @@ def add(routes: APIRouter, api: Api) -> None:
         **route(
             "fly",
             "What waits for a word or would be sent now, its figures, what it changes.",
-            struct(Preview, examples.PREVIEW),
+            struct(Preview),
         ),
     )
     async def preview(name: str, request: Request) -> Response:
         await asked(request)
         api.vehicle(name)
         return answer(preview_of(api.hub, name))
-
-    def asking(do: str) -> Callable[[str, Request], Awaitable[Response]]:
-        async def ask(name: str, request: Request) -> Response:
-            api.vehicle(name)
-            return await api.ask(request, do, vehicle=name)
-
-        return ask
-
-    for do, (kind, summary, example) in WORDS.items():
-        told = struct(Told, {**examples.TOLD, "event": "MissionAccepted"})
-        routes.add_api_route(
-            f"{V1}/vehicles/{{name}}/mission/{do}",
-            asking(do),
-            methods=["POST"],
-            operation_id=f"mission_{do}",
-            **route("fly", summary, told, body(kind, example, ("vehicle",))),
-        )

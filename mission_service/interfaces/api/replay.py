@@ -2,11 +2,11 @@
 
 from fastapi import APIRouter, Request, Response
 
-from mission_service.core import requests
-from mission_service.interfaces.api import examples
+from mission_service.core.requests import REPLAY
 from mission_service.interfaces.api.answers import ApiError, answer
 from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, body, route, struct
+from mission_service.requests import Replay, summary_of
 from mission_service.runtime.play_head import ReplayState
 
 
@@ -18,7 +18,7 @@ def add(routes: APIRouter, api: Api) -> None:
             raise ApiError(404, "this run is no replay")
         return api.hub.replay()
 
-    shown = struct(ReplayState, examples.REPLAY)
+    shown = struct(ReplayState)
 
     @routes.get(f"{V1}/replay", **route("look", "Where a replay is, and how fast.", shown))
     async def replay() -> Response:
@@ -28,12 +28,12 @@ def add(routes: APIRouter, api: Api) -> None:
         f"{V1}/replay",
         **route(
             "fly",
-            "Pause it or go on, at another speed (0.1 to 100, or max) or from another place.",
+            summary_of(Replay),
             shown,
-            body(requests.Replay, {"paused": False, "speed": 4.0, "seek_s": 120.0}),
+            body(Replay),
         ),
     )
     async def control(request: Request) -> Response:
         state()
-        await api.ask(request, requests.REPLAY)
+        await api.ask(request, REPLAY)
         return answer(state())

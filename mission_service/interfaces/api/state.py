@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.access.auth import ROLES, Who
 from mission_service.interfaces.api.answers import ApiError, answer
 from mission_service.interfaces.api.context import Api
@@ -12,7 +12,7 @@ from mission_service.interfaces.api.described import V1, WHO, route, struct, str
 from mission_service.interfaces.api.live import MOST_STREAMS, LiveStream
 from mission_service.interfaces.api.planner import planner_of
 from mission_service.interfaces.api.states import State, Told, land_of, status_of
-from mission_service.runtime.picture import NewsLine
+from mission_service.runtime.published_states import NewsLine
 
 LARGEST = 2**53
 BY, STATION = WHO["by"]["description"], WHO["station"]["description"]
@@ -23,9 +23,7 @@ def add(routes: APIRouter, api: Api) -> None:
     """``/state``, ``/live``, ``/news``, ``/abort``."""
     land = land_of(api.hub)
 
-    @routes.get(
-        f"{V1}/state", **route("look", "Everything for a new page.", struct(State, examples.STATE))
-    )
+    @routes.get(f"{V1}/state", **route("look", "Everything for a new page.", struct(State)))
     async def state(request: Request) -> Response:
         hub, who = api.hub, request.state.who
         picture = hub.picture
@@ -67,7 +65,7 @@ def add(routes: APIRouter, api: Api) -> None:
 
     @routes.get(
         f"{V1}/news",
-        **route("look", "Lines for people, the latest 500.", structs(NewsLine, examples.NEWS)),
+        **route("look", "Lines for people, the latest 500.", structs(NewsLine)),
     )
     async def news(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
         return answer([line for line in api.hub.picture.news if line.id > after])

@@ -4,10 +4,11 @@ from typing import Any
 
 import msgspec
 
-from mission_service.interfaces.api.access.auth import Role
 from mission_service.missions.figures import Figures
+from mission_service.requests import Role
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import (
+from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
     Alarm,
     ItemState,
     MissionState,
@@ -15,7 +16,6 @@ from mission_service.runtime.picture import (
     TelemetryState,
     VehicleState,
 )
-from mission_service.runtime.play_head import ReplayState
 
 
 class Error(msgspec.Struct):

@@ -1,43 +1,32 @@
-"""Vehicles: where they are, where they were, and orders to them."""
+"""Vehicles: where they are and where they were."""
 
-from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Query, Response
 
-from mission_service.core import requests
-from mission_service.interfaces.api import examples
+from mission_service.interfaces import examples
 from mission_service.interfaces.api.answers import ApiError, answer, encode
 from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import V1, body, json, route, struct, structs
+from mission_service.interfaces.api.described import V1, json, route, struct, structs
 from mission_service.interfaces.api.importance import importance_of
-from mission_service.interfaces.api.states import Importance, Told
-from mission_service.runtime.picture import VehicleState
+from mission_service.interfaces.api.states import Importance
+from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.track import track_geojson
 
 MOST_POINTS = 5000
 GEOJSON = "application/geo+json"
-ORDERS: dict[str, tuple[type[requests.Request], str]] = {
-    "hold": (requests.Hold, "Loiter where it is until somebody says otherwise."),
-    "resume": (requests.Resume, "Fly on by the planner, after hold, return or abort."),
-    "return": (requests.Return, "Fly home."),
-    "start": (requests.Start, "Arm and fly the mission on board."),
-}
-NAME = "All vehicles: `all`."
 
 
 def add(routes: APIRouter, api: Api) -> None:
     """``/vehicles``."""
 
-    @routes.get(
-        f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState, examples.VEHICLE))
-    )
+    @routes.get(f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState)))
     async def vehicles() -> Response:
         return answer(list(api.hub.picture.vehicles.values()))
 
     @routes.get(
         f"{V1}/vehicles/{{name}}",
-        **route("look", "One vehicle.", struct(VehicleState, examples.VEHICLE)),
+        **route("look", "One vehicle.", struct(VehicleState)),
     )
     async def vehicle(name: str) -> Response:
         return answer(api.vehicle(name))
@@ -61,7 +50,7 @@ def add(routes: APIRouter, api: Api) -> None:
         **route(
             "look",
             "What speaks for turning back and for going on, cell by cell of the believed front.",
-            struct(Importance, examples.IMPORTANCE),
+            struct(Importance),
         ),
     )
     async def importance(name: str) -> Response:
@@ -70,23 +59,3 @@ def add(routes: APIRouter, api: Api) -> None:
             rule = api.hub.scenario.planner.rule
             raise ApiError(404, f"{name}: no importances yet, or the rule {rule} has none")
         return answer(found)
-
-    def ordering(do: str) -> Callable[[str, Request], Awaitable[Response]]:
-        async def order(name: str, request: Request) -> Response:
-            if name != "all":
-                api.vehicle(name)
-            return await api.ask(request, do, vehicle="" if name == "all" else name)
-
-        return order
-
-    for do, (kind, summary) in ORDERS.items():
-        described = route(
-            "fly", f"{summary} {NAME}", struct(Told, examples.TOLD), body(kind, {}, ("vehicle",))
-        )
-        routes.add_api_route(
-            f"{V1}/vehicles/{{name}}/{do}",
-            ordering(do),
-            methods=["POST"],
-            operation_id=do,
-            **described,
-        )

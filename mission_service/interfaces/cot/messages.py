@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from shapely import get_parts
 from shapely.geometry import Polygon, shape
 
-from mission_service.runtime.picture import TelemetryState
+from mission_service.runtime.published_states import TelemetryState
 
 TYPES = {"plane": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}  # friendly, drone: fixed wing, rotary
 DRAWN = "u-d-f"

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from mission_service.core.requests import ABORT, ALL_REQUESTS
 from mission_service.interfaces.mqtt.messages import Command, CommandId, Reply
 
 DOOR = "mqtt"  # what names and stations begin with
@@ -23,30 +24,7 @@ REMEMBERED_S = 600.0
 A_SECOND, AT_ONCE = 10.0, 30.0  # commands; more of them are not even answered
 MOST_REMEMBERED = int(REMEMBERED_S * A_SECOND + AT_ONCE)
 ABORTS_APART_S = 0.2  # one more so soon is the same one
-ABORT = "abort"
-TAKEN = (
-    ABORT,
-    "hold",
-    "resume",
-    "return",
-    "start",
-    "renew",
-    "accept",
-    "refuse",
-    "settings",
-    "correct",
-    "erase",
-    "undo",
-    "redo",
-    "lit",
-    "wind",
-    "person",
-    "unit",
-    "plan",
-    "reject",
-    "no-go",
-    "replay",
-)
+TAKEN = tuple(name for name, kind in ALL_REQUESTS.items() if kind.over_mqtt)
 _ENVELOPE = ("schema", "id", "sent_at_unix_us")
 
 Ask = Callable[[dict[str, Any]], dict[str, Any]]
@@ -166,7 +144,7 @@ class Doorkeeper:
 
 
 def _refuse_names(name: str) -> None:
-    if name in ("approve", "go", "present"):
+    if name in ALL_REQUESTS and not ALL_REQUESTS[name].over_mqtt:
         raise _RefusedError(
             "never over MQTT, which knows no person; use the map or the control socket"
         )

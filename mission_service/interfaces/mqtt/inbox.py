@@ -1,51 +1,61 @@
-"""What has come from a broker and is still to be handled."""
+"""Messages that have come from a broker and are still to be handled."""
 
 import asyncio
 from collections import deque
 
 import aiomqtt
 
-from mission_service.interfaces.mqtt.commands import ABORT
-
-MOST_WAITING = 100
-
 
 class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Commands in the order they came, aborts before all others.
+    """Messages in the order they came; bounded, and ``put_nowait`` never raises QueueFull.
 
-    When full, what comes is dropped, and whoever sent it gets no answer and may ask again; an abort
-    takes the place of the last of the others.
+    With ``urgent`` the messages of topics with this ending go before all others. When full, one of
+    them takes the place of the last of the others; any other message is dropped: its sender gets no
+    answer and may ask again. Without ``urgent`` the oldest is dropped, so a process that falls
+    behind does not handle what is long past.
     """
 
-    def __init__(self) -> None:
-        super().__init__(MOST_WAITING)
+    def __init__(self, size: int, urgent: str = "", newest: tuple[str, ...] = ()) -> None:
+        """``newest``: endings of topics of which only the newest message is kept."""
+        super().__init__(size)
         self.dropped = 0
+        self._urgent_ending, self._newest = urgent, newest
 
     def _init(self, maxsize: int) -> None:
-        self._queue: deque[aiomqtt.Message] = deque()
-        self._aborts = 0
+        self._urgent: deque[aiomqtt.Message] = deque()
+        self._others: dict[object, aiomqtt.Message] = {}
+
+    def qsize(self) -> int:
+        """How many wait."""
+        return len(self._urgent) + len(self._others)
+
+    def empty(self) -> bool:
+        """Whether none waits."""
+        return self.qsize() == 0
 
     def _put(self, item: aiomqtt.Message) -> None:
-        if _is_abort(item):
-            self._queue.insert(self._aborts, item)
-            self._aborts += 1
+        topic = item.topic.value
+        if self._is_urgent(item):
+            self._urgent.append(item)
         else:
-            self._queue.append(item)
+            self._others[topic if topic.endswith(self._newest) else object()] = item
 
     def _get(self) -> aiomqtt.Message:
-        item = self._queue.popleft()
-        self._aborts -= _is_abort(item)
-        return item
+        if self._urgent:
+            return self._urgent.popleft()
+        return self._others.pop(next(iter(self._others)))
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Never full."""
+        """Add a message, or drop one."""
         if self.full():
             self.dropped += 1
-            if not _is_abort(item) or self._aborts == len(self._queue):
+            if not self._urgent_ending:
+                self.get_nowait()
+            elif self._others and self._is_urgent(item):
+                self._others.popitem()
+            else:
                 return
-            self._queue.pop()
         super().put_nowait(item)
 
-
-def _is_abort(message: aiomqtt.Message) -> bool:
-    return message.topic.value.endswith(f"/{ABORT}")
+    def _is_urgent(self, item: aiomqtt.Message) -> bool:
+        return self._urgent_ending != "" and item.topic.value.endswith(self._urgent_ending)

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from mission_service.runtime.picture import Alarm
+from mission_service.runtime.published_states import Alarm
 
 # Python's $ would let a line end pass behind the last character.
 PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"

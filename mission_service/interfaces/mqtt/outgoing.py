@@ -5,13 +5,15 @@ nothing grows while there is no broker, and what is sent then is what is true th
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from mission_service.interfaces.mqtt.messages import Alarms
-from mission_service.interfaces.mqtt.topics import ALARM, EVENT, MISSION, TELEMETRY, VEHICLE, Topic
+from mission_service.interfaces.mqtt.topics import EVENT, PARTS, TELEMETRY, Topic
 from mission_service.runtime.picture import Picture
+
+if TYPE_CHECKING:
+    from mission_service.runtime.hub import Hub
 
 STATE_EVERY_US = 500_000  # one vehicle's state or mission is sent no sooner again
 _encode = msgspec.json.Encoder().encode
@@ -47,17 +49,18 @@ class Outgoing:
         """A broker is there, and may know nothing."""
         self._sent.clear()
 
-    def states(self, picture: Picture, now_us: int) -> Iterator[Publication]:
-        """What is due of vehicles and alarms; each counts as sent when the next is asked for."""
-        for key, version in list(picture.changed.items()):
-            kind, _, name = key.partition("/")
-            if kind not in ("telemetry", "vehicle", "mission", "alarms"):
+    def states(self, hub: "Hub", now_us: int) -> Iterator[Publication]:
+        """What is due of the state view; each counts as sent when the next is asked for."""
+        for key, version in list(hub.picture.changed.items()):
+            part, _, name = key.partition("/")
+            topic = PARTS.get(part)
+            if topic is None or topic.build is None:
                 continue
             if self._sent.get(key, 0) >= version or self._due_us.get(key, 0) > now_us:
                 continue
-            yield _state(picture, kind, name)
+            yield Publication(topic, _encode(topic.build(hub, name)), name)
             self._sent[key] = version
-            every_us = self._telemetry_every_us if kind == "telemetry" else STATE_EVERY_US
+            every_us = self._telemetry_every_us if topic is TELEMETRY else STATE_EVERY_US
             self._due_us[key] = now_us + every_us
 
     def news(self, picture: Picture) -> Iterator[Publication]:
@@ -65,16 +68,3 @@ class Outgoing:
         for line in picture.news_after(self._news_id):
             yield Publication(EVENT, _encode(line))
             self._news_id = line.id
-
-
-def _state(picture: Picture, kind: str, name: str) -> Publication:
-    match kind:
-        case "telemetry":
-            return Publication(TELEMETRY, _encode(picture.telemetry[name]), name)
-        case "vehicle":
-            return Publication(VEHICLE, _encode(picture.vehicles[name]), name)
-        case "mission":
-            return Publication(MISSION, _encode(picture.missions[name]), name)
-        case _:
-            alarms = Alarms(picture.at_us, tuple(picture.alarms.values()))
-            return Publication(ALARM, _encode(alarms))

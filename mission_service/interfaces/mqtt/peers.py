@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import aiomqtt
 import msgspec
@@ -29,8 +29,12 @@ from mission_service.interfaces.mqtt.connection import (
     keep_connected,
     together,
 )
+from mission_service.interfaces.mqtt.inbox import Inbox
 from mission_service.interfaces.mqtt.site import access_for
 from mission_service.peer_messages import AnyMessage, Difference, Digest, State
+
+if TYPE_CHECKING:
+    from mission_service.runtime.ears import Ears
 
 MOST_WAITING = 200  # messages to go out, besides states
 MOST_UNREAD = 2000
@@ -138,47 +142,9 @@ class Outbox:
         return None
 
 
-class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """What has come and is still to be handled: of states only the newest of each vehicle.
-
-    A process that falls behind must not live in the past. When full, the oldest is dropped.
-    """
-
-    def _init(self, maxsize: int) -> None:
-        self._queue: dict[object, aiomqtt.Message] = {}
-
-    def _put(self, item: aiomqtt.Message) -> None:
-        overtaken = item.topic.value.endswith(OVERTAKEN)
-        self._queue[item.topic.value if overtaken else object()] = item
-
-    def _get(self) -> aiomqtt.Message:
-        return self._queue.pop(next(iter(self._queue)))
-
-    def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Never full."""
-        if self.full():
-            self.get_nowait()
-        super().put_nowait(item)
-
-
-class Ears(Protocol):
-    """What takes in all that others say."""
-
-    @property
-    def mission_us(self) -> int:
-        """Mission time here."""
-
-    def passed(self, mission_us: int) -> None:
-        """Mission time has come so far elsewhere."""
-
-    def hear(self, message: AnyMessage) -> None:
-        """A vehicle that is flown elsewhere has said something."""
-
-    def contact(self, there: bool) -> None:
-        """Others can be talked to, or no longer."""
-
-    def tell(self, text: str, warning: bool) -> None:
-        """A line for the user."""
+def _inbox() -> Inbox:
+    """Of states and times only the newest of each vehicle counts."""
+    return Inbox(MOST_UNREAD, newest=OVERTAKEN)
 
 
 class Exchange:
@@ -194,7 +160,7 @@ class Exchange:
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
-        self._outbox, self._inbox = Outbox(), Inbox(MOST_UNREAD)
+        self._outbox, self._inbox = Outbox(), _inbox()
         self._time_due = asyncio.Event()
         self._in_contact = False
         self._joined = asyncio.Event()  # others have told what time it is
@@ -203,13 +169,13 @@ class Exchange:
         """Send a message as soon as the broker takes it."""
         self._outbox.put(message)
 
-    async def run(self, ears: Ears) -> None:
+    async def run(self, ears: "Ears") -> None:
         """Talk until cancelled, whatever becomes of the broker."""
         await keep_connected(
             self._client, partial(self._use, ears=ears), partial(self._lost, ears=ears)
         )
 
-    async def _use(self, client: aiomqtt.Client, ears: Ears) -> None:
+    async def _use(self, client: aiomqtt.Client, ears: "Ears") -> None:
         """Until the broker is gone; raises what ends it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
         ears.tell(f"talks to others over {self.channel.broker}", False)
@@ -217,7 +183,7 @@ class Exchange:
         talks = (self._hear, self._send, self._tell_time, self._find_contact)
         await together(*(talk(client, ears) for talk in talks))
 
-    def _lost(self, why: str, ears: Ears) -> None:
+    def _lost(self, why: str, ears: "Ears") -> None:
         if not self._told_lost:
             text = (
                 f"no broker at {self.channel.broker} ({why}); it stays where it is until there is"
@@ -235,10 +201,10 @@ class Exchange:
                 await self._joined.wait()
 
     def _client(self, logger: logging.Logger) -> aiomqtt.Client:
-        self._inbox = Inbox(MOST_UNREAD)
+        self._inbox = _inbox()
         return client_to(self.channel.broker, self.channel.access, logger=logger, inbox=self._inbox)
 
-    async def _send(self, client: aiomqtt.Client, ears: Ears) -> None:
+    async def _send(self, client: aiomqtt.Client, ears: "Ears") -> None:
         while True:
             await self._outbox.is_not_empty.wait()
             message = self._outbox.take()
@@ -248,14 +214,14 @@ class Exchange:
                 await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
 
-    async def _find_contact(self, client: aiomqtt.Client, ears: Ears) -> None:
+    async def _find_contact(self, client: aiomqtt.Client, ears: "Ears") -> None:
         """All come back to a broker within this time: who is not heard then is not there."""
         await asyncio.sleep(MOST_WAIT_S + 0.5)
         self._in_contact = True
         ears.contact(True)
         await asyncio.Event().wait()
 
-    async def _tell_time(self, client: aiomqtt.Client, ears: Ears) -> None:
+    async def _tell_time(self, client: aiomqtt.Client, ears: "Ears") -> None:
         """Now and then, and to who is behind: mission time is the latest there is anywhere."""
         topic = self.channel.topic(min(self._own), TIME)
         while True:
@@ -266,14 +232,14 @@ class Exchange:
                 async with asyncio.timeout(TIME_EVERY_S):
                     await self._time_due.wait()
 
-    async def _hear(self, client: aiomqtt.Client, ears: Ears) -> None:
+    async def _hear(self, client: aiomqtt.Client, ears: "Ears") -> None:
         async for told in client.messages:
             self._take(told, ears)
             while not self._inbox.empty():
                 self._take(self._inbox.get_nowait(), ears)
             await asyncio.sleep(READ_S)  # meanwhile more comes: who is busy handles only the newest
 
-    def _take(self, told: aiomqtt.Message, ears: Ears) -> None:
+    def _take(self, told: aiomqtt.Message, ears: "Ears") -> None:
         *_, vehicle, kind = told.topic.value.split("/")
         if vehicle in self._own:
             return
@@ -288,7 +254,7 @@ class Exchange:
                 ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
             self.refused[vehicle] += 1
 
-    def _hear_time(self, mission_us: int, ears: Ears) -> None:
+    def _hear_time(self, mission_us: int, ears: "Ears") -> None:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
         else:

@@ -17,6 +17,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.config.service import MqttSection
+from mission_service.core.requests import ABORT
 from mission_service.interfaces.maps.of_run import forecasts_of, front_now
 from mission_service.interfaces.mqtt.commands import MOST_BYTES, Doorkeeper
 from mission_service.interfaces.mqtt.connection import (
@@ -29,7 +30,7 @@ from mission_service.interfaces.mqtt.inbox import Inbox
 from mission_service.interfaces.mqtt.messages import Reply, ServiceStatus
 from mission_service.interfaces.mqtt.outgoing import Outgoing, Publication
 from mission_service.interfaces.mqtt.site import Site, site_in
-from mission_service.interfaces.mqtt.topics import COMMAND, FRONT, REPLAY, REPLY, STATUS
+from mission_service.interfaces.mqtt.topics import COMMAND, FRONT, POLLED, REPLY, STATUS, Topic
 from mission_service.runtime.clocks import clock_us, wall_us
 
 if TYPE_CHECKING:
@@ -39,9 +40,10 @@ LOOK_S = 0.05  # between one look at the picture and the next
 LONGEST_LOOK_S = 0.5
 FRONT_EVERY_S, CORRECTED_EVERY_S = 10.0, 1.0
 STATUS_EVERY_S = 1.0  # a look at whether it has changed
-REPLAY_EVERY_S = 0.5
+POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
 TELL_AGAIN_US = 60_000_000
+MOST_UNREAD = 100  # commands that wait
 MOST_REPLIES = 100  # that wait for the broker; beyond it the oldest is dropped
 PACKET_BYTES = 2 * MOST_BYTES  # what is larger the broker does not send; up to it we say why not
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
@@ -59,6 +61,10 @@ def mqtt_door(
     return door
 
 
+def _inbox() -> Inbox:
+    return Inbox(MOST_UNREAD, urgent=f"/{ABORT}")
+
+
 class Publisher:
     """One run's side of a connection to a broker."""
 
@@ -74,7 +80,7 @@ class Publisher:
         self._outgoing = Outgoing(settings.telemetry_hz)
         self._forecasts = forecasts_of(hub)
         self._doorkeeper = Doorkeeper(partial(hub.desk.ask, may_approve=False))
-        self._inbox = Inbox()
+        self._inbox = _inbox()
         self._replies: deque[Reply] = deque(maxlen=MOST_REPLIES)
         self._reply_waits = asyncio.Event()
 
@@ -88,7 +94,7 @@ class Publisher:
     # The connection ---------------------------------------------------------------------------
 
     def _client(self, logger: logging.Logger) -> aiomqtt.Client:
-        self._inbox = Inbox()
+        self._inbox = _inbox()
         payload = msgspec.json.encode(self._status(False, "the connection was lost"))
         will = aiomqtt.Will(self._topic(STATUS.path), payload, STATUS.qos, STATUS.retained)
         return client_to(
@@ -114,9 +120,9 @@ class Publisher:
             await self._subscribe(client)
         self._outgoing.begin()
         self._found()
+        told: list[Callable[[aiomqtt.Client], Coroutine[Any, Any, None]]]
         told = [self._tell_status, self._tell_states, self._tell_news, self._tell_front]
-        if self._hub.replay is not None:
-            told.append(self._tell_replay)
+        told += [partial(self._tell_polled, topic) for topic in POLLED]
         try:
             await together(*(talk(client) for talk in (*told, self._hear, self._answer)))
         except asyncio.CancelledError:
@@ -194,20 +200,20 @@ class Publisher:
                 before = (status.not_ready, status.vehicles)
             await asyncio.sleep(STATUS_EVERY_S)
 
-    async def _tell_replay(self, client: aiomqtt.Client) -> None:
-        replay, before = self._hub.replay, None
-        assert replay is not None
+    async def _tell_polled(self, topic: Topic, client: aiomqtt.Client) -> None:
+        assert topic.build is not None
+        before: object = None
         while True:
-            state = replay()
+            state = topic.build(self._hub, "")
             if state != before:
-                await self._publish(client, Publication(REPLAY, msgspec.json.encode(state)))
+                await self._publish(client, Publication(topic, msgspec.json.encode(state)))
                 before = state
-            await asyncio.sleep(REPLAY_EVERY_S)
+            await asyncio.sleep(POLLED_EVERY_S)
 
     async def _tell_states(self, client: aiomqtt.Client) -> None:
         while True:
             version = self._hub.picture.version
-            for told in self._outgoing.states(self._hub.picture, clock_us()):
+            for told in self._outgoing.states(self._hub, clock_us()):
                 await self._publish(client, told)
             await self._wait_for_news(version)
 

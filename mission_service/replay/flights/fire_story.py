@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import BURN, FORMATION
 from mission_service.events import (
     AnyEvent,
     LinkLost,
@@ -24,6 +23,7 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import fire_position
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.registry import way_of
 from mission_service.journal.recorded import Recorded
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog
@@ -80,7 +80,7 @@ class FireStory:
     @property
     def follows_front(self) -> bool:
         """Whether its planners fly along a front."""
-        return self.scenario.planner.rule not in (FORMATION, BURN)
+        return way_of(self.scenario).along_front
 
 
 def fire_story(log: JournalLog) -> FireStory:
@@ -108,7 +108,7 @@ class _Telling:
         self._believed: list[tuple[int, str, Floats]] = []
         self._centre: tuple[float, float] | None = None
         self._map: FireMap | None = None
-        if scenario.planner.rule != BURN:
+        if scenario.burn_flown is None:
             row, col = landscape.row_col_of(*fire_position(scenario, landscape))
             self._centre = (float(round(float(row))), float(round(float(col))))
             lat, lon = landscape.lat_lon_of(*landscape.xy_of(*self._centre))

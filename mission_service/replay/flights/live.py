@@ -11,17 +11,19 @@ from typing import Any
 import msgspec
 
 from mission_service.config.service import ServiceSection
-from mission_service.core.requests import REPLAY, Replay
+from mission_service.core.requests import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
 from mission_service.fire.simulated import FireWorld
+from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.journal.journal import header_of
-from mission_service.live.daemon import doors_of, stop_on_signals, untold, warm_up_for
+from mission_service.live.daemon import doors_of, stop_on_signals, untold
 from mission_service.replay.flights.beside import Replaying
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
 from mission_service.replay.flights.player import Player
+from mission_service.requests import Replay
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.gateway import MissionClock
@@ -58,9 +60,7 @@ class ReplayDesk(Desk):
             lambda event: [],
             self._where_it_is,
             lambda: player.state().at_us,
-            (),
-            (),
-            lambda *at: True,
+            RequestScope(accepted=(REPLAY,)),
         )
         self._player = player
         self._machine_us = now_us
@@ -77,7 +77,7 @@ class ReplayDesk(Desk):
         """The answer to one request; never raises for anything that it may say."""
         do = request.get("do") if isinstance(request, dict) else None
         if do != REPLAY:
-            return super().ask(request) if do == "status" else wrong(ORDERED)
+            return super().ask(request) if do == STATUS else wrong(ORDERED)
         try:
             said = moved(self._player, request, self._machine_us())
         except RequestError as error:
@@ -126,7 +126,7 @@ async def serve_flight(
     async with contextlib.AsyncExitStack() as stack:
         listening = stack.enter_context(claimed(show.out / NAME))
         doors = doors_of(settings, show.out, site, stack, address, show.logs)
-        warm_up_for(scenario, what.landscape)
+        way_of(scenario).warm_up(scenario, what.landscape)
         path = show.out / JOURNAL
         refuse_loss(path, [log.path for log in what.flight.logs])
         header = header_of(scenario, what.landscape.digest(), show.created)

@@ -8,8 +8,8 @@ from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.client_events import ClientEvent
-from autopilot_bridge.vehicle.jobs import Begin
 from autopilot_bridge.vehicle.orders import Dropper
+from autopilot_bridge.vehicle.transfer_states import StartItem
 
 # What a log tells that a core lives on. Items are those of the mission that was flown, so they say
 # nothing of the ones that the core would have sent.
@@ -51,7 +51,7 @@ class LoggedVehicle:
         return self._events.popleft() if self._events else None
 
     def upload(
-        self, items: Items, now_us: int, *, begin: Begin = "restart", holds_first: bool = False
+        self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
     ) -> int:
         """Taken, and begun."""
         done = self._transferred("upload", items, now_us)
@@ -73,42 +73,11 @@ class LoggedVehicle:
         self._events.append(bridge.TransferFinished(now_us, self._number, action, result))
         return self._number
 
-    def _done(self, name: str, now_us: int) -> int:
+    def command(self, name: str, now_us: int, *arguments: float | str) -> int:
+        """Taken."""
         self._number += 1
         self._events.append(bridge.CommandFinished(now_us, name, True, "", self._number))
         return self._number
-
-    def start_mission(self, now_us: int) -> object:
-        """Taken."""
-        return self._done("start mission", now_us)
-
-    def hold(self, now_us: int) -> object:
-        """Taken."""
-        return self._done("hold", now_us)
-
-    def return_home(self, now_us: int) -> object:
-        """Taken."""
-        return self._done("return", now_us)
-
-    def orbit(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float, now_us: int
-    ) -> object:
-        """Taken."""
-        return self._done("orbit", now_us)
-
-    def change_speed(self, speed_m_s: float, now_us: int) -> object:
-        """Taken."""
-        return self._done("change speed", now_us)
-
-    def set_return_height(self, height_m: float, now_us: int) -> object:
-        """Taken."""
-        return self._done("set return height", now_us)
-
-    def climb_and_hold(
-        self, lat_deg: float, lon_deg: float, altitude_amsl_m: float, now_us: int
-    ) -> object:
-        """Taken."""
-        return self._done("climb and hold", now_us)
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
         """Refused."""

@@ -151,15 +151,15 @@ def _of_vehicle(run: RunStory, vehicle: VehicleStory) -> list[Happened]:
     ]
     for each in vehicle.drops:
         if each.done is not None:
-            off = "" if each.off_m is None else f", {each.off_m:.1f} m off its place"
+            off = "" if each.off_m is None else f", {each.off_m:.1f} m from its planned place"
             what = "gripper" if each.done.output == 0 else f"servo {each.done.output}"
-            text = f"{what} lets go at {each.done.lat_deg:.6f}, {each.done.lon_deg:.6f}{off}"
+            text = f"{what} opens at {each.done.lat_deg:.6f}, {each.done.lon_deg:.6f}{off}"
             lines.append(Happened(run.since_s(each.done.at_us), name, text, True))
     lines += [
         Happened(
             run.since_s(span.from_us),
             name,
-            f"flies the other way than its planner for {(span.to_us - span.from_us) / 1e6:.0f} s",
+            f"flies against the planner's direction for {(span.to_us - span.from_us) / 1e6:.0f} s",
             span.to_us - span.from_us >= LONG_US,
         )
         for span in vehicle.differs

@@ -39,7 +39,7 @@ from autopilot_bridge.vehicle.client_events import (
     Text,
     Wind,
 )
-from autopilot_bridge.vehicle.command import RESULTS
+from autopilot_bridge.vehicle.command_sequence import RESULTS
 
 Columns = dict[str, type]  # a datetime is told as microseconds since 1970
 Row = tuple[Any, ...]

@@ -11,16 +11,16 @@ import re
 import secrets
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, get_args
 
 import msgspec
 from msgspec import Meta
 
 from mission_service.errors import MissionServiceError
+from mission_service.requests import Role
 from mission_service.runtime.redaction import hide
 
-Role = Literal["look", "correct", "fly", "approve"]
-ROLES: tuple[Role, ...] = ("look", "correct", "fly", "approve")
+ROLES: tuple[Role, ...] = get_args(Role)
 TOKEN_FILE = "token"  # in the folder of a run
 LONGEST_TOKEN = 200
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{20,{LONGEST_TOKEN}}}")

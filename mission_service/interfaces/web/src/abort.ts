@@ -69,10 +69,10 @@ async function abort(): Promise<void> {
     try {
       say("ABORT: sending …", true);
       await post("abort");
-      say("ABORT taken: vehicles stop, climb and hold", true);
+      say("ABORT accepted: vehicles stop, climb and hold", true);
       return;
     } catch (error) {
-      say(`ABORT NOT TAKEN (try ${tries}): ${wordsOf(error)}. Use the radio and the transmitter.`, true);
+      say(`ABORT NOT ACCEPTED (try ${tries}): ${wordsOf(error)}. Use the radio and the transmitter.`, true);
       if (tries === TRIES) return;
       await new Promise((done) => setTimeout(done, 500));
     }

@@ -28,7 +28,7 @@ export async function attempt(
     say(said ? `${words}: ${said}` : `${words}: done`);
     return true;
   } catch (error) {
-    say(`${words}: not done: ${wordsOf(error)}`, true);
+    say(`${words}: failed: ${wordsOf(error)}`, true);
     return false;
   }
 }
@@ -42,7 +42,7 @@ const WORDS: Record<Role, string> = {
 
 /** Why nobody may order anything here, or this token not what takes a role; "" if it may. */
 export function lacking(store: Store, role: Role): string {
-  return store.state?.replay ? "This is a replay: nothing can be ordered" : withoutRole(store, role);
+  return store.state?.replay ? "A replay accepts no orders" : withoutRole(store, role);
 }
 
 /** Why this token may not do what takes a role; "" if it may. */

@@ -26,7 +26,7 @@ export class Alarms {
   constructor(private readonly store: Store) {
     readySound(() => this.nameButton());
     this.button.addEventListener("click", () => this.mute(!this.muted));
-    shortcut("m", "Mute or unmute alarms (severe ones for two minutes)", () => this.mute(!this.muted));
+    shortcut("m", "Mute or unmute alarms (severe alarms for two minutes)", () => this.mute(!this.muted));
     shortcut("k", "Acknowledge all alarms", () => this.acknowledge(this.current()));
     store.on(["alarms", "link"], () => this.renew());
     setInterval(() => this.renew(), 1000);
@@ -50,11 +50,11 @@ export class Alarms {
     const lostS = this.lostAt ? (performance.now() - this.lostAt) / 1000 : 0;
     const base = { vehicle: "", severity: "severe", cleared_at_us: null } as const;
     if (store.state && lostS > LOST_S) {
-      const text = `Service lost (${store.why}). The picture is ${duration(store.ageS)} old`;
+      const text = `Service lost (${store.why}). The data are ${duration(store.ageS)} old`;
       return [{ ...base, alarm: "page/service", at_us: Math.round(this.lostAt), text }];
     }
     if (store.state && !store.state.replay && store.linked && store.stillS > STILL_S) {
-      const text = `No news of fire and vehicles for ${duration(store.stillS)}`;
+      const text = `No data on fire and vehicles for ${duration(store.stillS)}`;
       return [{ ...base, alarm: "page/still", at_us: 0, text, severity: "warning" }];
     }
     return [];
@@ -81,7 +81,7 @@ export class Alarms {
       this.shown = keys;
       fill(element, ...open.slice(0, MOST_SHOWN).map((alarm) => this.row(alarm)));
       const more = open.length - MOST_SHOWN;
-      if (more > 0) element.append(h("p", {}, `and ${more} more: see the log`));
+      if (more > 0) element.append(h("p", {}, `and ${more} more in the log`));
       if (open.length > 1) {
         const all = h("button", { type: "button", onclick: () => this.acknowledge(open) }, "All (K)");
         all.setAttribute("aria-label", "Acknowledge all");
@@ -90,7 +90,7 @@ export class Alarms {
       const quiet = current.length - open.length;
       element.classList.toggle("quiet", open.length === 0 && quiet > 0);
       if (!open.length && quiet) {
-        element.append(h("p", {}, `Still wrong: ${current.map((alarm) => alarm.text).join("; ")}`));
+        element.append(h("p", {}, `Still active: ${current.map((alarm) => alarm.text).join("; ")}`));
       }
     }
     // The age of the picture runs on without the banner being made anew.
@@ -136,9 +136,9 @@ export class Alarms {
 
   private nameButton(): void {
     const severeOnly = this.muted && performance.now() - this.mutedAt > MUTED_MS;
-    const words = !canSound() ? "Sound off: touch" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
+    const words = !canSound() ? "Sound off: press" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
     setText(this.button, words);
-    this.button.title = "Mute alarms (M); severe ones sound again after two minutes";
+    this.button.title = "Mute alarms (M); severe alarms sound again after two minutes";
     this.button.setAttribute("aria-pressed", String(this.muted));
   }
 }

@@ -90,6 +90,6 @@ export async function download(path: string, name: string): Promise<void> {
 /** What went wrong, in one line. */
 export function wordsOf(error: unknown): string {
   if (error instanceof Refused) return error.message;
-  if (error instanceof TypeError) return "the service was not reached";
+  if (error instanceof TypeError) return "no connection to the service";
   return error instanceof Error ? error.message : String(error);
 }

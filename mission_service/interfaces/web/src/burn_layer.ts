@@ -92,7 +92,7 @@ export const burnLayers: Layers = {
 
 export const BURN_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
   unit: { words: "Burn unit and stations", layers: ["unit", "no-drop", "clear-of", "stations", "stations-name"], shown: true },
-  drops: { words: "Drops, planned and done", layers: ["burn-plan", "burn-plan-drops", "drops"], shown: true },
+  drops: { words: "Planned and completed drops", layers: ["burn-plan", "burn-plan-drops", "drops"], shown: true },
 };
 
 export function followBurn(map: MapView, store: Store): void {

@@ -22,7 +22,7 @@ export function askForToken(why: string, entered: () => void): void {
     { method: "dialog" },
     h("h2", {}, "Token"),
     h("p", {}, why),
-    h("label", { for: "token" }, "The token that the service printed, or that you were given"),
+    h("label", { for: "token" }, "Token from the output of the service, or from its operator"),
     field,
     h("button", { class: "primary" }, "Open the map"),
   );
@@ -60,9 +60,9 @@ export function confirmed(words: string): Promise<boolean> {
 }
 
 const BUILT_IN: [string, string][] = [
-  ["Tab, Shift+Tab", "From control to control"],
+  ["Tab, Shift+Tab", "Next or previous control"],
   ["Arrow keys, + and −", "Move and zoom the map while it has the focus"],
-  ["Space, Enter, Escape", "With a pen: a corner at the cross, end the stroke, leave it"],
+  ["Space, Enter, Escape", "With a pen: add a corner at the cross, end the stroke, cancel the stroke"],
 ];
 
 export function showHelp(): void {

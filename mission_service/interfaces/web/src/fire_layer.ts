@@ -136,13 +136,13 @@ function stateColour(): ExpressionSpecification {
 export const FIRE_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
   arrival: { words: "Time of arrival", layers: ["arrival"], shown: false },
   uncertainty: {
-    words: "How sure (10, 50, 90 %)",
+    words: "Uncertainty (10, 50, 90 %)",
     layers: ["uncertainty", "uncertainty-line", "uncertainty-name"],
     shown: false,
   },
   contours: { words: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
   corrections: {
-    words: "Corrections drawn",
+    words: "Corrections",
     layers: ["corrections-area", "corrections-line", "corrections-point"],
     shown: true,
   },

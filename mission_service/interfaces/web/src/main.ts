@@ -62,8 +62,8 @@ side(store, [
   },
   { key: "log", words: "Log", element: logPanel(store), there: () => true },
 ]);
-shortcut("?", "These keys", showHelp);
-shortcut("c", "Show the chosen vehicle in the middle of the map", () => {
+shortcut("?", "Show this list of keys", showHelp);
+shortcut("c", "Centre the map on the chosen vehicle", () => {
   const here = store.telemetry.get(store.chosen);
   if (here) map?.panTo([here.lon_deg, here.lat_deg]);
 });
@@ -115,8 +115,8 @@ store.on([], () => {
   if (making) return;
   making = true;
   void makeMapOnce().catch((error: unknown) => {
-    console.error("the map could not be made", error);
-    byId("map").textContent = `The map could not be made: ${String(error)}`;
+    console.error("cannot display the map", error);
+    byId("map").textContent = `Cannot display the map: ${String(error)}`;
   });
 });
 
@@ -134,6 +134,6 @@ function enter(): void {
 }
 
 takeToken();
-whenUnauthorised(() => askForToken("The service does not know this token (any more).", enter));
+whenUnauthorised(() => askForToken("This token is not valid, or no longer valid.", enter));
 if (token()) enter();
 else askForToken("This map needs a token.", enter);

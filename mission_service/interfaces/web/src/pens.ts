@@ -176,7 +176,7 @@ export class Pens {
     if (!tool || "eraser" in tool) return;
     const least = tool.shape === "polygon" ? 3 : tool.shape === "line" ? 2 : 1;
     if (points.length < least) {
-      this.said(`Too short: ${tool.shape === "polygon" ? "an area" : "a line"} takes a longer stroke`);
+      this.said(`Stroke too short for ${tool.shape === "polygon" ? "an area" : "a line"}`);
       return;
     }
     this.drawn({ tool, points, radiusM: 0 });

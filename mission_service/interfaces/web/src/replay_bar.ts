@@ -17,11 +17,11 @@ export function replayBar(store: Store): void {
   const bar = byId("replay");
   const play = h("button", { type: "button", class: "play", onclick: () => toggle() });
   const speed = h("select", { "aria-label": "Speed of the replay", onchange: () => faster() });
-  const slider = h("input", { type: "range", min: 0, step: 1, "aria-label": "Place in the log" });
+  const slider = h("input", { type: "range", min: 0, step: 1, "aria-label": "Time in the log" });
   const words = h("output");
   const step = (by: number, name: string): HTMLButtonElement =>
     h("button", { type: "button", title: name, "aria-label": name, onclick: () => move(by) }, by < 0 ? "−10 s" : "+10 s");
-  const steps = [step(-STEP_S, "Ten seconds back"), step(STEP_S, "Ten seconds on")];
+  const steps = [step(-STEP_S, "Ten seconds back"), step(STEP_S, "Ten seconds forward")];
   bar.append(play, speed, steps[0]!, slider, steps[1]!, words);
 
   let dragged = false;
@@ -41,7 +41,7 @@ export function replayBar(store: Store): void {
       const answer = await post<Replay>("replay", body);
       if (replay() === before) store.expect(without(answer));
     } catch (error) {
-      say(`Replay: not done: ${wordsOf(error)}`, true);
+      say(`Replay failed: ${wordsOf(error)}`, true);
     }
   };
   const seek = coalesced(async () => {
@@ -82,17 +82,17 @@ export function replayBar(store: Store): void {
     event.preventDefault();
     move(by);
   });
-  shortcut("Space", "Replay: pause or go on", toggle, false, there);
+  shortcut("Space", "Replay: pause or continue", toggle, false, there);
   shortcut("ArrowLeft", "Replay: ten seconds back", () => move(-STEP_S), false, there);
-  shortcut("ArrowRight", "Replay: ten seconds on", () => move(STEP_S), false, there);
+  shortcut("ArrowRight", "Replay: ten seconds forward", () => move(STEP_S), false, there);
 
   const renew = (): void => {
     const now = replay();
     bar.hidden = !now;
     document.body.classList.toggle("replay", Boolean(now));
     if (!now) return;
-    setText(play, now.ended && now.paused ? "Again" : now.paused ? "▶ Play" : "Pause");
-    play.title = now.paused ? "Go on (Space)" : "Pause (Space)";
+    setText(play, now.ended && now.paused ? "Play again" : now.paused ? "▶ Play" : "Pause");
+    play.title = now.paused ? "Continue (Space)" : "Pause (Space)";
     const speeds = SPEEDS.includes(String(now.speed)) ? SPEEDS : [...SPEEDS, String(now.speed)];
     if (speed.options.length !== speeds.length) {
       fill(speed, ...speeds.map((each) => h("option", { value: each }, each === "max" ? "max" : `${each}×`)));

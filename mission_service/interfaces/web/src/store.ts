@@ -122,7 +122,7 @@ export class Store {
       const began = performance.now();
       try {
         await this.once(stop.signal);
-        this.lost("the service ended the connection");
+        this.lost("the service closed the connection");
       } catch (error) {
         if (stop.signal.aborted) return;
         if (error instanceof Jumped) continue;

@@ -26,7 +26,7 @@ export function makeStrip(): {
 /** In words, for the label and for who does not see the strip. */
 export function inWords(told: Importance): string {
   const { importance_back: back, importance_front: front } = told;
-  const next = back > front ? "more behind: it may turn back" : "more ahead: it flies on";
+  const next = back > front ? "the vehicle may turn back" : "the vehicle continues";
   return `behind ${short(back)}, ahead ${short(front)}: ${next}`;
 }
 
@@ -51,7 +51,7 @@ function paint(canvas: HTMLCanvasElement, told: Importance | null): void {
   const middle = WIDTH / 2;
   if (!told) {
     pen.textAlign = "center";
-    pen.fillText("No decision yet: not at the front", middle, 54);
+    pen.fillText("No decision before arrival at the front", middle, 54);
     return;
   }
   canvas.setAttribute("aria-label", inWords(told));
@@ -110,5 +110,5 @@ function sums(pen: CanvasRenderingContext2D, told: Importance, middle: number): 
   pen.textAlign = "right";
   pen.fillText(`Σ ${short(front)}`, WIDTH - 4, 110);
   pen.textAlign = "center";
-  pen.fillText(back > front ? "may turn back" : "flies on", middle, 110);
+  pen.fillText(back > front ? "may turn back" : "continues", middle, 110);
 }

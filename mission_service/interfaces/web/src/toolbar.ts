@@ -45,22 +45,22 @@ export class Toolbar {
       h("hr"),
       ...SHAPES.map(([shape, words, key]) => one(shape, words, `${words} (${key})`, () => this.form(shape))),
       h("hr"),
-      one("eraser", "Erase", "Take marks away (E)", () => this.take("eraser")),
-      one("undo", "Undo", "Take the last back (Ctrl+Z)", () => this.back("undo")),
-      one("redo", "Redo", "Let it hold again (Ctrl+Y)", () => this.back("redo")),
-      h("label", { class: "when", for: "for-slider", title: "Marks are for the slider's time, not for now" },
+      one("eraser", "Erase", "Erase corrections (E)", () => this.take("eraser")),
+      one("undo", "Undo", "Undo the last correction (Ctrl+Z)", () => this.back("undo")),
+      one("redo", "Redo", "Redo the last undone correction (Ctrl+Y)", () => this.back("redo")),
+      h("label", { class: "when", for: "for-slider", title: "Draw for the time of the slider instead of now" },
         this.atSlider, this.when),
     );
     shortcut("v", "Move the map", () => this.take(null));
     for (const [state, words, key] of PENS) {
-      shortcut(key, `Pen: ${words.toLowerCase()}; Space puts a corner, Enter ends`, () => this.take(state));
+      shortcut(key, `Pen: ${words.toLowerCase()}; Space adds a corner, Enter ends the stroke`, () => this.take(state));
     }
-    for (const [shape, words, key] of SHAPES) shortcut(key, `Pen draws: ${words.toLowerCase()}`, () => this.form(shape));
+    for (const [shape, words, key] of SHAPES) shortcut(key, `Shape of the pen: ${words.toLowerCase()}`, () => this.form(shape));
     shortcut("e", "Eraser", () => this.take("eraser"));
     shortcut("Ctrl+Z", "Undo the last correction", () => this.back("undo"));
     shortcut("Ctrl+Y", "Redo", () => this.back("redo"));
     shortcut("Ctrl+Shift+Z", "Redo", () => this.back("redo"));
-    shortcut("Escape", "Close this list, or put the pen away", () => {
+    shortcut("Escape", "Close this list, or deselect the pen", () => {
       if (!closeHelp()) this.take(null);
     });
     this.atSlider.addEventListener("change", () => this.renew());

@@ -40,7 +40,7 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     const replay = state?.replay ?? null;
     badge.hidden = !replay;
     setText(badge, replay ? `REPLAY ${logsOf(replay)}` : "");
-    badge.title = replay ? `A logged flight, not a live one: ${replay.logs.join(", ")}` : "";
+    badge.title = replay ? `Replay of a logged flight: ${replay.logs.join(", ")}` : "";
     setText(link, store.linked ? (replay ? "" : "● live") : `○ NOT LIVE${old ? `, ${Math.round(store.ageS)} s old` : ""}`);
     link.classList.toggle("lost", !store.linked);
     const lacks = state?.status.not_ready ?? [];

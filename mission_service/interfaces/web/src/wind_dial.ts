@@ -39,7 +39,7 @@ export function windDial(changed: (wind: Wind) => void): {
     height: SIZE * 2,
     class: "dial",
     role: "img",
-    "aria-label": "Wind dial: drag from the middle towards where the wind comes from",
+    "aria-label": "Wind dial: drag from the middle to the direction from which the wind blows",
   });
   const draw = (event: PointerEvent): void => {
     const box = canvas.getBoundingClientRect();

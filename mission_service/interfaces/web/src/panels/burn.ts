@@ -19,8 +19,8 @@ export class BurnPanel {
   private list = h("ul", { class: "go-list" });
   private listState = h("p", { class: "words" });
   private plan = h("div");
-  private line = h("input", { type: "number", min: 1, max: 1000, id: "line-spacing", placeholder: "as before" });
-  private drop = h("input", { type: "number", min: 1, max: 1000, id: "drop-spacing", placeholder: "as before" });
+  private line = h("input", { type: "number", min: 1, max: 1000, id: "line-spacing", placeholder: "unchanged" });
+  private drop = h("input", { type: "number", min: 1, max: 1000, id: "drop-spacing", placeholder: "unchanged" });
   private planNow = button("Plan the next line", () => void this.wanted(), "", "primary");
   private shown = "";
 
@@ -32,15 +32,15 @@ export class BurnPanel {
         "label",
         { class: "check" },
         this.watch,
-        "I am here and watch: without somebody watching nothing is dropped",
+        "I am present and watching (required for drops)",
       ),
       section("Plan", this.plan),
       section("GO / NO-GO", this.listState, this.list),
       section(
         "Next line",
         h("div", { class: "fields" },
-          h("label", { for: "line-spacing" }, "Between lines (m)"), this.line,
-          h("label", { for: "drop-spacing" }, "Between drops (m)"), this.drop),
+          h("label", { for: "line-spacing" }, "Line spacing (m)"), this.line,
+          h("label", { for: "drop-spacing" }, "Drop spacing (m)"), this.drop),
         this.planNow,
       ),
     );
@@ -98,7 +98,7 @@ export class BurnPanel {
   private showList({ leader: { checklist } }: Burn): void {
     setText(
       this.listState,
-      checklist.complete ? "All GO" : `${checklist.open} of ${checklist.items.length} not GO: nothing flies`,
+      checklist.complete ? "All GO" : `${checklist.open} of ${checklist.items.length} items not GO: no flight`,
     );
     const focus = (document.activeElement as HTMLElement | null)?.dataset.key;
     fill(this.list, ...checklist.items.map((item) => this.listRow(item)));
@@ -134,7 +134,7 @@ export class BurnPanel {
     } else {
       parts.push(h("p", { class: "words" }, `Not approved${known?.why_not ? `: ${known.why_not}` : ""}`));
     }
-    const reject = button("Reject", () => this.tell("Reject", "reject", { hash: plan_hash }), "Have this plan not flown", "no-go");
+    const reject = button("Reject", () => this.tell("Reject", "reject", { hash: plan_hash }), "Reject this plan", "no-go");
     const approve = this.approveButton(plan_hash);
     setReason(reject, lacking(this.store, "approve"));
     if (leader.approved_by) parts.push(h("div", { class: "row" }, reject));
@@ -172,11 +172,11 @@ export class BurnPanel {
 
 /** What is to be known before anybody says yes. */
 function safetyFigures(plan: IgnitionPlan, hash: string): HTMLElement {
-  const skipped = plan.skipped.length ? `; ${plan.skipped.length} more skipped as unsafe` : "";
+  const skipped = plan.skipped.length ? `; ${plan.skipped.length} skipped as unsafe` : "";
   return figures([
     ["Line", `${plan.line}, ${plan.vehicle}`],
-    ["Least time to fire", `${duration(plan.least_time_margin_s)} (wanted ${duration(plan.time_margin_s)})`],
-    ["Distance kept from fire", `at least ${metres(plan.distance_margin_m)}`],
+    ["Least time to fire", `${duration(plan.least_time_margin_s)} (minimum ${duration(plan.time_margin_s)})`],
+    ["Distance from fire", `at least ${metres(plan.distance_margin_m)}`],
     ["Drops", `${plan.drops.length}${skipped}`],
     ["Duration", duration(plan.duration_s)],
     ["Hash", hash.slice(0, 12)],
@@ -186,12 +186,12 @@ function safetyFigures(plan: IgnitionPlan, hash: string): HTMLElement {
 function planFigures(plan: IgnitionPlan): HTMLElement {
   return figures([
     ["Begins", clock(plan.begin_us / 1e6)],
-    ["To be approved by", clock(plan.valid_until_us / 1e6)],
+    ["Approve before", clock(plan.valid_until_us / 1e6)],
     ["Drop height", `${metres(plan.drop_height_m)} above ground`],
     ["Safe height", `${metres(plan.safe_height_m)} above ground`],
     ["Speed", speed(plan.speed_m_s)],
     ["Wind", `from ${plan.wind_from_deg.toFixed(0)}° (${compass(plan.wind_from_deg)}), ${speed(plan.wind_speed_m_s)}`],
-    ["Spheres left after", String(plan.spheres_left)],
+    ["Spheres left at the end", String(plan.spheres_left)],
   ]);
 }
 

@@ -38,7 +38,7 @@ export class DecisionPart {
     if (name !== this.store.chosen) return;
     const there = told !== null && told.cells.length > 0 ? told : null;
     this.strip.show(there);
-    const flies = vehicle.direction ? `Flies ${vehicle.direction}` : "No direction yet";
+    const flies = vehicle.direction ? `Direction: ${vehicle.direction}` : "No direction yet";
     setText(this.words, there ? `${flies}; ${inWords(there)}.` : `${flies}.`);
   }
 }

@@ -22,7 +22,7 @@ interface Weather {
 }
 
 const KEY_COLOURS: [string, string][] = [
-  ["now", "Burned by now"],
+  ["now", "Burned now"],
   ["then", "Burned at the slider's time"],
   ["burned", "Drawn: burned"],
   ["burning", "Drawn: burning"],
@@ -39,7 +39,7 @@ export class FirePanel {
   private from = h("input", { type: "number", min: 0, max: 360, step: 5, id: "wind-from" });
   private fast = h("input", { type: "number", min: 0, max: 60, step: 0.5, id: "wind-speed" });
   private told = h("p", { class: "words" });
-  private confirm = button("Set this wind", () => void this.setWind(), "From now on, for the fire's forecast", "primary");
+  private confirm = button("Set this wind", () => void this.setWind(), "Use this wind in the fire forecast from now on", "primary");
   private file = h("input", { type: "file", id: "perimeter", accept: ".geojson,.json,.kml,.kmz,.zip" });
 
   constructor(
@@ -125,7 +125,7 @@ export class FirePanel {
       const type = { "Content-Type": file.type || "application/octet-stream" };
       const answer = await ask("fire/perimeter", { method: "POST", body: file, headers: type });
       const { told } = (await answer.json()) as { told: { said: string[] }[] };
-      return { said: [`${told.length} outlines taken`, ...told.flatMap((each) => each.said)] };
+      return { said: [`${told.length} outlines accepted`, ...told.flatMap((each) => each.said)] };
     });
     this.file.value = "";
   }
@@ -134,15 +134,15 @@ export class FirePanel {
     const { fire } = this.store.state ?? {};
     if (!fire) return;
     setText(this.size, `${area(fire.area_ha * 1e4)} burned`);
-    const by = fire.wind_told_by ? `, told by ${fire.wind_told_by}` : "";
+    const by = fire.wind_told_by ? `, set by ${fire.wind_told_by}` : "";
     const words = this.now
       ? `Now from ${this.now.from_deg.toFixed(0)}° (${compass(this.now.from_deg)}), ${speed(this.now.speed_m_s)}${by}`
-      : "Not known";
+      : "Unknown";
     setText(this.told, words);
     this.dial.show(this.now, this.wanted);
     const reason = lacking(this.store, "correct");
     for (const input of [this.from, this.fast, this.file]) setReason(input, reason);
-    setReason(this.confirm, reason || (this.wanted ? "" : "Draw or type a wind first"));
+    setReason(this.confirm, reason || (this.wanted ? "" : "Draw or enter a wind first"));
     setText(
       this.confirm,
       this.wanted ? `Set: from ${this.wanted.from_deg}°, ${speed(this.wanted.speed_m_s)}` : "Set this wind",

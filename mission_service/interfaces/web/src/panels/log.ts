@@ -10,7 +10,7 @@ const MOST_LINES = 100;
 export function logPanel(store: Store): HTMLElement {
   const alarms = h("ul", { class: "log" });
   const news = h("ol", { class: "log" });
-  const element = h("div", { class: "panel" }, section("Alarms", alarms), section("News", news));
+  const element = h("div", { class: "panel" }, section("Alarms", alarms), section("Announcements", news));
   store.on(["news", "alarms"], () => {
     const told = store.state;
     if (!told) return;

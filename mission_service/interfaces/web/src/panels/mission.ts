@@ -17,7 +17,7 @@ export class MissionPart {
 
   constructor(private readonly store: Store) {
     this.controls = [
-      button("Preview", () => void this.look(), "What would be sent now"),
+      button("Preview", () => void this.look(), "Show the mission that would be sent now"),
       button("Plan and send now", () => this.tell("renew", {}), "Plan a new mission and send it"),
     ];
     this.element = section("Mission", h("div", { class: "row orders" }, ...this.controls), this.body);
@@ -66,14 +66,14 @@ export class MissionPart {
   private question(mission: Mission): HTMLElement {
     const hash = { hash: mission.mission_hash };
     const answers = [
-      button("Accept", () => this.tell("accept", hash), "Let exactly this mission go up", "go"),
-      button("Refuse", () => this.tell("refuse", hash), "Do not fly this one", "no-go"),
+      button("Accept", () => this.tell("accept", hash), "Send exactly this mission", "go"),
+      button("Refuse", () => this.tell("refuse", hash), "Discard this mission", "no-go"),
     ];
     for (const answer of answers) setReason(answer, lacking(this.store, "fly"));
     return h(
       "div",
       { class: "question" },
-      h("strong", {}, `A mission waits for your word: ${mission.why}`),
+      h("strong", {}, `This mission needs your decision: ${mission.why}`),
       h("p", {}, `${mission.items.length} items · hash ${mission.mission_hash.slice(0, 12)}`),
       h("div", { class: "row" }, ...answers),
     );
@@ -90,10 +90,10 @@ function previewed({ figures: told, difference, mission_hash }: Preview): HTMLEl
       ["Farthest from home", distance(told.farthest_from_home_m)],
       ["Highest (MSL)", told.highest_amsl_m === null ? null : metres(told.highest_amsl_m)],
       [
-        "Against what is on board",
-        `${difference.added} items new, ${difference.removed} gone, moved by up to ${metres(difference.farthest_moved_m)}`,
+        "Changes to the mission on board",
+        `${difference.added} items added, ${difference.removed} removed, moved by up to ${metres(difference.farthest_moved_m)}`,
       ],
-      ["Leaves the landscape", told.outside_landscape ? "YES" : null],
+      ["Outside the landscape", told.outside_landscape ? "YES" : null],
       ["Hash", mission_hash.slice(0, 12)],
     ]),
     ...told.problems.map((problem) => h("p", { class: "bad" }, problem)),

@@ -8,9 +8,9 @@ import type { Planner } from "../types.ts";
 import { button, figures, section } from "./parts.ts";
 
 const TUNABLE: [string, string, number][] = [
-  ["alpha", "α: how uneven the fire is taken to be (0: never turn)", 0.1],
-  ["reversal_margin", "Gain that a turn takes (1 = 100 %)", 0.05],
-  ["dwell_s", "Least time between turns (s)", 5],
+  ["alpha", "α: assumed unevenness of the fire (0: no reversals)", 0.1],
+  ["reversal_margin", "Minimum gain of a reversal (1 = 100 %)", 0.05],
+  ["dwell_s", "Minimum time between reversals (s)", 5],
 ];
 
 export class PlannerPanel {
@@ -46,7 +46,7 @@ export class PlannerPanel {
     const reason = lacking(this.store, "fly");
     for (const [key, field] of this.fields) {
       const has = typeof planner[key] === "number";
-      setReason(field, reason || (has ? "" : "This rule has no such setting"));
+      setReason(field, reason || (has ? "" : "This rule does not have this setting"));
       if (document.activeElement !== field) field.value = has ? String(planner[key]) : "";
     }
     setReason(this.save, reason);

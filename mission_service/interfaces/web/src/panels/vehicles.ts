@@ -13,8 +13,8 @@ import { button, figures } from "./parts.ts";
 import { MissionPart } from "./mission.ts";
 
 const ORDERS: [string, string, string][] = [
-  ["hold", "Hold", "Circle or hover where it is"],
-  ["resume", "Resume", "Fly on by the planner"],
+  ["hold", "Hold", "Circle or hover at the current place"],
+  ["resume", "Resume", "Continue under the planner"],
   ["return", "Return", "Fly home"],
   ["start", "Start", "Arm and fly the mission on board"],
 ];
@@ -51,9 +51,9 @@ export class VehiclesPanel {
       ),
     );
     shortcut("n", "Next vehicle", () => this.step(1));
-    shortcut("p", "Vehicle before", () => this.step(-1));
+    shortcut("p", "Previous vehicle", () => this.step(-1));
     shortcut("h", "Hold the chosen vehicle", () => this.order("hold", store.chosen));
-    shortcut("r", "Let the chosen vehicle fly on", () => this.order("resume", store.chosen));
+    shortcut("r", "Resume the chosen vehicle", () => this.order("resume", store.chosen));
     shortcut("H", "Hold all vehicles", () => this.order("hold", ""));
     store.on(["vehicle", "telemetry", "chosen"], () => this.renew());
     store.on(["mission", "chosen"], () => this.renew());
@@ -141,25 +141,25 @@ export class VehiclesPanel {
     return [
       [
         "State",
-        `link ${vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
+        `link ${vehicle.link === "never heard" ? "not connected" : vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
       ],
-      ["Ordered", vehicle.order || null],
+      ["Order", vehicle.order || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
       ["Height", here ? `${metres(here.height_agl_m)} above ground` : "–"],
-      ["Moves", here ? `${speed(here.ground_speed_m_s)}, heading ${here.heading_deg.toFixed(0)}°` : "–"],
+      ["Motion", here ? `${speed(here.ground_speed_m_s)}, heading ${here.heading_deg.toFixed(0)}°` : "–"],
       // In a replay nothing is sent: it flew what it flew.
-      [store.state?.replay ? "Would fly" : "On board", missionWords(mission?.on_board ?? null, vehicle)],
-      ["Being sent", mission?.sending ? missionWords(mission.sending, null) : null],
+      [store.state?.replay ? "Simulated mission" : "On board", missionWords(mission?.on_board ?? null, vehicle)],
+      ["In transfer", mission?.sending ? missionWords(mission.sending, null) : null],
       [
-        "Turned last",
+        "Last reversal",
         vehicle.reversed_at_us === null
           ? vehicle.decisions ? "not yet" : null
-          : `at ${clock(vehicle.reversed_at_us / 1e6)}, ${duration(store.nowS - vehicle.reversed_at_us / 1e6)} ago; ${vehicle.reversals} times`,
+          : `at ${clock(vehicle.reversed_at_us / 1e6)}, ${duration(store.nowS - vehicle.reversed_at_us / 1e6)} ago; ${vehicle.reversals} in total`,
       ],
       [
         "Orbit",
-        vehicle.orbit ? `radius ${metres(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}, sees ${metres(vehicle.orbit.view_width_m)} wide` : null,
+        vehicle.orbit ? `radius ${metres(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}, camera width ${metres(vehicle.orbit.view_width_m)}` : null,
       ],
     ];
   }
@@ -170,13 +170,13 @@ async function ordered(path: string): Promise<Answer> {
   const answer = await post<Answer>(path);
   if (!answer.confirm) return answer;
   const question = answer.said.map((line) => line.replace(/^confirm:\s*/, "")).join("\n");
-  if (!(await confirmed(question))) return { said: ["not confirmed, nothing was ordered"] };
+  if (!(await confirmed(question))) return { said: ["not confirmed, no order sent"] };
   return post<Answer>(path, { confirmed: true });
 }
 
 function shortState(vehicle: Vehicle): string {
   if (vehicle.link === "lost") return "LINK LOST";
-  if (vehicle.link === "never heard") return "not heard yet";
+  if (vehicle.link === "never heard") return "no heartbeat yet";
   const battery = vehicle.battery_pct === null ? "" : ` · ${vehicle.battery_pct.toFixed(0)} %`;
   const order = vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "";
   return `${vehicle.mode || "mode?"}${battery}${order}`;
@@ -184,6 +184,6 @@ function shortState(vehicle: Vehicle): string {
 
 function missionWords(mission: Mission | null, vehicle: Vehicle | null): string {
   if (!mission) return "nothing";
-  const current = vehicle?.current_seq === null || !vehicle ? "" : `, flies item ${vehicle.current_seq}`;
+  const current = vehicle?.current_seq === null || !vehicle ? "" : `, current item ${vehicle.current_seq}`;
   return `mission ${mission.mission_id}: ${mission.items.length} items${current} (${mission.why})`;
 }

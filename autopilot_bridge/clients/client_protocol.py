@@ -1,0 +1,65 @@
+"""What every client of a vehicle does, with whichever library it talks to the autopilot."""
+
+from typing import Protocol
+
+from autopilot_bridge.items import Items
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.client_events import ClientEvent
+from autopilot_bridge.vehicle.orders import Dropper
+from autopilot_bridge.vehicle.transfer_states import StartItem
+
+
+class VehicleClient(Protocol):
+    """One vehicle: ``NativeClient`` or ``MavsdkClient``. Outcomes arrive as events.
+
+    ``now_us`` is the link's time in microseconds. Numbers that are returned stand in the event with
+    the outcome.
+    """
+
+    @property
+    def stack(self) -> Stack | None:
+        """The autopilot; None until its first HEARTBEAT."""
+
+    def upload(
+        self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
+    ) -> int:
+        """Replace the mission.
+
+        Args:
+            items: The items without ArduPilot's home.
+            now_us: Time in microseconds.
+            begin: The item to fly next: "restart" the first, "keep" the same number as now, or a
+                number from 0.
+            holds_first: Hold while the autopilot would fly a list that is half overwritten.
+
+        Returns:
+            The ``transfer_id`` of TransferFinished.
+        """
+
+    def download(self, now_us: int) -> int:
+        """Read the mission; TransferFinished with the returned ``transfer_id`` has the items."""
+
+    def clear(self, now_us: int) -> int:
+        """Remove the mission; returns the ``transfer_id`` of TransferFinished."""
+
+    def command(self, name: str, now_us: int, *arguments: float | str) -> int:
+        """Carry out a command of the table ``vehicle/orders.py``.
+
+        Args:
+            name: Its key in ``ORDERS``, such as "hold" or "orbit".
+            now_us: Time in microseconds.
+            arguments: As the row of the table has them.
+
+        Returns:
+            The ``command_id`` of CommandFinished.
+
+        Raises:
+            BridgeError: No autopilot has connected, the stack has no such command, or an argument
+                is out of range.
+        """
+
+    def drop(self, dropper: Dropper, now_us: int) -> int:
+        """Release one thing now, once; returns the ``drop_id`` of DropFinished."""
+
+    def next_event(self) -> ClientEvent | None:
+        """The oldest event that was not handed out yet."""

@@ -1,0 +1,556 @@
+"""A vehicle flown through MAVSDK: takes the place of ``NativeClient`` and its ``Connection``.
+
+MAVSDK (a C library in this process) is fed with the bytes of our link; it finds the vehicle, moves
+missions and repeats commands. What it leaves out is added here, as seen on real autopilots:
+a mission is checked first (a refused item leaves ArduPilot with a cut mission), read back after
+(its verdict alone tells little) and then begun by number (ArduPlane flies its old target until
+told). Its own ``set_current_mission_item`` is not used: where the autopilot answers with another
+number it asks again for ever, as fast as the link can.
+"""
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self, TypeVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.clients.mavsdk_library import (
+    ACCEPTED,
+    MAVSDK_IDS,
+    item_of_raw,
+    judged,
+    library,
+    raw_items,
+    raw_message,
+)
+from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.items import Items, jumps_moved
+from autopilot_bridge.links.codec import Codec, Message
+from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.framing import frames_of, source_of
+from autopilot_bridge.links.signing import Counts, Signing
+from autopilot_bridge.links.tlog_writer import Tlog
+from autopilot_bridge.missions.check import check
+from autopilot_bridge.missions.plan_id import mission_id_of
+from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.stacks.stacks import Stack, Step
+from autopilot_bridge.vehicle.client_events import (
+    ClientEvent,
+    CommandFinished,
+    Connected,
+    DropFinished,
+    LinkRestored,
+    ModeChanged,
+    Rebooted,
+    TransferFinished,
+)
+from autopilot_bridge.vehicle.command_sequence import command_message, result_words
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
+from autopilot_bridge.vehicle.message_rates import rate_requests
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
+from autopilot_bridge.vehicle.mode_change import changed_meanwhile
+from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
+from autopilot_bridge.vehicle.orders import Dropper, OrderContext, order_named
+from autopilot_bridge.vehicle.remote_binding import RemoteBinding
+from autopilot_bridge.vehicle.transfer_queue import LAST_NAV
+from autopilot_bridge.vehicle.transfer_states import StartItem
+
+LOOK_EVERY_S = 0.05
+ANSWER_S = 1.5
+FOUND_S = 10.0
+NOT_FOUND = "MAVSDK has not found the vehicle"
+SILENT_S = 120.0  # the longest mission on a slow radio takes less
+NO_ANSWER = "NO_ANSWER"  # as MAVSDK's verdicts are written, but it gives none
+NO_ORDER = "through MAVSDK vehicles fly missions only; use backend native"
+LEAVE_S = 5.0  # a transfer under way may end in this time when the service does
+Result = TypeVar("Result")
+
+
+@dataclass
+class Job:
+    """A transfer asked for."""
+
+    transfer_id: int
+    action: Literal["upload", "download", "clear"]
+    items: Items = ()
+    begin: StartItem = "restart"
+    holds_first: bool = False
+
+
+class MavsdkClient:
+    """A ``VehicleClient`` and its link, while the context (``async with``) is open.
+
+    Args:
+        link: The link as users write it; no other vehicle may use it.
+        system_id: The vehicle's MAVLink system id.
+        clock: The link's time in microseconds.
+        tlog: A recording of what is sent and received; the caller closes it.
+        signing: Signs all frames that are sent; frames that do not verify are dropped.
+        link_id: The link id of signatures, 0 to 255.
+        most_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+
+    Raises:
+        BridgeError: The link is not valid, or cannot be opened (on entering the context).
+    """
+
+    def __init__(
+        self,
+        link: str,
+        system_id: int,
+        clock: Callable[[], int],
+        tlog: Tlog | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
+        most_speed_m_s: float | None = None,
+    ) -> None:
+        self.called = ""  # the remote that the link calls
+        self._signed = signing is not None
+        self._source: RemoteBinding | None = None
+        self._connection = Connection(
+            link, self, clock, tlog=tlog, signing=signing, link_id=link_id
+        )
+        self._link = link
+        self._clock = clock
+        self._target = (system_id, AUTOPILOT)
+        self._monitor = VehicleMonitor(HEARTBEAT_TIMEOUT_US, most_speed_m_s)
+        self._codec = Codec(*MAVSDK_IDS)
+        self._outgoing: list[bytes] = []
+        self._events: deque[ClientEvent] = deque()
+        self._waiting: list[Job] = []
+        self._next_id = 1
+        self._last_command = 0
+        self._asked = asyncio.Event()
+        self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
+        self._begin: MissionActivation | None = None  # under way
+        self._commanded_modes = CommandedModes()
+        self._taken: list[str] = []  # why autopilot or pilot took over, each time
+        self._heartbeats = 0
+        self._mavsdk: Any = None
+        self._missions: Any = None
+        self._direct: Any = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._calls: set[asyncio.Task[Any]] = set()
+
+    # What the user asks for -------------------------------------------------------------------
+
+    @property
+    def stack(self) -> Stack | None:
+        """The autopilot, once it was heard."""
+        return self._monitor.stack
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether it flies its mission, by its last HEARTBEAT."""
+        return self._monitor.in_mission
+
+    @property
+    def counts(self) -> Counts:
+        """What became of the frames of its link; see ``Connection``."""
+        return self._connection.counts
+
+    @property
+    def hears_signed(self) -> bool:
+        """Whether it signs though nothing is checked; see ``Connection``."""
+        return self._connection.hears_signed
+
+    def upload(
+        self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
+    ) -> int:
+        """Replace the mission; see ``NativeClient.upload``."""
+        for waiting in [job for job in self._waiting if job.action == "upload"]:
+            self._waiting.remove(waiting)
+            ended = TransferResult("superseded", "a newer one came", holds="the old one")
+            self._events.append(TransferFinished(now_us, waiting.transfer_id, "upload", ended))
+        return self._add(Job(0, "upload", tuple(items), begin, holds_first))
+
+    def download(self, now_us: int) -> int:
+        """Read the mission; the result carries the items."""
+        return self._add(Job(0, "download"))
+
+    def clear(self, now_us: int) -> int:
+        """Remove the mission."""
+        return self._add(Job(0, "clear"))
+
+    def command(self, name: str, now_us: int, *arguments: float | str) -> int:
+        """Carry out a command of ``orders.ORDERS``; CommandFinished has the outcome.
+
+        One that cannot be sent through MAVSDK ends as not accepted.
+        """
+        steps = order_named(name).through_mavsdk
+        self._last_command += 1
+        if steps is None:
+            finished = CommandFinished(now_us, name, False, NO_ORDER, self._last_command)
+            self._tell(finished)
+        else:
+            context = OrderContext(self._known_stack(), self._monitor.armed)
+            self._commands.put_nowait((self._last_command, name, steps(context, *arguments)))
+        return self._last_command
+
+    def drop(self, dropper: Dropper, now_us: int) -> int:
+        """Not done through MAVSDK; outcome as DropFinished."""
+        self._tell(DropFinished(now_us, 0, "refused", NO_ORDER))
+        return 0
+
+    def next_event(self) -> ClientEvent | None:
+        """The oldest event not handed out yet."""
+        return self._events.popleft() if self._events else None
+
+    def _known_stack(self) -> Stack:
+        if self.stack is None:
+            raise BridgeError("no autopilot was heard yet; wait for Connected")
+        return self.stack
+
+    def _add(self, job: Job) -> int:
+        job.transfer_id = self._next_id
+        self._next_id += 1
+        self._waiting.append(job)
+        self._asked.set()
+        return job.transfer_id
+
+    # The link ---------------------------------------------------------------------------------
+
+    async def __aenter__(self) -> Self:
+        core = library().core
+        loop = asyncio.get_running_loop()
+        station = core.ComponentType.GROUND_STATION
+        await self._connection.__aenter__()
+        self._mavsdk = core.Mavsdk(core.Configuration.create_with_component_type(station))
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(  # called in a thread of MAVSDK's
+            lambda data: loop.call_soon_threadsafe(self._send, data)
+        )
+        self._mavsdk.add_any_connection("raw://")
+        for work in (self._transfer_all(), self._command_all()):
+            task = asyncio.create_task(work)
+            task.add_done_callback(self._stopped)
+            self._tasks.append(task)
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        # MAVSDK must not go while a call is in it: that call would never return.
+        if self._calls:
+            await asyncio.wait(self._calls, timeout=LEAVE_S)
+        if self._calls:
+            await self._missions.cancel_mission_upload()
+            await self._missions.cancel_mission_download()
+            await asyncio.wait(self._calls, timeout=LEAVE_S)
+        self._mavsdk.destroy()
+        await self._connection.__aexit__(*error)
+
+    async def wait(self) -> None:
+        """Return when there may be events; raises what went wrong with the link or here."""
+        await self._connection.wait()
+
+    def flush(self) -> None:
+        """Send what there is to send."""
+        self._connection.flush()
+
+    def _stopped(self, task: asyncio.Task[None]) -> None:
+        failure = None if task.cancelled() else task.exception()
+        if isinstance(failure, Exception):
+            self._connection.failed(failure)
+
+    def _send(self, data: bytes) -> None:
+        self._outgoing.append(data)
+        self._connection.flush()
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take in whole frames from a link with one other end."""
+        self.receive_frames("", frames_of(data), now_us)
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Take in whole frames of the vehicle's remote, for MAVSDK and our own monitor.
+
+        MAVSDK gets no frame before a HEARTBEAT identifies the remote, and none out of bounds.
+        """
+        if self._source is None:
+            self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
+        source = self._source
+        for frame in frames:
+            messages = self._codec.decode_frames([frame])
+            if source_of(frame) == self._target and messages:
+                accepted = source.accepts(remote, is_of_autopilot(messages[0]), now_us)
+                self._events.extend(source.alarms)
+                source.alarms.clear()
+                if not accepted:
+                    continue
+                self._receive(messages[0], now_us)
+                if not self._monitor.used:
+                    continue
+            if remote == source.remote:
+                self._mavsdk.pass_received_raw_bytes(frame)
+
+    def _receive(self, message: Message, now_us: int) -> None:
+        mode = self._monitor.custom_mode
+        events = self._monitor.receive(message, now_us)
+        self._heartbeats += message.get_type() == "HEARTBEAT"
+        if self._begin is not None:
+            self._begin.receive(message, now_us)
+        for event in events:
+            if isinstance(event, ModeChanged) and event.custom_mode != mode:
+                self._mode_changed(event.custom_mode, now_us)
+        self._events.extend(events)
+        news = any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events)
+        if news and self.stack is not None:
+            for request in rate_requests(self.stack, self._target):
+                self._outgoing.append(self._codec.encode(request))
+
+    def _mode_changed(self, mode: int, now_us: int) -> None:
+        """Note a mode that was not commanded here."""
+        if self.stack is not None and not self._commanded_modes.has(mode, now_us):
+            self._taken.append(changed_meanwhile(self.stack, mode))
+            if self._begin is not None:
+                self._begin.leave(self._taken[-1])
+
+    def data_to_send(self) -> list[bytes]:
+        """Frames to send, each handed out once."""
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
+
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """The same with the vehicle's remote; to all before that is known."""
+        source = self._source
+        remote = "" if source is None or source.remote is None else source.remote
+        return [(remote, frame) for frame in self.data_to_send()]
+
+    def next_timer(self) -> int | None:
+        """When its silence counts as a lost link, or an alarm may have ended."""
+        alarms_us = None if self._source is None else self._source.alarm_timer()
+        timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
+        return min((timer for timer in timers if timer is not None), default=None)
+
+    def handle_timer(self, now_us: int) -> None:
+        """Report a lost link, and alarms that have ended."""
+        self._events.extend(self._monitor.handle_timer(now_us))
+        self._events.extend(self._monitor.end_alarms(now_us))
+        if self._source is not None:
+            self._source.handle_timer(now_us)
+            self._events.extend(self._source.alarms)
+            self._source.alarms.clear()
+
+    def _tell(self, event: ClientEvent) -> None:
+        self._events.append(event)
+        self._connection.stir()
+
+    # MAVSDK -----------------------------------------------------------------------------------
+
+    async def _found(self) -> bool:
+        """Whether MAVSDK knows the vehicle; waits for it, and makes its plugins."""
+        modules = library()
+
+        def look() -> bool:
+            for system in self._mavsdk.get_systems() if self._missions is None else ():
+                if system.get_system_id() == self._target[0] and system.has_autopilot():
+                    wrapped = modules.system.System(system)
+                    self._direct = modules.direct.MavlinkDirectAsync(wrapped)
+                    self._missions = modules.missions.MissionRawAsync(wrapped)
+            return self._missions is not None
+
+        return await self._until(look, FOUND_S)
+
+    async def _call(self, call: Coroutine[Any, Any, Result]) -> Result:
+        """Wait for a call to MAVSDK; when the wait is cancelled the call goes on.
+
+        Raises TimeoutError where MAVSDK's own timeouts should have ended it long ago.
+        """
+        task = asyncio.ensure_future(call)
+        self._calls.add(task)
+        task.add_done_callback(self._returned)
+        return await asyncio.wait_for(asyncio.shield(task), SILENT_S)
+
+    def _returned(self, task: asyncio.Task[Any]) -> None:
+        self._calls.discard(task)
+        task.cancelled() or task.exception()  # looked at, though nobody may wait for it any more
+
+    async def _until(self, what: Callable[[], bool], within_s: float) -> bool:
+        """Whether something came to be so in time."""
+        ends_us = self._clock() + round(within_s * 1e6)
+        while not what():
+            if self._clock() > ends_us:
+                return False
+            await asyncio.sleep(LOOK_EVERY_S)
+        return True
+
+    # Commands ---------------------------------------------------------------------------------
+
+    async def _command_all(self) -> None:
+        while True:
+            command_id, name, steps = await self._commands.get()
+            accepted, reason = False, NOT_FOUND
+            if await self._found():
+                accepted, reason = await self._steps(steps)
+            self._tell(CommandFinished(self._clock(), name, accepted, reason, command_id))
+
+    async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
+        """Commands one after another until one is refused; MAVSDK repeats them.
+
+        None goes out after the autopilot or a pilot has taken the vehicle.
+        """
+        taken = len(self._taken)
+        for step in steps:
+            if len(self._taken) > taken:
+                return False, self._taken[-1]
+            self._commanded_modes.ask(modes_of_step(step, self._known_stack()), self._clock())
+            command, asked = step.command, command_message(self._target, step, 0)
+            try:
+                ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
+            except library().direct.MavlinkDirectError as error:
+                return False, f"command {command} was not answered (MAVSDK: {error.result.name})"
+            except TimeoutError:
+                return False, f"command {command} was not answered (MAVSDK: {NO_ANSWER})"
+            result = json.loads(ack.fields_json)["result"]
+            if result != mavlink.MAV_RESULT_ACCEPTED:
+                return False, f"command {command} {result_words(result)}"
+        return True, "accepted"
+
+    async def _change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
+        """Out of the mode ``before`` only, right behind a heartbeat that shows it."""
+        heartbeats = self._heartbeats
+        await self._until(lambda: self._heartbeats > heartbeats, 2 * ANSWER_S)
+        if self._monitor.custom_mode != before:
+            return False, changed_meanwhile(stack, self._monitor.custom_mode)
+        accepted, reason = await self._steps((stack.set_mode(custom_mode),))
+        if not accepted:
+            return False, reason
+        changed = await self._until(lambda: self._monitor.custom_mode == custom_mode, 2 * ANSWER_S)
+        return changed, "accepted" if changed else "no heartbeat shows the mode"
+
+    # Transfers --------------------------------------------------------------------------------
+
+    async def _transfer_all(self) -> None:
+        while True:
+            await self._asked.wait()
+            found = await self._found()
+            if not self._waiting:
+                self._asked.clear()
+                continue
+            job = self._waiting.pop(0)
+            result = TransferResult("failed", NOT_FOUND, holds="the old one")
+            if found:
+                result = await self._transfer(job, self._known_stack())
+            self._tell(TransferFinished(self._clock(), job.transfer_id, job.action, result))
+
+    async def _transfer(self, job: Job, stack: Stack) -> TransferResult:
+        if job.action == "download":
+            read, reason = await self._read()
+            if read is None:
+                return TransferResult("failed", reason)
+            hidden = self._monitor.hidden_items
+            return TransferResult(
+                "accepted", "read", items=jumps_moved(read[hidden:], -hidden), holds="not known"
+            )
+        if job.action == "clear" or not job.items:
+            return await self._clear(stack)
+        return await self._upload(job, stack)
+
+    async def _clear(self, stack: Stack) -> TransferResult:
+        left = not stack.keeps_target or await self._until(
+            lambda: not self._monitor.in_mission, ANSWER_S
+        )
+        if not left:
+            # MAVSDK would cut the list and report success, and the vehicle would fly on.
+            reason = "the vehicle flies its mission and would fly on without it; hold first"
+            return TransferResult("rejected", reason, holds="the old one")
+        said = await self._ask(self._missions.clear_mission())
+        read, reason = await self._read()
+        if read is None:
+            return TransferResult("unknown", f"{said}; and reading it back: {reason}")
+        if len(read) > self._monitor.hidden_items:
+            return TransferResult("rejected", f"the vehicle keeps its mission ({said})")
+        return ACCEPTED
+
+    async def _upload(self, job: Job, stack: Stack) -> TransferResult:
+        bad = next((each for each in check(job.items, stack) if each.kind == "refused"), None)
+        if bad is not None:
+            return TransferResult("rejected", str(bad), seq=bad.index, holds="the old one")
+        monitor, hidden = self._monitor, self._monitor.hidden_items
+        first = self._first(job)
+        paused = job.holds_first and monitor.in_mission and not stack.atomic_upload
+        before, taken = Onboard(None, monitor.plan_id, monitor.unfit), len(self._taken)
+        if paused:
+            held, reason = await self._change_mode(stack, stack.mission_mode, stack.hold_mode)
+            if not held:
+                words = f"it would not hold for the upload: {reason}"
+                return TransferResult("rejected", words, holds="the old one")
+        wire_items = (*job.items[:hidden], *jumps_moved(job.items, hidden))
+        said = await self._ask(self._missions.upload_mission(raw_items(wire_items, first)))
+        read, reason = await self._read()
+        ended = judged(stack, hidden, wire_items, said, read)
+        if read is None:
+            ended = replace(ended, reason=f"{ended.reason}; and reading it back: {reason}")
+        if ended.outcome != "accepted":
+            return ended
+        ended = replace(ended, items=job.items)
+        if len(self._taken) > taken and stack.keeps_target:
+            begun = TransferResult("failed", self._taken[-1])
+        else:
+            begun = await self._made_current(first, wire_items, before, stack)
+        if begun.outcome != "accepted":
+            words = f"the vehicle holds the mission but did not begin it: {begun.reason}"
+            return replace(ended, outcome=begun.outcome, reason=words, code=None)
+        if paused and len(self._taken) > taken:
+            words = f"accepted; {self._taken[-1]}, and its mode was not changed"
+            return replace(ended, reason=words)
+        if paused:
+            flies, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
+            if not flies:
+                words = f"the vehicle holds the mission but did not fly on: {reason}"
+                return replace(ended, outcome="failed", reason=words, code=None)
+        return ended
+
+    def _first(self, job: Job) -> int:
+        """The wire number of the item to fly next."""
+        hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
+        if job.begin == "restart":
+            return hidden
+        asked = self._monitor.current or 0 if job.begin == "keep" else hidden + job.begin
+        return min(max(asked, hidden), last)
+
+    async def _made_current(
+        self, seq: int, wire_items: Items, before: Onboard, stack: Stack
+    ) -> TransferResult:
+        """Begin the mission on board: see ``vehicle/mission_activation.py``."""
+        address = Address(MAVSDK_IDS, self._target)
+        later = range(seq, len(wire_items))
+        shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)
+        begin = self._begin = MissionActivation(
+            *(address, seq, shown, len(wire_items), mission_id_of(wire_items, stack)),
+            *(before._replace(seq=self._monitor.current), TransferTiming()),
+        )
+        try:
+            messages = begin.start(self._clock())
+            while begin.result is None:
+                for message in messages:
+                    await self._call(self._direct.send_message(raw_message(message, self._target)))
+                await asyncio.sleep(LOOK_EVERY_S)
+                messages = begin.handle_timer(self._clock())
+            return begin.result
+        finally:
+            self._begin = None
+
+    async def _ask(self, call: Coroutine[Any, Any, Any]) -> str:
+        """MAVSDK's verdict on a transfer, by its name."""
+        try:
+            await self._call(call)
+        except library().missions.MissionRawError as error:
+            return str(error.result.name)
+        except TimeoutError:
+            return NO_ANSWER
+        return "SUCCESS"
+
+    async def _read(self) -> tuple[Items | None, str]:
+        """The vehicle's mission as it is on the wire; None and MAVSDK's verdict if it fails."""
+        try:
+            read = await self._call(self._missions.download_mission())
+        except library().missions.MissionRawError as error:
+            if error.result.name == "NO_MISSION_AVAILABLE":
+                return (), "SUCCESS"
+            return None, str(error.result.name)
+        except TimeoutError:
+            return None, NO_ANSWER
+        return tuple(item_of_raw(raw) for raw in read), "SUCCESS"

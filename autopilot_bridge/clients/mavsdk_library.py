@@ -1,0 +1,93 @@
+"""What is needed of MAVSDK's modules, and its words in ours."""
+
+import functools
+import json
+import logging
+from typing import Any, NamedTuple
+
+from autopilot_bridge.items import Items, MissionItem, jumps_moved
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.read_back import same_as_sent
+from autopilot_bridge.missions.transfer import Holds, TransferResult
+from autopilot_bridge.stacks.stacks import Stack
+
+MAVSDK_IDS = (245, 190)  # of its ground stations
+ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")
+
+
+class Library(NamedTuple):
+    """The modules of MAVSDK that are used; importing them takes 0.1 s."""
+
+    core: Any
+    system: Any
+    missions: Any
+    direct: Any
+
+
+@functools.cache
+def library() -> Library:
+    """Import MAVSDK; its log goes to Python's."""
+    import mavsdk
+    import mavsdk.asyncio
+    import mavsdk.asyncio.plugins.mavlink_direct as direct
+    import mavsdk.asyncio.plugins.mission_raw as missions
+    from mavsdk.logging import LogLevel, log_subscribe
+
+    def log(level: int, message: str, file: str | None, line: int) -> bool:
+        if level >= LogLevel.ERROR:
+            logging.getLogger("mavsdk").error("%s", message)
+        return True  # or it would go to standard output, among results that programs read
+
+    log_subscribe(log)
+    return Library(mavsdk, mavsdk.asyncio, missions, direct)
+
+
+def raw_message(message: Message, target: tuple[int, int]) -> Any:
+    """A message as MAVSDK takes it."""
+    fields = {name: getattr(message, name) for name in message.get_fieldnames()}
+    return library().direct.MavlinkMessage(
+        message.get_type(), *MAVSDK_IDS, *target, json.dumps(fields)
+    )
+
+
+def raw_items(items: Items, first: int) -> list[Any]:
+    """Items as MAVSDK takes them; it wants one of them to be current."""
+    raw_item = library().missions.MissionItem
+    return [
+        raw_item(
+            *(seq, item.frame, item.command, int(seq == first), item.autocontinue),
+            *(item.param1, item.param2, item.param3, item.param4),
+            x=item.x,
+            y=item.y,
+            z=item.z,
+        )
+        for seq, item in enumerate(items)
+    ]
+
+
+def item_of_raw(raw: Any) -> MissionItem:
+    """An item that MAVSDK has read."""
+    return MissionItem(
+        *(raw.command, raw.frame, raw.x, raw.y, raw.z),
+        *(raw.param1, raw.param2, raw.param3, raw.param4, raw.autocontinue),
+    )
+
+
+def judged(stack: Stack, hidden: int, sent: Items, said: str, read: Items | None) -> TransferResult:
+    """How an upload ended, by MAVSDK's verdict and what was read back (None: it could not be).
+
+    TIMEOUT may mean that only the last answer was lost.
+    """
+    reason = f"MAVSDK: {said}"
+    took = said in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")
+    if read is None:
+        holds: Holds = "one of both" if stack.atomic_upload else "not known"
+        return TransferResult("unknown" if took else "rejected", reason, holds=holds)
+    pairs = zip(sent[hidden:], read[hidden:], strict=False)
+    if len(sent) == len(read) and all(same_as_sent(*pair, stack) for pair in pairs):
+        return ACCEPTED
+    items = jumps_moved(read[hidden:], -hidden)
+    holds = "the old one" if stack.atomic_upload else "a mixture"
+    if said == "SUCCESS":
+        reason = "the vehicle holds another mission"
+    return TransferResult("failed" if took else "rejected", reason, items=items, holds=holds)

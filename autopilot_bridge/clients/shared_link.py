@@ -1,0 +1,208 @@
+"""Many vehicles on one link, sans-IO: found by their heartbeats, a client for each.
+
+The link is a peer of a connection; messages are decoded once and go to the client of the system
+that sent them. A vehicle is a link and a system id: the same id on two links is two vehicles.
+Which remote of a link a vehicle's messages are taken from: ``remote_binding.py``.
+"""
+
+import heapq
+from collections import deque
+from typing import NamedTuple
+
+from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, NativeClient, gcs_heartbeat
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Codec, Message
+from autopilot_bridge.missions.transfer import TransferTiming
+from autopilot_bridge.stacks.stacks import stack_of
+from autopilot_bridge.vehicle.client_events import ClientEvent
+from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
+from autopilot_bridge.vehicle.monitor import AUTOPILOT
+from autopilot_bridge.vehicle.remote_binding import RemoteBinding
+from autopilot_bridge.vehicle.telemetry import MESSAGES
+
+HEARTBEAT_TIMEOUT_US = 3_000_000
+
+
+class VehicleKey(NamedTuple):
+    """What tells vehicles apart."""
+
+    link: str
+    system_id: int
+
+    def __str__(self) -> str:
+        return f"{self.system_id} on {self.link}"
+
+
+class FleetEvent(NamedTuple):
+    """What happened to which vehicle."""
+
+    vehicle: VehicleKey
+    event: ClientEvent
+
+
+class SharedLink:
+    """One link and its vehicles: a peer for a ``Connection``.
+
+    Vehicles are found by their heartbeats, and ``next_event`` has what happens to all of them; or
+    they are those that were expected, each with a client of its own that has its events.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        system_id: int = 255,
+        component_id: int = 190,
+        heartbeat_timeout_us: int = HEARTBEAT_TIMEOUT_US,
+        timing: TransferTiming | None = None,
+        rates_hz: RatesHz = ALL_RATES_HZ,
+        expects: bool = False,
+        signed: bool = False,
+    ) -> None:
+        """With ``expects`` only the vehicles of ``expect`` are accepted.
+
+        ``signed``: what arrives has a signature that was checked.
+        """
+        self.name = name
+        self.called = ""  # the remote that the link calls, where it calls one
+        self.clients: dict[int, NativeClient] = {}
+        self._own = (system_id, component_id)
+        self._heartbeat_timeout_us = heartbeat_timeout_us
+        self._timing = timing
+        self._rates_hz = rates_hz
+        self._codec = Codec(system_id, component_id)
+        self._outgoing: list[Message] = []  # shared with all clients
+        self._events: deque[FleetEvent] = deque()
+        self._expects = expects
+        self._signed = signed
+        self._sources: dict[int, RemoteBinding] = {}
+        self._heartbeat_due_us = 0
+        self._timers: list[tuple[int, int]] = []  # a heap; entries that are no longer so are left
+        self._due_us: dict[int, int] = {}
+
+    def expect(self, system: int, most_speed_m_s: float | None = None) -> NativeClient:
+        """A client for a vehicle of this link. Raises BridgeError for one expected twice."""
+        if system in self.clients:
+            raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
+        return self._client(system, most_speed_m_s)
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take in a datagram from a link with one other end."""
+        self._take("", self._codec.decode(data), now_us)
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Take in whole frames of a remote."""
+        self._take(remote, self._codec.decode_frames(frames), now_us)
+
+    def _take(self, remote: str, messages: list[Message], now_us: int) -> None:
+        touched: dict[int, bool] = {}
+        for message in messages:
+            if message.get_srcComponent() != AUTOPILOT:
+                continue
+            system = message.get_srcSystem()
+            client = self.clients.get(system) or self._found(message, system)
+            if client is not None and self._is_its(remote, system, message, now_us):
+                client.receive_message(message, now_us)
+                # Telemetry brings no timer forward, unless it leads to something being sent.
+                touched[system] = message.get_type() not in MESSAGES or bool(self._outgoing)
+        for system, timer in touched.items():
+            self._touched(system, timer)
+
+    def _found(self, message: Message, system: int) -> NativeClient | None:
+        """A client for an autopilot not heard before; None for anybody else."""
+        if self._expects or not is_of_autopilot(message):
+            return None
+        return self._client(system)
+
+    def _client(self, system: int, most_speed_m_s: float | None = None) -> NativeClient:
+        client = NativeClient(
+            *self._own,
+            target_system=system,
+            heartbeat_timeout_us=self._heartbeat_timeout_us,
+            timing=self._timing,
+            rates_hz=self._rates_hz,
+            shared=self._outgoing,
+            most_speed_m_s=most_speed_m_s,
+        )
+        self.clients[system] = client
+        return client
+
+    def _is_its(self, remote: str, system: int, message: Message, now_us: int) -> bool:
+        """Whether a system's messages are taken from this remote."""
+        source = self._sources.get(system)
+        if source is None:
+            timeout_us = self._heartbeat_timeout_us
+            source = self._sources[system] = RemoteBinding(timeout_us, self.called, self._signed)
+        accepted = source.accepts(remote, is_of_autopilot(message), now_us)
+        self._report(system, source)
+        return accepted
+
+    def _report(self, system: int, source: RemoteBinding) -> None:
+        if source.alarms:
+            for alarm in source.alarms:
+                self.clients[system].report(alarm)
+            source.alarms.clear()
+            self._touched(system)
+
+    def _touched(self, system: int, timer: bool = True) -> None:
+        """Take over a client's events and its timer."""
+        client = self.clients[system]
+        while not self._expects and (event := client.next_event()) is not None:
+            self._events.append(FleetEvent(VehicleKey(self.name, system), event))
+        if not timer and system in self._due_us:
+            return
+        due_us = client.next_timer()
+        if self._due_us.get(system) != due_us:
+            self._due_us[system] = due_us
+            heapq.heappush(self._timers, (due_us, system))
+
+    def data_to_send(self) -> list[bytes]:
+        """Datagrams of all clients, for a link with one other end."""
+        return [datagram for _, datagram in self.addressed_to_send()]
+
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """Datagrams and the remotes they are for; those for "" are for all."""
+        if not self._outgoing:
+            return []
+        for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
+            if system in self.clients:
+                self._touched(system)
+        outgoing, self._outgoing[:] = list(self._outgoing), []
+        return [(self._remote_of(message), self._codec.encode(message)) for message in outgoing]
+
+    def _remote_of(self, message: Message) -> str:
+        source = self._sources.get(getattr(message, "target_system", 0))
+        return "" if source is None or source.remote is None else source.remote
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer`` next."""
+        while self._timers and self._due_us.get(self._timers[0][1]) != self._timers[0][0]:
+            heapq.heappop(self._timers)
+        return min(self._heartbeat_due_us, *(due_us for due_us, _ in self._timers[:1]), 1 << 62)
+
+    def handle_timer(self, now_us: int) -> None:
+        """Send the heartbeat of this station; let each client do what is due."""
+        if now_us >= self._heartbeat_due_us:
+            self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
+            self._outgoing.append(gcs_heartbeat())
+            for system, source in self._sources.items():
+                source.handle_timer(now_us)
+                self._report(system, source)
+        due = []
+        while self._timers and self._timers[0][0] <= now_us:
+            due_us, system = heapq.heappop(self._timers)
+            if self._due_us.get(system) == due_us:  # else it has changed, or stands here twice
+                del self._due_us[system]
+                due.append(system)
+        for system in due:
+            self.clients[system].handle_timer(now_us)
+            self._touched(system)
+
+    def next_event(self) -> FleetEvent | None:
+        """The oldest event not handed out yet."""
+        return self._events.popleft() if self._events else None
+
+
+def is_of_autopilot(message: Message) -> bool:
+    """Whether it is a HEARTBEAT of an autopilot of a kind that is known."""
+    kind: str = message.get_type()
+    return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None

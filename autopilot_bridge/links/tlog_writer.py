@@ -1,0 +1,54 @@
+"""Recordings of a link's traffic as .tlog, as MAVProxy, QGroundControl and pymavlink read them.
+
+A record is eight bytes, big-endian: microseconds since 1970; then one frame as it went over the
+wire. Both directions go into one file.
+"""
+
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
+from autopilot_bridge.errors import BridgeError
+
+# MAVProxy keeps the number of the link in the two lowest bits; pymavlink reads it there.
+_LINK_BITS = 3
+
+
+class Tlog:
+    """A file being recorded while the context is open; ``wall_us`` gives microseconds since 1970.
+
+    What the file holds already stays. Each record is handed to the operating system at once, so
+    that a crash cuts off nothing.
+    """
+
+    def __init__(self, path: Path, wall_us: Callable[[], int]) -> None:
+        self._path = path
+        self._wall_us = wall_us
+        try:
+            self._file = open(path, "ab", buffering=0, opener=_private)  # noqa: SIM115
+        except OSError as error:
+            raise BridgeError(f"{path}: cannot be recorded to: {error.strerror}") from None
+
+    def record(self, frames: list[bytes]) -> None:
+        """Add frames that were sent or received now; raises BridgeError when the disk is full."""
+        stamp = struct.pack(">Q", self._wall_us() & ~_LINK_BITS)
+        data = b"".join(stamp + frame for frame in frames)
+        try:
+            written = self._file.write(data)
+        except OSError as error:
+            raise BridgeError(f"{self._path}: cannot be recorded to: {error.strerror}") from None
+        if written != len(data):
+            raise BridgeError(f"{self._path}: cannot be recorded to: the disk is full")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._file.close()
+
+
+def _private(path: str, flags: int) -> int:
+    """Open for the user alone; a symbolic link is an error."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o600)

@@ -1,0 +1,411 @@
+"""Wires: what carries frames to and from the other end, a class for each kind of link (asyncio).
+
+A wire that is lost is silence, not an error: the peers' own timeouts deal with silence, and
+``tcp`` and ``serial`` call again, waiting longer each time up to five seconds.
+"""
+
+import asyncio
+import errno
+import os
+import socket
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.framing import Framer, source_of, target_system_of
+from autopilot_bridge.links.link import LinkAddress, SerialAddress, reconnect_wait_s
+from autopilot_bridge.links.sockets import bind, look_up, reason_of, socket_of
+
+# Frames for a remote that does not read are lost beyond this, as they would be on a radio.
+MOST_UNSENT_BYTES = 256 * 1024
+MOST_REMOTES = 1024
+MOST_AT_ONCE = 256  # datagrams read before others get their turn
+MOST_DATAGRAM_BYTES = 65536
+QUICK_S = 0.002
+ANSWER_FOR_S = 10.0
+CONNECT_WITHIN_S = 5.0
+CLOSE_WITHIN_S = 1.0
+SILENCE = {
+    *(errno.ECONNREFUSED, errno.ECONNRESET, errno.EHOSTUNREACH, errno.ENETUNREACH),
+    *(errno.ENETDOWN, errno.EHOSTDOWN, errno.ENOBUFS),
+}
+
+
+Batch = list[tuple[str, list[bytes]]]  # remotes and what each sent, in order
+
+
+class Listener(Protocol):
+    """Who wants to know what a wire brings."""
+
+    def frames_received(self, batch: Batch) -> None:
+        """Whole frames came in."""
+
+    def failed(self, error: Exception) -> None:
+        """The wire is at its end for a reason that is no silence."""
+
+
+class Transport(Protocol):
+    """Carries frames while it is open. ``called``: the remote it calls, "" if it has to wait."""
+
+    called: str
+
+    async def open(self) -> None:
+        """Raises BridgeError when what the link names cannot be used."""
+
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to a remote heard before, or to all; says whether there was anybody."""
+
+    async def close(self) -> None:
+        """Let go of socket or device."""
+
+
+def transport_of(address: LinkAddress | SerialAddress, listener: Listener) -> Transport:
+    """The wire for a link."""
+    if isinstance(address, SerialAddress):
+        return StreamClient(lambda: _open_serial(address, listener), listener, address)
+    match address.kind:
+        case "tcp":
+            return StreamClient(lambda: _call(address, listener), listener, address)
+        case "tcpin":
+            return TcpServer(address, listener)
+        case _:
+            return Udp(address, listener)
+
+
+# UDP ------------------------------------------------------------------------------------------
+
+
+Where = tuple[str, int]
+
+
+@dataclass
+class _Remote:
+    name: str
+    framer: Framer = field(default_factory=Framer)
+    heard_s: float = float("-inf")
+    systems: set[int] = field(default_factory=set)
+
+
+class Udp(asyncio.DatagramProtocol):
+    """``udpout`` sends to its address; ``udpin`` to all who sent frames in the last ten seconds,
+    or to the last of all. What is meant for one system goes where that was heard, if it was."""
+
+    def __init__(self, address: LinkAddress, listener: Listener) -> None:
+        self.called = ""
+        self._address = address
+        self._listener = listener
+        self._remotes: dict[Where, _Remote] = {}  # the one heard last comes last
+        self._target: Where | None = None
+        self._transport: asyncio.DatagramTransport | None = None
+        self._socket: socket.socket | None = None
+        self._closed = asyncio.Event()
+        self._last_s = float("-inf")
+
+    async def open(self) -> None:
+        """Bind the socket; look up the host."""
+        address = self._address
+        if address.kind == "udpout":
+            self._target = await look_up(address)
+            self.called = f"{self._target[0]}:{self._target[1]}"
+        sock = socket_of(socket.SOCK_DGRAM)
+        bind(sock, address, ("", 0) if self._target else (address.host, address.port))
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=sock)
+        self._transport, self._socket = transport, sock
+
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """A datagram for each frame and remote."""
+        targets = self._targets(remote)
+        if self._transport is None or not frames:
+            return bool(targets)
+        of_system = self._of_system(targets) if len(targets) > 1 else {}
+        for frame in frames:
+            for target in of_system.get(target_system_of(frame), targets):
+                self._transport.sendto(frame, target)
+        return bool(targets)
+
+    def _targets(self, remote: str) -> list[Where]:
+        if self._address.kind == "udpout" or self._target is None:
+            return [self._target] if self._target else []
+        host, _, port = remote.rpartition(":")
+        if remote:  # though it may not be remembered: many others may have sent since
+            return [(host, int(port))]
+        since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
+        recent = [at for at, known in self._remotes.items() if known.heard_s >= since_s]
+        return recent or [self._target]
+
+    def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
+        """Where each system was heard."""
+        found: dict[int, list[Where]] = {}
+        for target in targets:
+            for system in self._remotes[target].systems - {0}:  # 0 stands for all
+                found.setdefault(system, []).append(target)
+        return found
+
+    async def close(self) -> None:
+        """Close the socket."""
+        if self._transport is not None:
+            self._transport.close()
+            await self._closed.wait()
+
+    def datagram_received(self, data: bytes, addr: Where) -> None:
+        """Hand on what has come; asyncio reads one datagram a turn, those of a crowd or in quick
+        succession are read here. To look for more where there is none costs as much as a datagram.
+        """
+        now_s = asyncio.get_running_loop().time()
+        crowded = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S
+        self._last_s = now_s
+        batch = [self._frames(data, addr)]
+        most = MOST_AT_ONCE if crowded else 1
+        while len(batch) < most and (waiting := self._read()) is not None:
+            batch.append(self._frames(*waiting))
+        batch = [(remote, frames) for remote, frames in batch if frames]
+        if batch:
+            self._listener.frames_received(batch)
+
+    def _read(self) -> tuple[bytes, Where] | None:
+        assert self._socket is not None
+        try:
+            return self._socket.recvfrom(MOST_DATAGRAM_BYTES)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self.error_received(error)
+        return None
+
+    def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
+        """Each remote has a parser of its own: one's torn frame is not another's beginning."""
+        remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
+        self._remotes[addr] = remote
+        if len(self._remotes) > MOST_REMOTES:
+            del self._remotes[next(iter(self._remotes))]
+        frames = remote.framer.feed_datagram(data)
+        if frames:
+            remote.heard_s = asyncio.get_running_loop().time()
+            remote.systems.update(source_of(frame)[0] for frame in frames)
+            if self._address.kind == "udpin":
+                self._target = addr
+        return remote.name, frames
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there yet (ICMP), or no network leads there now."""
+        if not isinstance(exc, OSError) or exc.errno not in SILENCE:
+            self._listener.failed(exc)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The socket is closed."""
+        self._closed.set()
+
+
+# Streams --------------------------------------------------------------------------------------
+
+
+class Stream(asyncio.Protocol):
+    """One connection of TCP or one open serial line, until it is lost."""
+
+    def __init__(self, listener: Listener) -> None:
+        self.lost = asyncio.Event()
+        self.heard = False
+        self.out: asyncio.WriteTransport | None = None
+        self._in: asyncio.BaseTransport | None = None
+        self._framer = Framer()
+        self._listener = listener
+        self.remote = ""
+
+    def send(self, frames: list[bytes]) -> bool:
+        """Send, unless the remote has stopped reading."""
+        if self.lost.is_set() or self.out is None:
+            return False
+        if self.out.get_write_buffer_size() > MOST_UNSENT_BYTES:
+            return False
+        self.out.write(b"".join(frames))
+        return True
+
+    async def close(self) -> None:
+        """What is written goes out first, if it does so within a second."""
+        if self.out is not None:
+            self.out.close()
+        try:
+            async with asyncio.timeout(CLOSE_WITHIN_S):
+                await self.lost.wait()
+        except TimeoutError:
+            if self.out is not None:
+                self.out.abort()
+            await self.lost.wait()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Ready."""
+        self._in = transport
+        host_and_port = transport.get_extra_info("peername") or ()
+        self.remote = ":".join(str(part) for part in host_and_port[:2])
+        if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
+            self.out = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes came in; a frame may come in pieces."""
+        frames = self._framer.feed(data)
+        if frames:
+            self.heard = True
+            self._listener.frames_received([(self.remote, frames)])
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The remote is gone, or we closed."""
+        self.lost.set()
+        if self.out is not None and self.out is not self._in:
+            self.out.abort()
+
+    def writing_ended(self) -> None:
+        """A serial line cannot be written to any more."""
+        if self._in is not None:
+            self._in.close()
+
+
+class StreamClient:
+    """Connects, and connects again after every loss."""
+
+    def __init__(
+        self,
+        connect: Callable[[], Awaitable[Stream]],
+        listener: Listener,
+        address: LinkAddress | SerialAddress,
+    ) -> None:
+        self.called = ""  # there is no other
+        self._connect = connect
+        self._listener = listener
+        self._address = address
+        self._stream: Stream | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        """A serial device must be there; a TCP server may come later, but its host's name not."""
+        if isinstance(self._address, LinkAddress):
+            await look_up(self._address)
+        else:
+            try:
+                self._stream = await self._connect()
+            except OSError as error:
+                raise BridgeError(
+                    f"link {self._address}: cannot be opened ({reason_of(error)}); is it plugged "
+                    "in, may you read and write it, and is no other program using it?"
+                ) from None
+        self._task = asyncio.create_task(self._stay_connected())
+        self._task.add_done_callback(self._ended)
+
+    async def _stay_connected(self) -> None:
+        failures = 0
+        while True:
+            failures += 1
+            try:
+                if self._stream is None:
+                    async with asyncio.timeout(CONNECT_WITHIN_S):
+                        self._stream = await self._connect()
+                await self._stream.lost.wait()
+                if self._stream.heard:
+                    failures = 0
+            except OSError:  # TimeoutError is one: nobody there yet
+                pass
+            self._stream = None
+            await asyncio.sleep(reconnect_wait_s(failures))
+
+    def _ended(self, task: "asyncio.Task[None]") -> None:
+        error = None if task.cancelled() else task.exception()
+        if isinstance(error, Exception):
+            self._listener.failed(error)
+
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send if connected."""
+        return self._stream is not None and self._stream.send(frames)
+
+    async def close(self) -> None:
+        """Stop connecting, and disconnect."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.wait([self._task])
+        if self._stream is not None:
+            await self._stream.close()
+
+
+class TcpServer:
+    """Listens; sends to all who are connected."""
+
+    def __init__(self, address: LinkAddress, listener: Listener) -> None:
+        self.called = ""
+        self._address = address
+        self._listener = listener
+        self._streams: list[Stream] = []
+        self._server: asyncio.Server | None = None
+
+    async def open(self) -> None:
+        """Bind and listen."""
+        sock = socket_of(socket.SOCK_STREAM)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bind(sock, self._address, (self._address.host, self._address.port))
+        self._server = await asyncio.get_running_loop().create_server(self._accept, sock=sock)
+
+    def _accept(self) -> Stream:
+        stream = Stream(self._listener)
+        self._streams = [*(old for old in self._streams if not old.lost.is_set()), stream]
+        return stream
+
+    def send(self, frames: list[bytes], remote: str = "") -> bool:
+        """Send to all, or to the one."""
+        the_one = [stream for stream in self._streams if remote == stream.remote]
+        sent = [stream.send(frames) for stream in the_one or self._streams]
+        return any(sent)
+
+    async def close(self) -> None:
+        """Hang up on all and stop listening."""
+        if self._server is not None:
+            self._server.close()
+        connected = [stream for stream in self._streams if stream.out is not None]
+        await asyncio.gather(*(stream.close() for stream in connected))
+
+
+async def _call(address: LinkAddress, listener: Listener) -> Stream:
+    """Connect to a TCP server; raises OSError."""
+    loop = asyncio.get_running_loop()
+    sock = socket_of(socket.SOCK_STREAM)
+    try:
+        await loop.sock_connect(sock, (address.host, address.port))
+        _, stream = await loop.create_connection(lambda: Stream(listener), sock=sock)
+    except BaseException:
+        sock.close()
+        raise
+    return stream
+
+
+async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
+    """Open a serial line (POSIX); raises OSError."""
+    try:
+        import serial
+    except ImportError:
+        raise BridgeError(
+            f"link {address}: serial lines need pyserial: pip install pyserial"
+        ) from None
+    loop = asyncio.get_running_loop()
+    try:
+        port = serial.Serial(address.device, address.baud, timeout=0, exclusive=True)
+    except ValueError as error:
+        raise BridgeError(f"link {address}: {error}") from None
+    # asyncio's pipes read and write any character device, each with a file of its own to close.
+    _, stream = await loop.connect_read_pipe(lambda: Stream(listener), port)
+    writable = os.fdopen(os.dup(port.fileno()), "wb", buffering=0)
+    try:
+        stream.out, _ = await loop.connect_write_pipe(lambda: _Writing(stream), writable)
+    except BaseException:
+        writable.close()
+        stream.writing_ended()
+        raise
+    return stream
+
+
+class _Writing(asyncio.BaseProtocol):
+    """The writing half of a serial line."""
+
+    def __init__(self, stream: Stream) -> None:
+        self._stream = stream
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Closed, or the device is gone."""
+        self._stream.writing_ended()

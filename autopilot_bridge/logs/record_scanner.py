@@ -1,0 +1,105 @@
+"""A file in pieces: memory stays small, records that two pieces share are put together."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.logs.entries import Damage, Log, LogEvent
+
+PIECE_BYTES = 1 << 19
+LEAP_US = 600_000_000  # no log is silent for so long, but where it begins anew
+
+Message = TypeVar("Message")
+Values = dict[str, Any]
+
+
+def chunks(path: Path) -> Iterator[bytes]:
+    """The bytes of a file, in order. Raises BridgeError if it cannot be read."""
+    try:
+        with path.open("rb", buffering=0) as file:
+            while piece := file.read(PIECE_BYTES):
+                yield piece
+    except OSError as error:
+        raise BridgeError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def records(
+    log: Log,
+    ahead_bytes: int,
+    length_at: Callable[[bytes, int, bool], int],
+    next_start: Callable[[bytes, int], int],
+    damaged: str,
+) -> Iterator[tuple[bytes, int, int]]:
+    """Data, place and length of each record; counted in the log, which is told what is damaged.
+
+    ``length_at(data, at, lost)`` is 0 where no whole record begins; it needs ``ahead_bytes`` of
+    data, but at the end of the file. ``lost``: what is before this place was no record.
+    ``next_start(data, at)`` is where one may begin next, from ``at`` on; -1: nowhere.
+    """
+    log.messages, log.damage = 0, []
+    data, at, base, lost_at = b"", 0, 0, -1
+    source, more = chunks(log.path), True
+    while more:
+        piece = next(source, b"")
+        more = bool(piece)
+        base += at
+        data, at = data[at:] + piece, 0
+        end = len(data) - (ahead_bytes if more else 0)
+        while at < end:
+            length = length_at(data, at, lost_at >= 0)
+            if not length:
+                lost_at = base + at if lost_at < 0 else lost_at
+                found = next_start(data, at + 1)
+                at = max(end, at + 1) if found < 0 else min(found, max(end, at + 1))
+                continue
+            if lost_at >= 0:
+                log.damage.append(Damage(lost_at, base + at - lost_at, damaged))
+                lost_at = -1
+            log.messages += 1
+            yield data, at, length
+            at += length
+    if lost_at >= 0:
+        log.damage.append(Damage(lost_at, base + at - lost_at, damaged))
+
+
+def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
+    """Messages without those whose time leaps away from the others: formats without checksums have
+    such where noise looks like a message. A leap that the next message has made too is none.
+    """
+    latest_us: int | None = None
+    held: Message | None = None
+    for message in messages:
+        at_us = time_of(message)
+        if latest_us is not None and abs(at_us - latest_us) <= LEAP_US:
+            held = None
+        elif held is not None and abs(at_us - time_of(held)) <= LEAP_US:
+            yield held
+            held = None
+        else:
+            held = message
+            continue
+        latest_us = at_us
+        yield message
+    if latest_us is None and held is not None:
+        yield held
+
+
+def events_of(
+    log: Log,
+    messages: Iterator[tuple[str, Values]],
+    tell: Callable[[str, Values], list[LogEvent]],
+) -> Iterator[LogEvent]:
+    """What messages tell, by their names; one that lacks what it should have is left out, and
+    noted once: it is not described as autopilots do, or the description is damaged.
+    """
+    strange = set[str]()
+    for name, values in messages:
+        try:
+            events = tell(name, values)
+        except KeyError as lacks:
+            if name not in strange:
+                strange.add(name)
+                log.damage.append(Damage(0, 0, f"{name} has no {lacks}: left out"))
+            continue
+        yield from events

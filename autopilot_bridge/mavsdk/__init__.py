@@ -1,1 +1,0 @@
-"""MAVSDK as another client of a vehicle."""

@@ -1,0 +1,170 @@
+"""A mock with faults: it takes the mock's place on a link."""
+
+from collections.abc import Callable
+from functools import partial
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.clients.native import NativeClient
+from autopilot_bridge.items import Items, waypoint
+from autopilot_bridge.links.codec import Codec, Message
+from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
+from autopilot_bridge.mock.faults import Faults, Span
+
+GROUND = (255, 190)  # as whom the mock takes the station it is tried with
+SECOND_GROUND = (254, 190)
+OTHER_COMPONENT = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+SECOND = 1_000_000
+
+
+class FaultyMock:
+    """A peer around a mock. Times count from the first one it is given; the same seed and traffic
+    give the same faults."""
+
+    def __init__(self, mock: MockAutopilot, faults: Faults, seed: int = 0) -> None:
+        self.mock = mock
+        self.faults = faults
+        mock.missions.faults = faults
+        self._up, self._down = (
+            MemoryLink(
+                faults.loss,
+                round(faults.delay_s * SECOND),
+                round(faults.jitter_s * SECOND),
+                faults.duplication,
+                2 * seed + way,
+            )
+            for way in (0, 1)
+        )
+        self._late = MemoryLink(delay_us=round(faults.late_ack_s * SECOND))
+        self._other = Codec(mock.system_id, OTHER_COMPONENT)
+        self._second = NativeClient(*SECOND_GROUND, target_system=mock.system_id)
+        self._second_speaks = bool(faults.second_upload or faults.second_download)
+        self._outgoing: list[bytes] = []
+        self._began_us: int | None = None
+        self._due: list[tuple[float, Callable[[int], None]]] = []
+        for times, change in (
+            (faults.reboot, mock.reboot),
+            (faults.battery_low, partial(self._battery, LOW_PERCENT)),
+            (faults.battery_emergency, partial(self._battery, EMERGENCY_PERCENT)),
+            (faults.stray_ack, self._stray),
+            (faults.second_upload, self._upload),
+            (faults.second_download, self._download),
+        ):
+            self._due += [(at_s, change) for at_s in times]
+        for spans, trouble in (
+            (faults.gps_loss, self._lose_gps),
+            (faults.fence_breach, self._breach_fence),
+            (faults.engine_failure, self._fail_engine),
+        ):
+            for start_s, end_s in spans:
+                self._due += [(start_s, partial(trouble, True)), (end_s, partial(trouble, False))]
+        self._due.sort(key=lambda due: due[0])
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take in a datagram of the station that is tried."""
+        self._begin(now_us)
+        if not self._within(self.faults.silence, now_us):
+            self._up.send(data, now_us)
+        self._exchange(now_us)
+
+    def data_to_send(self) -> list[bytes]:
+        """Datagrams that got through."""
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
+
+    def next_timer(self) -> int:
+        """When something is due."""
+        timers = [self.mock.next_timer()]
+        timers += [
+            due_us
+            for link in (self._up, self._down, self._late)
+            if (due_us := link.next_timer()) is not None
+        ]
+        if self._due and self._began_us is not None and self._due[0][0] < 1e12:
+            timers.append(self._began_us + round(self._due[0][0] * SECOND))
+        if self._second_speaks and (due := self._second.next_timer()) is not None:
+            timers.append(due)
+        return min(timers)
+
+    def handle_timer(self, now_us: int) -> None:
+        """Do what is due."""
+        began_us = self._begin(now_us)
+        self.mock.handle_timer(now_us)
+        while self._due and (now_us - began_us) / SECOND >= self._due[0][0]:
+            self._due.pop(0)[1](now_us)
+        if self._second_speaks:
+            self._second.handle_timer(now_us)
+        self._exchange(now_us)
+
+    def _begin(self, now_us: int) -> int:
+        if self._began_us is None:
+            self._began_us = now_us
+        return self._began_us
+
+    def _within(self, spans: list[Span], now_us: int) -> bool:
+        at_s = (now_us - self._begin(now_us)) / SECOND
+        return any(start_s <= at_s < end_s for start_s, end_s in spans)
+
+    def _exchange(self, now_us: int) -> None:
+        """Move what is under way."""
+        for datagram in self._up.receive(now_us):
+            self.mock.receive_data(datagram, now_us)
+        if self._second_speaks:
+            for datagram in self._second.data_to_send():
+                self.mock.receive_data(datagram, now_us)
+        for datagram in self.mock.data_to_send():
+            if self._second_speaks:
+                self._second.receive_data(datagram, now_us)
+            self._tell(datagram, now_us)
+        for datagram in self._late.receive(now_us):
+            self._down.send(datagram, now_us)
+        self._outgoing += self._down.receive(now_us)
+
+    def _tell(self, datagram: bytes, now_us: int) -> None:
+        if self._within(self.faults.silence, now_us):
+            return
+        number = int.from_bytes(datagram[7:10], "little")
+        late = self.faults.late_ack_s > 0.0 and number == mavlink.MAVLINK_MSG_ID_MISSION_ACK
+        (self._late if late else self._down).send(datagram, now_us)
+
+    # What happens at a time ---------------------------------------------------------------------
+
+    def _lose_gps(self, lost: bool, _now_us: int) -> None:
+        self.mock.positions = not lost
+
+    def _fail_engine(self, failed: bool, _now_us: int) -> None:
+        self.mock.flight.fail_engine(failed)
+
+    def _breach_fence(self, breached: bool, _now_us: int) -> None:
+        self.mock.breach_fence(breached)
+
+    def _battery(self, failsafe_percent: float, _now_us: int) -> None:
+        self.mock.battery_percent = failsafe_percent - 1.0
+
+    def _stray(self, now_us: int) -> None:
+        """MISSION_ACKs of a failure that is none of the station's: each is wrong in one way."""
+        error = int(mavlink.MAV_MISSION_ERROR)
+        for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
+            self.mock.say(_ack(target, error, mission_type))
+        self._tell(self._other.encode(_ack(GROUND, error, 0)), now_us)
+
+    def _upload(self, now_us: int) -> None:
+        self._second.upload(self._detour(), now_us)
+
+    def _download(self, now_us: int) -> None:
+        self._second.download(now_us)
+
+    def _detour(self) -> Items:
+        """Three waypoints 100 m above home and about 500 m from it."""
+        frame = self.mock.flight.frame
+        high_m = frame.altitude_m + 100.0
+        offsets = ((0.005, 0.0), (0.005, 0.005), (0.0, 0.005))
+        return tuple(
+            waypoint(frame.lat_deg + north, frame.lon_deg + east, high_m) for north, east in offsets
+        )
+
+
+def _ack(target: tuple[int, int], code: int, mission_type: int) -> Message:
+    return mavlink.MAVLink_mission_ack_message(*target, code, mission_type)

@@ -1,0 +1,547 @@
+"""Flight of the mock: modes, and the execution of a mission's items."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.items import MissionItem, params_of
+from autopilot_bridge.mock.battery import Battery
+from autopilot_bridge.mock.body import Body, Place, wider_m
+from autopilot_bridge.mock.kinematics import Limits
+from autopilot_bridge.mock.mission_sequencer import (
+    DEFAULT_RADIUS_M,
+    LANDINGS,
+    LOITERS,
+    NAVIGATION,
+    TAKEOFFS,
+    WAYPOINTS,
+    acceptance_m,
+    loiter_radius_m,
+    next_of,
+)
+from autopilot_bridge.mock.payload import Payload
+from autopilot_bridge.mock.stack_constants import stack_constants_of
+from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
+
+Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
+
+NEAR_M = 5.0  # a copter that flies on is there
+STOP_WITHIN_M = 2.0  # one that stays
+GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
+GLIDES_BY = 0.7  # and flies by so much of its airspeed
+# How long a copter flies on without satellites before it lands where it believes to be, as the
+# stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
+BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
+# From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
+DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
+
+
+@dataclass(slots=True)
+class Target:
+    """What is being flown: an item, and the leg that leads to it."""
+
+    item: MissionItem
+    leg_start: Place
+    begun_amsl_m: float
+    begun_at_s: float
+    arrived_at_s: float | None = None
+    turned_rad: float = 0.0
+    last_bearing: float | None = None
+
+
+@dataclass(slots=True)
+class FlightModel(Body):
+    """Moves one vehicle through its mission. ``current`` is a wire sequence number.
+
+    ``reached`` and ``texts`` are for the telemetry to tell and clear.
+    """
+
+    battery: Battery = field(default_factory=Battery)
+    gps: bool = True
+    mode: Mode = "idle"
+    armed: bool = False
+    crashed: bool = False
+    blind: bool = False  # it has given up its position, and takes no mode that needs one
+    failsafe: bool = False  # it acts on one
+    engine_failed: bool = False
+    fence: bool | None = None  # whether one is breached; None: none is switched on
+    items: tuple[MissionItem, ...] = ()
+    current: int = 0
+    reached: list[int] = field(default_factory=list)
+    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words
+    target: Target | None = None
+    payload: Payload = field(init=False)
+    radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+    return_m: float = 60.0  # a copter's least height on its way home
+    orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
+    _hold_at: tuple[float, float, float] = field(init=False)
+    _cruise_m_s: float = field(init=False)
+    _powered: Limits = field(init=False)  # the limits while the engine runs
+    _return_amsl_m: float = field(init=False)
+    _disarm_at_s: float = math.inf
+    _fix_s: float = 0.0  # when there last was one
+    _jumps: dict[int, int] = field(default_factory=dict)
+    _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items still to run
+    _wait_until_s: float = 0.0
+    _wait_within_m: float = math.inf
+
+    def __post_init__(self) -> None:
+        Body.__post_init__(self)
+        self.payload = Payload(self.stack)
+        self.texts = self.payload.texts
+        self._hold_at = (0.0, 0.0, self.frame.altitude_m)
+        self._cruise_m_s = self.limits.airspeed_m_s
+        self._powered = self.limits
+        self._return_amsl_m = self.frame.altitude_m
+
+    def rebooted(self) -> "FlightModel":
+        """The same vehicle where it is, disarmed, its autopilot started anew."""
+        cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
+        fresh = FlightModel(
+            self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
+        )
+        fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
+        fresh.airborne, fresh.crashed = self.airborne, self.crashed
+        fresh.fence, fresh.engine_failed = self.fence, self.engine_failed
+        if self.engine_failed:
+            fresh._powered = replace(self._powered, airspeed_m_s=self._cruise_m_s)
+        fresh._stood_amsl_m = self._stood_amsl_m
+        fresh.payload.outputs = self.payload.outputs
+        return fresh
+
+    # What there is to see ---------------------------------------------------------------------
+
+    @property
+    def battery_percent(self) -> float | None:
+        """Charge left; None: not told."""
+        return self.battery.percent
+
+    @battery_percent.setter
+    def battery_percent(self, percent: float | None) -> None:
+        self.battery.percent = percent
+
+    def blind_s(self, now_s: float) -> float:
+        """How long it has flown without satellites; on the ground nothing bridges that."""
+        if self.gps:
+            return 0.0
+        return now_s - self._fix_s if self.airborne else math.inf
+
+    # What is asked of it ----------------------------------------------------------------------
+
+    def set_mode(self, mode: Mode, now_s: float) -> None:
+        """Change mode; holding happens where the vehicle is."""
+        motion, before = self.motion, self.mode
+        self.mode = mode
+        if mode != before:
+            self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
+            self.radius_m = DEFAULT_RADIUS_M
+            self._return_amsl_m = self._way_home_amsl_m()
+            if self.stack.vehicle == "plane":  # a speed that was ordered goes with the mode
+                self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
+        if mode == "mission" and before != "mission":
+            self.go_to(self.current, now_s)
+
+    def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
+        """Where to hold, and how wide; by this a vehicle leaves the ground too."""
+        self._hold_at = (*place, altitude_m)
+        self.radius_m = radius_m
+
+    def make_current(self, seq: int, now_s: float) -> None:
+        """Make an item the current one; PX4 leaves a DO item there until it flies the mission."""
+        if seq <= 1:
+            self._jumps.clear()
+        if self.stack.item_0_is_home or self.mode == "mission":
+            self.go_to(seq, now_s)
+        else:
+            self.current = seq
+
+    @property
+    def throttle_percent(self) -> int:
+        """As VFR_HUD has it."""
+        if not self.armed:
+            return 0
+        return 100 if self.engine_failed else 60
+
+    def fail_engine(self, failed: bool) -> None:
+        """Have it sink, whatever it is told, until the engine runs again; it reports nothing."""
+        if failed == self.engine_failed:
+            return
+        self.engine_failed = failed
+        if failed:
+            self._powered = self.limits
+            glide_m_s = self.limits.airspeed_m_s * GLIDES_BY
+            self.limits = replace(self.limits, climb_m_s=-GLIDES_AT_M_S, airspeed_m_s=glide_m_s)
+        else:
+            self.limits = self._powered
+
+    def change_cruise(self, airspeed_m_s: float) -> None:
+        """What it flies unless told otherwise."""
+        self._cruise_m_s = airspeed_m_s
+        self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
+
+    def change_speed(self, kind: int, speed_m_s: float) -> bool:
+        """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
+
+        Planes take an airspeed within their limits and fly no ground speed. ArduCopter takes 2 and
+        3 too, its speeds up and down.
+        """
+        if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
+            change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}
+            self.limits = replace(self.limits, **change)
+            return True
+        if speed_m_s == -2.0:
+            speed_m_s = self._cruise_m_s
+        plane = self.stack.vehicle == "plane"
+        if plane and kind != 0:
+            return True
+        least = self.limits.least_airspeed_m_s if plane else 0.1
+        if not least <= speed_m_s <= self.limits.most_airspeed_m_s:
+            return False
+        self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
+        return True
+
+    def go_to(self, seq: int, now_s: float) -> None:
+        """Make an item the current one and fly it; DO items on the way to it are run.
+
+        ArduPilot runs the first of them, begins the NAV item, and runs the others one by one while
+        it flies; behind the last NAV item only the first runs. PX4 runs all in their order.
+        """
+        seq = max(seq, 1 if self.stack.item_0_is_home else 0)
+        if self._passes_over(seq):
+            seq += 1
+        met, nav = next_of(self.items, seq, self._jumps)
+        ardupilot = self.stack.item_0_is_home
+        first = met[:1] if ardupilot else met
+        self._waiting = deque(met[1:] if ardupilot and nav is not None else ())
+        self._wait_until_s, self._wait_within_m = now_s, math.inf
+        for number in first:
+            self._run(number, now_s)
+        if nav is None:
+            self.current = max(len(self.items) - 1, 0)
+            self.target = None
+            self._hold_at = (self.motion.north_m, self.motion.east_m, self.motion.altitude_m)
+            return
+        self.current = nav
+        self._name(nav)
+        here = (self.motion.north_m, self.motion.east_m)
+        self.target = Target(self.items[nav], here, self.motion.altitude_m, now_s)
+
+    def _passes_over(self, seq: int) -> bool:
+        """PX4's planes in the air leave a takeoff out (read: 1.17 ``setActiveMissionItems``)."""
+        px4_plane = (self.stack.name, self.stack.vehicle) == ("px4", "plane")
+        flies = px4_plane and self.airborne and self.mode == "mission"
+        return flies and seq < len(self.items) and self.items[seq].command in TAKEOFFS
+
+    def step(self, now_s: float) -> None:
+        """One time step."""
+        if self.crashed or not self.armed or self.mode == "idle":
+            self.armed = self.armed and not self.crashed
+            return
+        if now_s >= self._disarm_at_s:
+            self._disarm_at_s = math.inf
+            self.armed = self.airborne
+            return
+        if self.battery.percent is not None and self.airborne and self._out_of_power(now_s):
+            return
+        self._land_blind(now_s)
+        if self.mode == "mission" and self.target is not None:
+            self._fly(self.target, now_s)
+            if self._waiting and self.mode == "mission":
+                self._run_waiting(now_s)
+        elif self.mode == "rtl":
+            self._return(now_s)
+        elif self.mode == "land":
+            self._land_here(now_s)
+        elif self.airborne or self._hold_at[2] > self._stood_amsl_m + 0.5:
+            self._hold()
+        if not self.airborne:
+            self.airborne = self.motion.altitude_m > self._stood_amsl_m + 0.5
+        if self.terrain is not None and self.airborne:
+            self._look_down()
+
+    # Items ------------------------------------------------------------------------------------
+
+    def _run(self, seq: int, now_s: float) -> None:
+        """A DO item, if the mission is being flown."""
+        item = self.items[seq]
+        if self.mode != "mission":
+            return
+        self._name(seq)
+        match item.command:
+            case mavlink.MAV_CMD_DO_CHANGE_SPEED:
+                self.change_speed(int(item.param1), item.param2)
+            case mavlink.MAV_CMD_CONDITION_DELAY:
+                self._wait_until_s = now_s + item.param1
+            case mavlink.MAV_CMD_CONDITION_DISTANCE:
+                self._wait_within_m = item.param1
+            case command:
+                self.payload.obey(command, params_of(item), round(now_s * 1e6))
+
+    def _name(self, seq: int) -> None:
+        """ArduPilot tells of each item it begins in AUTO, by name."""
+        names, command = stack_constants_of(self.stack).mission_names, self.items[seq].command
+        if names and self.mode == "mission":
+            self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
+
+    def _run_waiting(self, now_s: float) -> None:
+        """One after the other, within milliseconds (seen), unless one is to wait."""
+        assert self.target is not None
+        left_m = self.distance(self.frame.local(self.target.item))
+        may_run = self._wait_until_s < now_s
+        while self._waiting and may_run and left_m <= self._wait_within_m:
+            self._wait_within_m = math.inf
+            self._run(self._waiting.popleft(), now_s)
+            may_run = self._wait_until_s <= now_s
+
+    def _fly(self, target: Target, now_s: float) -> None:
+        item = target.item
+        place = self._place(target)
+        if item.command in TAKEOFFS:
+            altitude_m = self._altitude(item)
+            self.loiter(target.leg_start, altitude_m, DEFAULT_RADIUS_M)
+            done = self.motion.altitude_m >= altitude_m - 2.0
+        elif item.command in LOITERS:
+            done = self._loitered(target, place, now_s)
+        elif item.command in WAYPOINTS:
+            done = self._passed(target, place, now_s)
+        elif item.command == mavlink.MAV_CMD_NAV_DELAY:
+            self.loiter(target.leg_start, target.begun_amsl_m, DEFAULT_RADIUS_M)
+            done = now_s - target.begun_at_s >= item.param1
+        elif item.command in LANDINGS:
+            done = self.airborne and self._land(target, place, now_s)
+        elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            done = self._return_item(now_s)
+        else:
+            done = True
+        if done:
+            self._advance(now_s)
+
+    def _place(self, target: Target) -> Place:
+        """Of an item; one at 0, 0 means where it was begun."""
+        item = target.item
+        return self.frame.local(item) if item.x or item.y else target.leg_start
+
+    def _altitude(self, item: MissionItem) -> float:
+        return self.frame.altitude_amsl_m(item, self.ground_amsl_m)
+
+    def _advance(self, now_s: float) -> None:
+        assert self.target is not None
+        self.reached.append(self._told_reached())
+        ended, flown = self.target, self.current
+        self._hold_at = (*self._place(ended), self.motion.altitude_m)
+        self.go_to(flown + 1, now_s)
+        if self.target is not None:
+            if ended.item.command not in TAKEOFFS:
+                self.target.leg_start = self._place(ended)
+            return
+        self.current = flown
+        self._hold_at = (*self._place(ended), self.motion.altitude_m)
+        if self.stack.keeps_target and self.stack.vehicle == "plane":
+            self.set_mode("rtl", now_s)  # ArduPlane goes home after its last item
+            self.texts.append((6, "Mission complete, changing mode to RTL"))
+
+    def _told_reached(self) -> int:
+        """PX4 tells of the DO items after a waypoint in the waypoint's place."""
+        seq = self.current
+        if not self.stack.item_0_is_home:
+            while seq + 1 < len(self.items) and self.items[seq + 1].command not in NAVIGATION:
+                seq += 1
+        return seq
+
+    # Manoeuvres -------------------------------------------------------------------------------
+
+    def _hold(self) -> None:
+        """Stay, circle or orbit where it was sent; PX4 loiters after its takeoff."""
+        north, east, altitude_m = self._hold_at
+        if self.mode == "orbit":
+            self.orbit((north, east), altitude_m, self.radius_m, self.orbit_m_s)
+        else:
+            self.loiter((north, east), altitude_m, self.radius_m)
+        up = self.mode == "takeoff" and self.motion.altitude_m > altitude_m - 2.0
+        if up and not self.stack.item_0_is_home:
+            self.mode = "hold"
+
+    def _land_here(self, now_s: float) -> None:
+        """Straight down, a plane on its circle."""
+        north, east, _ = self._hold_at
+        if self.stack.vehicle == "copter":
+            if self.airborne:
+                self._down((north, east), now_s)
+            return
+        self.loiter((north, east), self.ground_amsl_m, self.radius_m)
+        if self.airborne and self.motion.altitude_m <= self.ground_amsl_m + 0.5:
+            self.touch(self.ground_amsl_m)
+            self._disarm_later(now_s)
+
+    def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
+        """Fly a loiter; whether it has come to its end. Time and turns count from the arrival."""
+        item, altitude_m = target.item, self._altitude(target.item)
+        radius_m = loiter_radius_m(item, self.stack)
+        turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
+        if turns and self.stack.vehicle == "copter":
+            self.circle(centre, altitude_m, radius_m)
+        else:
+            self.loiter(centre, altitude_m, radius_m)
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            return False
+        if target.arrived_at_s is None:
+            on_circle = turns or self.stack.vehicle == "plane"
+            circle_m = abs(radius_m) * 1.1 + wider_m(self.stack) if on_circle else 0.0
+            if self.distance(centre) > circle_m + NEAR_M:
+                return False
+            target.arrived_at_s = now_s
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
+            return abs(self.motion.altitude_m - altitude_m) < 2.0
+        if not turns:
+            return now_s - target.arrived_at_s >= item.param1
+        bearing = math.atan2(self.motion.east_m - centre[1], self.motion.north_m - centre[0])
+        if target.last_bearing is not None:
+            change = (bearing - target.last_bearing + math.pi) % math.tau - math.pi
+            target.turned_rad += abs(change)
+        target.last_bearing = bearing
+        return target.turned_rad >= item.param1 * math.tau
+
+    def _passed(self, target: Target, place: Place, now_s: float) -> bool:
+        """Fly to a waypoint; whether it is reached and the time there is over."""
+        item, altitude_m = target.item, self._altitude(target.item)
+        # ArduPlane keeps no holding time.
+        hold_s = 0.0 if math.isnan(item.param1) else item.param1
+        if target.arrived_at_s is not None:
+            self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
+            return now_s - target.arrived_at_s >= hold_s
+        if self.stack.vehicle == "copter":
+            stop = hold_s > 0.0
+            near_m = acceptance_m(item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
+            rise_m = altitude_m - target.begun_amsl_m
+            rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
+            there = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
+        else:
+            self.follow(target.leg_start, place, altitude_m)
+            there = self._past(target, place)
+        if there and hold_s > 0.0:
+            target.arrived_at_s = now_s
+            return False
+        return there
+
+    def _past(self, target: Target, place: Place) -> bool:
+        """Within the acceptance radius, or past the end of the leg."""
+        turn_radius_m = self.limits.airspeed_m_s / self.limits.turn_rate_rad_s
+        if self.distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
+            return True
+        leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
+        beyond = (self.motion.north_m - place[0]) * leg[0] + (self.motion.east_m - place[1]) * leg[
+            1
+        ]
+        return beyond > 0.0 and self.distance(place) < 3.0 * turn_radius_m
+
+    def _land(self, target: Target, place: Place, now_s: float) -> bool:
+        """Land at an item's place; a plane does so at the item's altitude where no terrain is."""
+        if self.stack.vehicle == "copter":
+            return self._down(place, now_s)
+        ground_m = self._altitude(target.item) if self.terrain is None else self.ground_amsl_m
+        if not self.glide(target.leg_start, place, ground_m):
+            return False
+        self._disarm_later(now_s)
+        return self.stack.name == "px4"  # ArduPlane's landing is not told as reached
+
+    def _down(self, place: Place, now_s: float) -> bool:
+        down = self.descend(place)
+        if down:
+            self._disarm_later(now_s)
+        return down
+
+    def _disarm_later(self, now_s: float) -> None:
+        self._disarm_at_s = now_s + DISARM_AFTER_S.get((self.stack.name, self.stack.vehicle), 2.0)
+
+    def _way_home_amsl_m(self) -> float:
+        if self.stack.vehicle == "plane":
+            return self.frame.altitude_m + 100.0
+        return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
+
+    def _return(self, now_s: float) -> bool:
+        """Fly home; a plane circles there, a copter lands (True when it stands)."""
+        if self.stack.vehicle == "plane":
+            self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
+            return False
+        if not self.airborne:
+            return True
+        if self.distance((0.0, 0.0)) < 1.0:
+            return self._down((0.0, 0.0), now_s)
+        self.loiter((0.0, 0.0), self._return_amsl_m, 0.0)
+        return False
+
+    def _return_item(self, now_s: float) -> bool:
+        """NAV_RETURN_TO_LAUNCH: ArduCopter flies it as an item, the others change their mode."""
+        if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
+            return self._return(now_s)
+        self.set_mode("rtl", now_s)
+        return False
+
+    # Mishaps ----------------------------------------------------------------------------------
+
+    def _out_of_power(self, now_s: float) -> bool:
+        """Drain the battery, go home when it is low, come down when it is empty (True)."""
+        ardupilot = self.stack.name == "ardupilot"
+        if self.battery.drain():
+            self.texts.append(self.battery.low_text(ardupilot))
+            self.failsafe_to("rtl", now_s)
+        if self.battery.emergency() and not ardupilot:
+            self.texts.append((0, "Emergency battery level\t"))
+        if not self.battery.empty:
+            return False
+        self.fall()
+        self._look_down()
+        return True
+
+    def failsafe_to(self, mode: Mode, now_s: float) -> None:
+        """Act on a failsafe: fly home, hold or land."""
+        self.failsafe = True
+        if self.mode != mode:
+            self.set_mode(mode, now_s)
+            if self.stack.name == "px4":
+                self.texts.append((2, "Failsafe activated\t"))
+
+    def breach(self, breached: bool, now_s: float) -> None:
+        """A fence was crossed, or is kept again; as delivered PX4 holds, ArduPilot goes home.
+
+        ArduPlane does not count it as a failsafe in its heartbeat (read: 4.6.2
+        ``any_failsafe_triggered``).
+        """
+        self.fence = breached
+        if not breached or not self.armed:
+            return
+        if self.stack.name == "px4":
+            self.texts.append((2, "Geofence: approaching or outside geofence"))
+            self.failsafe_to("hold", now_s)
+        else:
+            self.texts.append((5, "Polygon fence breached"))
+            if self.mode != "rtl":
+                self.set_mode("rtl", now_s)
+
+    def _land_blind(self, now_s: float) -> None:
+        """Land where it is when satellites were lost for long."""
+        if self.gps or not self.airborne:
+            self._fix_s, self.blind = now_s, False
+        after_s = BLIND_AFTER_S.get((self.stack.name, self.stack.vehicle), math.inf)
+        if self.blind or now_s - self._fix_s < after_s:
+            return
+        self.blind = True
+        ardupilot = self.stack.name == "ardupilot"
+        if ardupilot:
+            self.texts.append((2, "EKF Failsafe: changed to LAND Mode"))
+        self.failsafe_to("land", now_s)
+
+    def _look_down(self) -> None:
+        """Below the ground is a crash: the vehicle stays there for good."""
+        ground_m = self.ground_amsl_m
+        if self.motion.altitude_m > ground_m - 0.5:
+            return
+        hit = math.hypot(self.motion.climb_m_s, self.motion.speed_m_s)
+        self.texts.append((6, f"SIM Hit ground at {hit:.1f} m/s"))
+        self.texts.append((0, "Crash: Disarming"))
+        self.touch(ground_m)
+        self.target = None
+        self.crashed, self.armed = True, False

@@ -1,0 +1,204 @@
+"""What the mock tells by itself, without being asked."""
+
+import math
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.mock import telemetry_source
+from autopilot_bridge.mock.command_server import custom_mode_of
+from autopilot_bridge.mock.extension_fields import with_extension
+from autopilot_bridge.mock.flight_model import FlightModel
+from autopilot_bridge.mock.intervals import (
+    ATTITUDE,
+    BATTERY_STATUS,
+    EKF,
+    ESTIMATOR,
+    FENCE,
+    GPS,
+    LANDED,
+    POSITION,
+    SERVOS,
+    SYS_STATUS,
+    VFR_HUD,
+    WIND,
+    WIND_COV,
+    Intervals,
+)
+from autopilot_bridge.mock.kinematics import STEP_US
+from autopilot_bridge.mock.mission_server import MissionServer, text
+from autopilot_bridge.stacks.stacks import Stack
+
+HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
+HOME_EVERY_STEPS = 80
+
+
+class TelemetrySender:
+    """Says what is due after each step of a flight. ``send`` takes any number of messages."""
+
+    def __init__(
+        self,
+        stack: Stack,
+        missions: MissionServer,
+        intervals: Intervals,
+        send: Callable[..., None],
+    ) -> None:
+        self.unhealthy = 0  # bits of SYS_STATUS
+        self._stack = stack
+        self._missions = missions
+        self._intervals = intervals
+        self._send = send
+        self._told_current: object = None
+        self._reached = self._reached_again = 0
+
+    def forget(self) -> None:
+        """A new mission or a reboot: what was reached is not told again."""
+        self._reached_again = 0
+
+    def report(self, flight: FlightModel, steps: int) -> None:
+        """All that is due after the step with this number."""
+        self._tell_reached(flight, steps)
+        self.tell_texts(flight)
+        if steps % HEARTBEAT_EVERY_STEPS == 1:
+            self._heartbeat(flight)
+            self.tell_current(flight)
+        elif self._told_current != (flight.current, *self._missions.progress()):
+            self.tell_current(flight)
+        if flight.gps and self._intervals.due(POSITION, steps):
+            self._position(flight, steps)
+        self._instruments(flight, steps)
+        if steps % HOME_EVERY_STEPS == 1:
+            self._home(flight)
+
+    def tell_texts(self, flight: FlightModel) -> None:
+        """What the vehicle has to say: items begun, what was switched, mishaps."""
+        for severity, words in flight.texts:
+            self._send(text(severity, words))
+        flight.texts.clear()
+
+    def expect_current(self, seq: int, flight: FlightModel) -> None:
+        """A new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
+        self._told_current = (seq, *self._missions.progress())
+        if flight.current != seq:
+            self.tell_current(flight)
+
+    def tell_current(self, flight: FlightModel, asked: int | None = None) -> None:
+        """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
+        total, ids = self._missions.progress()
+        self._told_current = (flight.current, total, ids)
+        px4 = self._stack.name == "px4"
+        active = flight.mode == "mission" and flight.armed
+        if not flight.items or self._missions.infeasible() is not None:
+            state = mavlink.MISSION_STATE_NO_MISSION
+        elif active:
+            state = mavlink.MISSION_STATE_ACTIVE
+        else:
+            state = mavlink.MISSION_STATE_NOT_STARTED
+        mode = 1 if active else 2 if px4 else 0
+        current = mavlink.MAVLink_mission_current_message(
+            flight.current if asked is None else asked, total, state, mode
+        )
+        self._send(with_extension(current, *ids))
+
+    def _tell_reached(self, flight: FlightModel, steps: int) -> None:
+        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
+        for seq in flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(seq))
+            self._reached, self._reached_again = seq, 10 if self._stack.name == "px4" else 0
+        again = self._reached_again and steps % HEARTBEAT_EVERY_STEPS == 1
+        if again and not flight.reached:
+            self._send(mavlink.MAVLink_mission_item_reached_message(self._reached))
+            self._reached_again -= 1
+        flight.reached.clear()
+
+    def _heartbeat(self, flight: FlightModel) -> None:
+        custom_mode = custom_mode_of(self._stack, flight.mode)
+        base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if flight.armed:
+            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        state = telemetry_source.system_status(self._stack, flight)
+        self._send(
+            mavlink.MAVLink_heartbeat_message(
+                self._stack.mav_type, self._stack.autopilot, base_mode, custom_mode, state, 3
+            )
+        )
+
+    def _position(self, flight: FlightModel, steps: int) -> None:
+        motion, frame = flight.motion, flight.frame
+        lat_deg, lon_deg = frame.global_position(motion)
+        self._send(
+            mavlink.MAVLink_global_position_int_message(
+                steps * STEP_US // 1000,
+                round(lat_deg * 1e7),
+                round(lon_deg * 1e7),
+                round(motion.altitude_m * 1e3),
+                round((motion.altitude_m - frame.altitude_m) * 1e3),
+                round(motion.speed_m_s * math.cos(motion.course_rad) * 100),
+                round(motion.speed_m_s * math.sin(motion.course_rad) * 100),
+                round(-motion.climb_m_s * 100),
+                round(math.degrees(motion.heading_rad) * 100) % 36000,
+            )
+        )
+
+    def _instruments(self, flight: FlightModel, steps: int) -> None:
+        boot_us, motion, due = steps * STEP_US, flight.motion, self._intervals.due
+        if due(ATTITUDE, steps):
+            pitch_rad = math.atan2(motion.climb_m_s, max(motion.airspeed_m_s, 1.0))
+            angles = (motion.roll_rad, pitch_rad, motion.heading_rad)
+            self._send(telemetry_source.attitude(boot_us // 1000, *angles))
+        if due(VFR_HUD, steps):
+            speeds = (motion.airspeed_m_s, motion.speed_m_s, motion.heading_rad)
+            climb = (motion.altitude_m, motion.climb_m_s)
+            self._send(telemetry_source.vfr_hud(*speeds, flight.throttle_percent, *climb))
+        wind = (flight.wind.from_deg, flight.wind.speed_m_s)
+        if due(WIND, steps):
+            self._send(telemetry_source.wind(*wind))
+        if due(WIND_COV, steps) and flight.airborne:
+            self._send(telemetry_source.wind_cov(boot_us, *wind, motion.altitude_m))
+        percent = 100 if flight.battery_percent is None else math.ceil(flight.battery_percent)
+        if due(SYS_STATUS, steps):
+            self._send(telemetry_source.sys_status(percent, flight.battery.volts, self.unhealthy))
+        if due(BATTERY_STATUS, steps):
+            self._send(telemetry_source.battery_status(percent, flight.battery.volts))
+        if due(GPS, steps):
+            place = flight.frame.global_position(motion)
+            fix = (3, 10) if flight.gps else (1, 0)
+            self._send(telemetry_source.gps_raw(boot_us, *place, motion.altitude_m, *fix))
+        if due(SERVOS, steps):
+            self._servos(flight, steps)
+        self._states(flight, steps)
+
+    def _states(self, flight: FlightModel, steps: int) -> None:
+        """Messages that report failures."""
+        boot_us, due = steps * STEP_US, self._intervals.due
+        if due(LANDED, steps):
+            self._send(telemetry_source.landed_state(self._stack, flight))
+        if flight.fence is not None and due(FENCE, steps):
+            self._send(telemetry_source.fence_status(flight.fence, boot_us // 1000))
+        if due(EKF, steps) or due(ESTIMATOR, steps):
+            flags = telemetry_source.estimator_flags(self._stack, flight.blind_s(boot_us / 1e6))
+            if self._stack.name == "px4":
+                self._send(telemetry_source.estimator_status(flags, boot_us))
+            else:
+                self._send(telemetry_source.ekf_status(flags))
+
+    def _servos(self, flight: FlightModel, steps: int) -> None:
+        servos = flight.payload.servos_us
+        self._send(
+            mavlink.MAVLink_servo_output_raw_message(
+                steps * STEP_US % 2**32, 0, *servos[:8], *servos[8:]
+            )
+        )
+
+    def _home(self, flight: FlightModel) -> None:
+        frame = flight.frame
+        self._send(
+            mavlink.MAVLink_home_position_message(
+                round(frame.lat_deg * 1e7),
+                round(frame.lon_deg * 1e7),
+                round(frame.altitude_m * 1e3),
+                *(0.0, 0.0, 0.0),
+                (1.0, 0.0, 0.0, 0.0),
+                *(0.0, 0.0, 0.0),
+            )
+        )

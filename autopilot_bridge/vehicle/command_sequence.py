@@ -1,0 +1,234 @@
+"""Commands one after another, sans-IO (MAVLink command protocol, COMMAND_LONG and COMMAND_INT).
+
+asked --ACK accepted--> next step; asked --ACK in progress--> working; asked --ACK refuses--> ended
+asked is repeated on timeout, working is not: it is taken, and ends late or never
+"""
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.transfer import TransferTiming, is_for
+from autopilot_bridge.stacks.stacks import Step
+from autopilot_bridge.vehicle.parameters import ParameterSet
+
+RESULTS = {
+    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected",
+    mavlink.MAV_RESULT_DENIED: "denied",
+    mavlink.MAV_RESULT_UNSUPPORTED: "not supported",
+    mavlink.MAV_RESULT_FAILED: "failed",
+    6: "cancelled",  # these are not in this dialect
+    7: "taken as COMMAND_LONG only",
+    8: "taken as COMMAND_INT only",
+    9: "not supported in this frame",
+    10: "denied: another station is in control",
+}
+
+
+def result_words(result: int) -> str:
+    """A MAV_RESULT in words."""
+    return RESULTS.get(result, f"MAV_RESULT {result}")
+
+
+# A refusal's reason may come as a text a moment after it (ArduPilot queues its texts).
+TEXT_AFTER_US = 300_000
+WORKING_FOR_US = 60_000_000
+HEARTBEAT_US = 1_200_000  # a HEARTBEAT arrives within this time
+WARNING = mavlink.MAV_SEVERITY_WARNING
+
+
+@dataclass(frozen=True, slots=True)
+class SetParameter:
+    """A step that sets a parameter."""
+
+    name: str
+    value: float
+
+
+AnyStep = Step | SetParameter
+
+
+def command_name(command: int) -> str:
+    """Name of a command, without MAV_CMD."""
+    entry = mavlink.enums["MAV_CMD"].get(command)
+    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
+
+
+def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
+    """COMMAND_INT for a step with a place, otherwise COMMAND_LONG."""
+    command, params, place = step
+    if place is None:
+        values = [*params, *[0.0] * (7 - len(params))]
+        return mavlink.MAVLink_command_long_message(*target, command, tries, *values)
+    frame, x, y, z = place
+    values = [*params, *[0.0] * (4 - len(params))]
+    return mavlink.MAVLink_command_int_message(*target, frame, command, 0, 0, *values, x, y, z)
+
+
+class CommandSequence:
+    """Sends steps one by one, each when the one before was accepted; repeats what gets no answer.
+
+    All steps can be repeated without harm: they name a state or a place, never a change.
+    ``outcome`` becomes (accepted, reason) when the last step was accepted or one was refused; the
+    reason of a refusal holds the last warning the autopilot wrote meanwhile.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        own: tuple[int, int],
+        target: tuple[int, int],
+        steps: tuple[AnyStep, ...],
+        timing: TransferTiming,
+        bytewise: bool = False,
+        behind_heartbeats: bool = False,
+        insists: bool = False,
+    ) -> None:
+        """``bytewise`` is how the autopilot carries parameters that are whole numbers.
+
+        ``behind_heartbeats``: a command is repeated only right after a HEARTBEAT, so that a mode
+        which the autopilot selected meanwhile is known by then. ``insists``: it is repeated even
+        if no HEARTBEAT arrives.
+        """
+        self.name = name
+        self.outcome: tuple[bool, str] | None = None
+        self._own = own
+        self._target = target
+        self._steps = steps
+        self._timing = timing
+        self._bytewise = bytewise
+        self._behind_heartbeats = behind_heartbeats
+        self._insists = insists
+        self._repeats = False  # with the next heartbeat
+        self._index = 0
+        self._tries = 0
+        self._deadline_us = 0
+        self._working = False
+        self._setting: ParameterSet | None = None
+        self._refusal: str | None = None
+        self._text = ""
+
+    @property
+    def steps(self) -> tuple[AnyStep, ...]:
+        """The steps of the order."""
+        return self._steps
+
+    def start(self, now_us: int) -> list[Message]:
+        """The first step."""
+        if not self._steps:
+            self.outcome = (True, "nothing to do")
+            return []
+        return self._begin(now_us)
+
+    def _begin(self, now_us: int) -> list[Message]:
+        step = self._steps[self._index]
+        self._tries, self._working, self._repeats = 0, False, False
+        if isinstance(step, Step):
+            self._setting = None
+            return self._send(step, now_us)
+        self._setting = ParameterSet(
+            self._target, step.name, step.value, self._bytewise, self._timing
+        )
+        messages = self._setting.start(now_us)
+        self._deadline_us = self._setting.next_timer()
+        return messages
+
+    def _send(self, step: Step, now_us: int) -> list[Message]:
+        self._deadline_us = now_us + self._timing.timeout_us
+        return [command_message(self._target, step, self._tries)]
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Take in an acknowledgement, a text or a parameter."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if source != self._target or self.outcome is not None:
+            return []
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and self._repeats:
+            self._repeats = False
+            step = self._steps[self._index]
+            return self._send(step, now_us) if isinstance(step, Step) else []
+        if kind == "STATUSTEXT" and message.severity <= WARNING:
+            self._text = message.text.strip()
+            if self._refusal is not None:
+                self._end_refused()
+        elif self._refusal is None and self._setting is not None:
+            messages = self._setting.receive(message, now_us)
+            return messages + self._after_setting(now_us)
+        elif self._refusal is None and kind == "COMMAND_ACK":
+            return self._acknowledged(message, now_us)
+        return []
+
+    def _after_setting(self, now_us: int) -> list[Message]:
+        assert self._setting is not None
+        self._deadline_us = self._setting.next_timer()
+        result = self._setting.result
+        if result is None:
+            return []
+        if result.outcome != "accepted":
+            self.outcome = (False, result.reason)
+            return []
+        return self._next(now_us)
+
+    def _acknowledged(self, message: Message, now_us: int) -> list[Message]:
+        step = self._steps[self._index]
+        assert isinstance(step, Step)
+        if not is_for(message, self._own) or message.command != step.command:
+            return []
+        if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            self._working = True
+            self._deadline_us = now_us + WORKING_FOR_US
+            return []
+        if message.result != mavlink.MAV_RESULT_ACCEPTED:
+            words = result_words(message.result)
+            self._refusal = f"{command_name(step.command)} {words}"
+            if self._tries:
+                self._refusal += " when repeated; it may have been taken before"
+            self._deadline_us = now_us + TEXT_AFTER_US
+            if self._text:
+                self._end_refused()
+            return []
+        return self._next(now_us)
+
+    def _next(self, now_us: int) -> list[Message]:
+        self._index += 1
+        if self._index == len(self._steps):
+            self.outcome = (True, "accepted")
+            return []
+        return self._begin(now_us)
+
+    def _end_refused(self) -> None:
+        said = f": {self._text}" if self._text else ""
+        self.outcome = (False, f"{self._refusal}{said}")
+
+    def next_timer(self) -> int:
+        """When to call ``handle_timer``."""
+        return self._deadline_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Repeat the step or give up."""
+        if self.outcome is not None or now_us < self._deadline_us:
+            return []
+        if self._refusal is not None:
+            self._end_refused()
+            return []
+        if self._setting is not None:
+            messages = self._setting.handle_timer(now_us)
+            return messages + self._after_setting(now_us)
+        step = self._steps[self._index]
+        assert isinstance(step, Step)
+        if self._repeats and self._insists:
+            self._repeats = False
+            return self._send(step, now_us)
+        name = command_name(step.command)
+        self._tries += 1
+        if self._working:
+            self.outcome = (False, f"{name} was begun and not ended in {WORKING_FOR_US // 10**6} s")
+        elif self._tries > self._timing.retries:
+            self.outcome = (False, f"{name} was not answered")
+        elif self._behind_heartbeats:
+            self._repeats = True
+            self._deadline_us = now_us + HEARTBEAT_US
+        else:
+            return self._send(step, now_us)
+        return []

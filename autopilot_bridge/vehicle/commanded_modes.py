@@ -1,0 +1,57 @@
+"""Which flight modes were commanded, so that any other is attributed to the autopilot or pilot.
+
+An autopilot in failsafe, and a pilot by radio, change the mode too. Such a mode is not overridden:
+no command is repeated, and no transfer changes it.
+"""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.stacks.stacks import Stack, Step
+from autopilot_bridge.vehicle.command_sequence import AnyStep
+
+SEEN_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some get lost
+ON_ITS_WAY_US = 2_000_000  # a mode commanded before another may still follow
+
+
+def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
+    """The numbers of the modes that a step of an order leads to; () if it changes none."""
+    if not isinstance(step, Step):
+        return ()
+    px4, plane = stack.name == "px4", stack.vehicle == "plane"
+    match step.command:
+        case mavlink.MAV_CMD_DO_SET_MODE if px4:
+            return (int(step.params[1]) << 16 | int(step.params[2]) << 24,)
+        case mavlink.MAV_CMD_DO_SET_MODE:
+            return (int(step.params[1]),)
+        case mavlink.MAV_CMD_DO_REPOSITION:
+            return (stack.mode_number("guided"),)
+        case mavlink.MAV_CMD_DO_ORBIT:
+            return (stack.mode_number("hold" if plane else "orbit"),)
+        case mavlink.MAV_CMD_NAV_TAKEOFF if px4:
+            return (stack.mode_number("takeoff"), stack.hold_mode)
+        case mavlink.MAV_CMD_MISSION_START | mavlink.MAV_CMD_DO_LAND_START:
+            return (stack.mission_mode,)
+        case _:
+            return ()
+
+
+class CommandedModes:
+    """The modes commanded to one vehicle, and until when each may follow."""
+
+    def __init__(self) -> None:
+        self._until_us: dict[int, int] = {}
+
+    def ask(self, modes: tuple[int, ...], now_us: int) -> None:
+        """Note modes that are commanded now."""
+        if not modes:
+            return
+        self._until_us = {
+            mode: min(until_us, now_us + ON_ITS_WAY_US)
+            for mode, until_us in self._until_us.items()
+            if until_us > now_us
+        }
+        self._until_us |= dict.fromkeys(modes, now_us + SEEN_WITHIN_US)
+
+    def has(self, mode: int, now_us: int) -> bool:
+        """Whether a change to this mode was commanded."""
+        return self._until_us.get(mode, -1) >= now_us

@@ -1,0 +1,176 @@
+"""Which messages an autopilot shall send how often, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
+
+asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
+when all were asked: what does not arrive is asked for again, a few times; so is what stops
+
+ArduCopter forgets its rates at a restart, and its heartbeat does not tell of that.
+
+The acknowledgement does not say for which message it is, so one is asked for at a time.
+"""
+
+from collections.abc import Mapping
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.transfer import is_for
+from autopilot_bridge.stacks.stacks import Stack
+
+RatesHz = Mapping[int, float]
+
+# All messages that a client reports: for command-line transfers, MAVSDK and the bridge by itself.
+ALL_RATES_HZ: RatesHz = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 4.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_WIND: 1.0,
+    mavlink.MAVLINK_MSG_ID_WIND_COV: 1.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+}
+# What a run uses: no other message is requested, and none is switched off for other stations.
+RATES_HZ: RatesHz = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_WIND: 0.2,
+    mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,
+    # Reports of failures must arrive within two seconds.
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+}
+# For drops along a path: at 5 m/s a position every half metre.
+DROP_RATES_HZ: RatesHz = {
+    **RATES_HZ,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+}
+# Read: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
+_OF_THE_OTHER_STACK = {
+    "px4": (
+        mavlink.MAVLINK_MSG_ID_WIND,
+        mavlink.MAVLINK_MSG_ID_FENCE_STATUS,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    ),
+    "ardupilot": (
+        mavlink.MAVLINK_MSG_ID_WIND_COV,
+        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    ),
+}
+SET_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+ANSWER_WITHIN_US = 1_000_000
+TRIES = 3
+LOOK_AFTER_US = 4_000_000  # at least; whether all arrives
+ROUNDS = 3  # in a row for the same messages
+
+
+def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
+    """The rates without what the stack does not have."""
+    absent = _OF_THE_OTHER_STACK[stack.name]
+    return {key: hz for key, hz in rates_hz.items() if key not in absent}
+
+
+def rate_requests(stack: Stack, target: tuple[int, int]) -> list[Message]:
+    """Requests for ``ALL_RATES_HZ``, sent once; their acknowledgements are not awaited."""
+    return [_request(target, key, hz, 0) for key, hz in rates_for(stack).items()]
+
+
+def _request(target: tuple[int, int], message_id: int, hz: float, tries: int) -> Message:
+    interval_us = 1e6 / hz if hz > 0.0 else -1.0  # -1 switches it off
+    params = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return mavlink.MAVLink_command_long_message(*target, SET_INTERVAL, tries, *params)
+
+
+class MessageRates:
+    """Asks one vehicle for its messages."""
+
+    def __init__(self, own: tuple[int, int], rates_hz: RatesHz) -> None:
+        self._own = own
+        self._rates_hz = rates_hz
+        self._target = (0, 0)
+        self._wanted: dict[int, float] = {}
+        self._waiting: list[int] = []
+        self._arrived: set[int] = set()
+        self._unanswered: set[int] = set()
+        self._absent: set[int] = set()  # at the last look
+        self._tries = 0
+        self._rounds = 0
+        self._due_us: int | None = None
+
+    def begin(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
+        """Ask for everything (anew)."""
+        self._target = target
+        self._wanted = rates_for(stack, self._rates_hz)
+        self._absent = set()
+        self._rounds = 0
+        return self._ask_round(list(self._wanted), now_us)
+
+    def _ask_round(self, message_ids: list[int], now_us: int) -> list[Message]:
+        self._waiting = message_ids
+        self._unanswered.clear()
+        self._tries = 0
+        return self._ask(now_us)
+
+    def _ask(self, now_us: int) -> list[Message]:
+        if not self._waiting:
+            self._look_later(now_us)
+            return []
+        self._due_us = now_us + ANSWER_WITHIN_US
+        message_id = self._waiting[0]
+        return [_request(self._target, message_id, self._wanted[message_id], self._tries)]
+
+    def _look_later(self, now_us: int) -> None:
+        self._arrived.clear()
+        slowest_hz = min((hz for hz in self._wanted.values() if hz > 0.0), default=1.0)
+        self._due_us = now_us + max(LOOK_AFTER_US, round(3e6 / slowest_hz))
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Note what arrives; go on after an acknowledgement, whatever it says."""
+        message_id = message.get_msgId()
+        if message_id in self._wanted:
+            self._arrived.add(message_id)
+        if message_id != mavlink.MAVLINK_MSG_ID_COMMAND_ACK or message.command != SET_INTERVAL:
+            return []
+        return self._next(now_us) if is_for(message, self._own) and self._waiting else []
+
+    def _next(self, now_us: int) -> list[Message]:
+        self._waiting.pop(0)
+        self._tries = 0
+        return self._ask(now_us)
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        return self._due_us
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Repeat what was not answered; look for what does not arrive."""
+        if self._due_us is None or now_us < self._due_us:
+            return []
+        if self._waiting:
+            self._tries += 1
+            if self._tries < TRIES:
+                return self._ask(now_us)
+            self._unanswered.add(self._waiting[0])
+            return self._next(now_us)
+        return self._look(now_us)
+
+    def _look(self, now_us: int) -> list[Message]:
+        expected = {key for key, hz in self._wanted.items() if hz > 0.0}
+        absent = expected - self._arrived | self._unanswered
+        self._rounds = self._rounds + 1 if absent == self._absent else 0
+        self._absent = absent
+        if absent and self._rounds < ROUNDS:
+            return self._ask_round(sorted(absent), now_us)
+        self._look_later(now_us)
+        return []

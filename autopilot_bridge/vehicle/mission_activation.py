@@ -1,0 +1,195 @@
+"""Begins a new mission that is on board, and looks for proof that it is flown, sans-IO.
+
+PX4 begins a new list by itself, at the item that came with ``current`` set; it needs no command.
+MISSION_CURRENT, once a second, has the id of the list and whether PX4 accepts it for flight. Its
+sequence number proves little: a plane in the air skips its takeoff item at once, and a waypoint may
+be reached before the first message arrives. Only if the same list was on board before (the same id)
+PX4 keeps its current item, and is commanded to another.
+
+ArduPilot flies on to its old target, and keeps its current item, until it is commanded. It
+acknowledges the command; if the acknowledgement is lost, a sequence number that the old current
+item could not have led to proves the same.
+
+asking --acknowledged, or the new item seen--> ended
+asking --the old item seen, on timeout--> asked again; nothing seen: wait, do not ask again
+watching --the list's id, and it is fit--> ended
+either --the list's id, and it stays unfit--> ended, rejected
+either --the id of another list again and again--> ended, failed
+
+The command is never repeated blindly: the vehicle may have advanced in the new list, and would be
+set back.
+"""
+
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.transfer import (
+    Address,
+    Exchange,
+    TransferResult,
+    TransferTiming,
+    is_for,
+)
+from autopilot_bridge.stacks.stacks import Step
+from autopilot_bridge.vehicle.command_sequence import command_message, result_words
+
+SETTLED_US = 300_000  # PX4 looks at a new mission after it has acknowledged it (seen: 60 ms)
+UNFIT_FOR_US = 1_000_000
+ANSWERED_US = 700_000  # what arrives sooner after a command may have been sent before it
+OTHERS = 5  # messages in a row that show another list
+TRIES = 12
+SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
+
+
+class Onboard(NamedTuple):
+    """What was on board, and flown, before a mission went up: by MISSION_CURRENT."""
+
+    seq: int | None
+    plan_id: int | None
+    unfit: bool
+
+
+class MissionActivation(Exchange):
+    """Waits for proof that a new mission is current; commands the vehicle to it where needed.
+
+    ``seq`` of ``count`` items on the wire is the one to begin with, and ``shown`` the number that
+    the autopilot shows then (ArduPilot's passes over DO items). ``plan_id`` is the list's id; None
+    on ArduPilot.
+    """
+
+    def __init__(
+        self,
+        address: Address,
+        seq: int,
+        shown: int,
+        count: int,
+        plan_id: int | None,
+        before: Onboard,
+        timing: TransferTiming,
+    ) -> None:
+        super().__init__(address, timing)
+        self.other_list = False  # the vehicle showed the id of another list
+        self._seq = seq
+        self._shown = shown
+        self._count = count
+        self._plan_id = plan_id
+        self._before = before
+        same_list = plan_id is not None and before.plan_id == plan_id
+        self._asks = plan_id is None or (same_list and before.seq != seq)
+        # PX4 does not report again that a list is fit if it is begun elsewhere than at 0 (read:
+        # 1.17 ``update_mission_state``).
+        self._judged = plan_id is not None and not (before.unfit and seq > 0)
+        self._started_us = self._asked_us = 0
+        self._tries = 0
+        self._seen: int | None = None  # the newest number that is younger than the last command
+        self._unfit_since_us: int | None = None
+        self._others = 0
+        self._said = ""
+
+    def start(self, now_us: int) -> list[Message]:
+        """Send the command, or wait for MISSION_CURRENT."""
+        self._started_us = now_us
+        return self._ask(now_us) if self._asks else self._wait(now_us)
+
+    def _ask(self, now_us: int) -> list[Message]:
+        self._asked_us, self._seen = now_us, None
+        self._wait(now_us)
+        target = self._address.target
+        if self._plan_id is not None:
+            return [mavlink.MAVLink_mission_set_current_message(*target, self._seq)]
+        return [command_message(target, Step(SET_CURRENT, (float(self._seq),)), 0)]
+
+    def _wait(self, now_us: int) -> list[Message]:
+        self._deadline_us = now_us + self._timing.timeout_us
+        return []
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Look for proof that the mission has begun, or never will."""
+        if not self._is_from_target(message):
+            return []
+        match message.get_type():
+            case "STATUSTEXT" if message.severity <= mavlink.MAV_SEVERITY_WARNING:
+                self._said = f": {message.text.strip()}"
+            case "COMMAND_ACK" if self._asks and self._plan_id is None:
+                self._acknowledged(message)
+            case "MISSION_CURRENT" if self._shows_list(message):
+                self._look(message, now_us)
+            case _:
+                pass
+        return []
+
+    def _acknowledged(self, message: Message) -> None:
+        if not is_for(message, self._address.own) or message.command != SET_CURRENT:
+            return
+        if message.result == mavlink.MAV_RESULT_ACCEPTED:
+            self.result = TransferResult("accepted", f"item {self._seq} is current")
+        elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
+            words = result_words(message.result)
+            self.result = TransferResult("failed", f"the command to begin it: {words}{self._said}")
+
+    def _shows_list(self, message: Message) -> bool:
+        """Whether MISSION_CURRENT is about the new list."""
+        if self._plan_id is None:
+            return True
+        told_id = message.mission_id
+        if told_id == self._plan_id or (not told_id and message.total == self._count):
+            self._others = 0
+            return True
+        self._others += 1
+        if self._others >= OTHERS:
+            self.other_list = True
+            self.result = TransferResult("failed", "the vehicle reports the id of another mission")
+        return False
+
+    def _look(self, message: Message, now_us: int) -> None:
+        if self._judged and message.mission_state == mavlink.MISSION_STATE_NO_MISSION:
+            self._unfit(now_us)
+            return
+        self._unfit_since_us = None
+        if not self._asks:
+            if now_us - self._started_us >= SETTLED_US:
+                self.result = TransferResult("accepted", f"item {message.seq} is current")
+            return
+        if self._has_begun(message.seq):
+            self.result = TransferResult("accepted", f"item {message.seq} is current")
+        elif now_us - self._asked_us >= ANSWERED_US:
+            self._seen = message.seq
+
+    def _has_begun(self, seq: int) -> bool:
+        """Whether a sequence number alone proves that the mission has begun."""
+        before = self._before.seq
+        if self._plan_id is not None:  # the same list: any other item was commanded
+            return seq != before
+        if before is None or seq < self._shown:
+            return False
+        if before <= self._shown:  # on from the old place it flies the new list from there
+            return seq > self._shown or before != seq
+        return seq < before
+
+    def _unfit(self, now_us: int) -> None:
+        """Reject the mission; the first report may still be about the previous one."""
+        if self._unfit_since_us is None:
+            self._unfit_since_us = now_us
+        elif now_us - self._unfit_since_us >= UNFIT_FOR_US:
+            words = f"the vehicle holds the mission and does not take it for one to fly{self._said}"
+            self.result = TransferResult("rejected", words)
+
+    def leave(self, why: str) -> None:
+        """Send no command any more: autopilot or pilot took over. Without one, wait on."""
+        if self._asks and self.result is None:
+            self.result = TransferResult("failed", why)
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Repeat the command if the old item was seen; else wait; give up after ``TRIES``."""
+        if self.result is not None or now_us < self._deadline_us:
+            return []
+        self._tries += 1
+        if self._tries > TRIES:
+            missing = "no MISSION_CURRENT" if self._seen is None else "no message"
+            self.result = TransferResult("failed", f"{missing} arrived that shows it")
+            return []
+        if self._asks and self._seen is not None:
+            return self._ask(now_us)
+        return self._wait(now_us)

@@ -1,0 +1,88 @@
+"""Change of flight mode as part of a transfer, sans-IO.
+
+waiting --HEARTBEAT in a mode to be left--> asked --HEARTBEAT in the wanted mode--> ended
+asked --COMMAND_ACK that refuses--> ended
+any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
+
+The command leaves right behind a heartbeat, and is repeated (its acknowledgement may be lost) only
+behind another: a mode that the autopilot selects in between is seen, and not overridden.
+"""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.transfer import Address, Exchange, TransferResult, TransferTiming
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.command_sequence import result_words
+
+TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
+
+
+def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
+    """The reason to end an operation that would change the mode."""
+    return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
+
+
+class ModeChange(Exchange):
+    """Changes the mode, out of ``before`` only; done when a HEARTBEAT shows it."""
+
+    def __init__(
+        self,
+        address: Address,
+        stack: Stack,
+        before: int,
+        wanted: int,
+        timing: TransferTiming,
+    ) -> None:
+        super().__init__(address, timing)
+        self.wanted = wanted
+        self._stack = stack
+        self._before = before
+        self._command, self._params, _ = stack.set_mode(wanted)
+        self._tries = 0
+        self._again_us = 0
+
+    def start(self, now_us: int) -> list[Message]:
+        """Wait for a heartbeat."""
+        self._again_us = now_us
+        self._deadline_us = now_us + self._timing.timeout_us * (self._timing.retries + 1)
+        return []
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """A heartbeat in the mode ends it, and so does a refusal."""
+        if not self._is_from_target(message):
+            return []
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            return self._heartbeat(message.custom_mode, now_us)
+        refused = kind == "COMMAND_ACK" and message.result not in TAKEN
+        if refused and message.command == self._command and self._tries:
+            words = result_words(message.result)
+            self.result = TransferResult("rejected", f"the change of mode {words}")
+        return []
+
+    def _heartbeat(self, custom_mode: int, now_us: int) -> list[Message]:
+        if self.result is not None:
+            return []
+        if custom_mode == self.wanted:
+            self.result = TransferResult("accepted", "the mode is changed")
+        elif custom_mode != self._before:
+            self.leave(changed_meanwhile(self._stack, custom_mode))
+        elif now_us >= self._again_us:
+            self._again_us = now_us + self._timing.timeout_us
+            values = [*self._params, *[0.0] * (7 - len(self._params))]
+            target, tries = self._address.target, self._tries
+            self._tries += 1
+            return [mavlink.MAVLink_command_long_message(*target, self._command, tries, *values)]
+        return []
+
+    def leave(self, why: str) -> None:
+        """Send no command any more: the autopilot or a pilot has taken over."""
+        if self.result is None:
+            self.result = TransferResult("failed", why)
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Give up."""
+        if self.result is None and now_us >= self._deadline_us:
+            self.result = TransferResult("failed", "no HEARTBEAT showed the new mode")
+        return []

@@ -1,0 +1,217 @@
+"""What is known of one vehicle, folded from the messages of its autopilot, sans-IO."""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.bounds import out_of_bounds
+from autopilot_bridge.stacks.stacks import Stack, stack_of
+from autopilot_bridge.vehicle.client_events import (
+    AlarmEnded,
+    AlarmKind,
+    ClientEvent,
+    ClockChanged,
+    Connected,
+    Implausible,
+    ItemReached,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    ModeChanged,
+    Position,
+    Rebooted,
+    Text,
+)
+from autopilot_bridge.vehicle.plausibility import BootClock, Reach, TimeVerdict
+from autopilot_bridge.vehicle.status import system_state
+from autopilot_bridge.vehicle.telemetry import Telemetry, boot_time_us
+
+AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+FAILSAFES = (
+    *(mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY),
+    mavlink.MAV_STATE_FLIGHT_TERMINATION,
+)
+ALARM_ENDS_US = 10_000_000  # after the last message that raised it
+UNDECIDED_US = 2_000_000  # after the last time that went back; a restart is found within one
+NOT_USED = "the message is not used"
+
+
+class VehicleMonitor:
+    """``current`` and ``total`` are MISSION_CURRENT's: wire numbers, or None before the first."""
+
+    def __init__(
+        self, heartbeat_timeout_us: int = 3_000_000, most_speed_m_s: float | None = None
+    ) -> None:
+        """Positions out of reach at ``most_speed_m_s`` are not used; None: all are."""
+        self.stack: Stack | None = None
+        self.armed = False
+        self.custom_mode = 0
+        self._restarted = False  # since its mode was reported
+        self.current: int | None = None
+        self.total: int | None = None
+        self.plan_id: int | None = None  # of the mission on board; ArduPilot has none
+        self.unfit = False  # the mission on board is none to fly, or there is none
+        self.critical = False  # in failsafe, by its heartbeat
+        self._heartbeat_timeout_us = heartbeat_timeout_us
+        self._heard_us: int | None = None
+        self._lost = False
+        self.position: Position | None = None
+        self._telemetry = Telemetry()
+        self._reached: int | None = None
+        self._clock = BootClock()
+        self._reach = Reach(most_speed_m_s)
+        self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
+        self._back_us = 0  # by how much times since boot went back, if they did
+        self.undecided_until_us = 0  # whether it has restarted: the clock's verdict is not known
+        self.used = True  # the last message, at least in part
+
+    @property
+    def hidden_items(self) -> int:
+        """Items the user does not know of: ArduPilot's home."""
+        return 1 if self.stack is not None and self.stack.item_0_is_home else 0
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether it flies its mission."""
+        flies = self.stack is not None and self.custom_mode == self.stack.mission_mode
+        return self.armed and flies
+
+    def next_timer(self) -> int | None:
+        """When its silence counts as a lost link."""
+        if self._heard_us is None or self._lost:
+            return None
+        return self._heard_us + self._heartbeat_timeout_us
+
+    def handle_timer(self, now_us: int) -> list[ClientEvent]:
+        """Tell of a link that is lost."""
+        due_us = self.next_timer()
+        if due_us is None or self._heard_us is None or now_us < due_us:
+            return []
+        self._lost = True
+        return [LinkLost(now_us, now_us - self._heard_us)]
+
+    def alarm_timer(self) -> int | None:
+        """When to call ``end_alarms``."""
+        return min(self._alarms.values(), default=None)
+
+    def end_alarms(self, now_us: int) -> list[ClientEvent]:
+        """End alarms whose cause has not been seen for a while."""
+        ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
+        for kind in ended:
+            del self._alarms[kind]
+        return [AlarmEnded(now_us, kind) for kind in ended]
+
+    def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
+        """Take in a message of this vehicle's autopilot; ``used``: whether it is plausible."""
+        absurd = out_of_bounds(message)
+        self.used = absurd is None
+        if absurd is not None:
+            return self._alarm("value", f"{absurd}; {NOT_USED}", now_us)
+        events: list[ClientEvent] = []
+        boot_us = boot_time_us(message)
+        if boot_us is not None:
+            ahead_us = self._clock.ahead_us(boot_us, now_us)
+            verdict = self._clock.judge(boot_us, now_us)
+            events += self._time_judged(verdict, ahead_us, now_us)
+            self.used = verdict not in ("ahead", "back")
+            if not self.used:
+                return events
+        for event in self._telemetry.events(message, now_us):
+            if isinstance(event, Position):
+                events += self._place(event)
+            else:
+                events.append(event)
+        events += self._state(message, now_us)
+        return events
+
+    def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
+        if verdict == "back":  # may be a restart; if not, the old time continues
+            self._back_us = ahead_us
+            self.undecided_until_us = now_us + UNDECIDED_US
+            return []
+        self.undecided_until_us = 0
+        if verdict == "kept":
+            ahead_us, self._back_us = self._back_us, 0
+            if not ahead_us:
+                return []
+        self._back_us = 0
+        by = f"{abs(ahead_us) / 1e6:.0f} s {'ahead' if ahead_us > 0 else 'back'}"
+        if verdict in ("kept", "ahead"):
+            words = f"its time since boot jumped {by}; {NOT_USED}"
+            return self._alarm("clock", words, now_us)
+        self._telemetry.forget()
+        self._reach.forget_times()
+        if verdict == "rebooted":
+            self.current = self._reached = None
+            self._restarted = True
+            return [Rebooted(now_us)]
+        words = f"its time since boot jumped {by} and continues from there; it is used from now on"
+        return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
+
+    def _place(self, place: Position) -> list[ClientEvent]:
+        beyond_m = self._reach.beyond_m(place)
+        verdict = self._reach.judge(place, self._clock.rate)
+        if verdict == "beyond":
+            self._telemetry.take_back("GLOBAL_POSITION_INT")
+            words = f"it cannot have flown {beyond_m:.0f} m from its last position; {NOT_USED}"
+            return self._alarm("jump", words, place.at_us)
+        self.position = place
+        if verdict == "kept":
+            return [place]
+        words = f"its position jumped by {beyond_m:.0f} m and stays there; it is used from now on"
+        return [*self._alarm("jump", words, place.at_us, again=True), place]
+
+    def _alarm(
+        self, kind: AlarmKind, words: str, now_us: int, again: bool = False
+    ) -> list[ClientEvent]:
+        """Raise an alarm; once, until it has ended."""
+        raised = kind in self._alarms
+        self._alarms[kind] = now_us + ALARM_ENDS_US
+        return [] if raised and not again else [Implausible(now_us, kind, words)]
+
+    def _state(self, message: Message, now_us: int) -> list[ClientEvent]:
+        match message.get_type():
+            case "HEARTBEAT":
+                return self._heartbeat(message, now_us)
+            case "MISSION_CURRENT":
+                self.total = message.total
+                self.plan_id = getattr(message, "mission_id", 0) or None
+                self.unfit = message.mission_state == mavlink.MISSION_STATE_NO_MISSION
+                if message.seq != self.current:
+                    self.current = message.seq
+                    if message.seq < self.hidden_items:  # ArduPilot's home: nothing is flown yet
+                        return []
+                    return [MissionProgress(now_us, message.seq - self.hidden_items)]
+            case "MISSION_ITEM_REACHED":
+                # ArduPlane tells of item 0, its home, when it is where GUIDED sent it.
+                if message.seq != self._reached and message.seq >= self.hidden_items:
+                    self._reached = message.seq
+                    return [ItemReached(now_us, message.seq - self.hidden_items)]
+            case "STATUSTEXT":
+                return [Text(now_us, message.severity, message.text.strip())]  # PX4 adds a tab
+            case _:
+                pass
+        return []
+
+    def _heartbeat(self, message: Message, now_us: int) -> list[ClientEvent]:
+        stack = stack_of(message.autopilot, message.type)
+        if stack is None or self.stack not in (None, stack):
+            kind = f"autopilot {message.autopilot}, type {message.type}"
+            words = f"a HEARTBEAT of another kind of vehicle ({kind}); {NOT_USED}"
+            return [] if self.stack is None else self._alarm("value", words, now_us)
+        self._heard_us = now_us
+        events: list[ClientEvent] = []
+        if self.stack is None:
+            self.stack = stack
+            events.append(Connected(now_us, stack))
+        if self._lost:
+            self._lost = False
+            events.append(LinkRestored(now_us))
+        self.critical = message.system_status in FAILSAFES
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        changed = (armed, message.custom_mode) != (self.armed, self.custom_mode)
+        if changed or self._restarted:  # after a restart it is reported anew
+            self._restarted = False
+            self.armed, self.custom_mode = armed, message.custom_mode
+            name = self.stack.mode_name(message.custom_mode)
+            events.append(ModeChanged(now_us, message.custom_mode, armed, name))
+        return [*events, *self._telemetry.news(system_state(message, now_us))]

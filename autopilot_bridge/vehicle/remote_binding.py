@@ -1,0 +1,90 @@
+"""From which remote of a link a vehicle's messages are taken. Pure; time is an argument.
+
+A vehicle is bound to the remote (address and port, or connection) on which a HEARTBEAT of its
+autopilot was found first. Messages with its system id from another remote are not used while the
+first one sends, and raise an alarm. After ``timeout_us`` of silence a HEARTBEAT from another remote
+binds the vehicle to that one: an autopilot that was restarted, or whose network changed, has
+another port. That raises an alarm too, unless the link is signed: a checked signature is proof.
+When an earlier remote sends again it outranks later ones, whose messages are not used any more.
+
+Whether the first remote is the vehicle's cannot be decided here: if a forger sends before the
+vehicle, the alarm stands until the forger stops. Only a signed link prevents that.
+
+On a link that calls one address (``udpout``) that address outranks all others.
+"""
+
+from autopilot_bridge.vehicle.client_events import AlarmEnded, RemoteChanged, SameSystemId
+
+ENDED_AFTER_US = 10_000_000  # of silence of the other remote
+MOVED_FOR_US = 60_000_000  # how long the alarm stands of a vehicle that has moved
+MOST_RANKED = 8  # remotes that are remembered
+SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
+
+
+class RemoteBinding:
+    """The remote of one vehicle. ``alarms`` are those to be reported; the owner takes them out."""
+
+    def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
+        """``called`` is the remote that the link calls, where it calls one."""
+        self.remote: str | None = None  # None: not found yet
+        self.alarms: list[SourceAlarm] = []
+        self._timeout_us = timeout_us
+        self._called = called
+        self._signed = signed
+        self._heard_us = 0
+        self._ranked: list[str] = []  # remotes it was taken from, in the order found
+        self._other: tuple[str, int] | None = None  # another remote that sends, and when it did
+        self._raised: type[SourceAlarm] | None = None
+        self._alarm_until_us: int | None = None
+
+    def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
+        """Whether a message with the vehicle's system id from a remote is used.
+
+        ``is_heartbeat``: it is a HEARTBEAT of an autopilot of a kind that is known.
+        """
+        if remote != self.remote:
+            if not self._may_take_over(remote, now_us):
+                self._other = (remote, now_us)
+                return False
+            if not is_heartbeat:
+                return False
+            self._bind(remote, now_us)
+        self._heard_us = now_us
+        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both send
+            self._raise(SameSystemId(now_us, remote, self._other[0]))
+            self._alarm_until_us = self._other[1] + ENDED_AFTER_US
+        return True
+
+    def _may_take_over(self, remote: str, now_us: int) -> bool:
+        if self.remote is None or now_us - self._heard_us >= self._timeout_us:
+            return True
+        if self._called in (remote, self.remote):
+            return remote == self._called
+        ranked = self._ranked
+        return remote in ranked and ranked.index(remote) < ranked.index(self.remote)
+
+    def _bind(self, remote: str, now_us: int) -> None:
+        before, self.remote, self._other = self.remote, remote, None
+        if remote not in self._ranked:
+            del self._ranked[MOST_RANKED - 1 :]
+            self._ranked.append(remote)
+        if before is not None and now_us - self._heard_us < self._timeout_us:
+            self._other = (before, self._heard_us)
+        elif before is not None and not self._signed:
+            self._raise(RemoteChanged(now_us, before, remote))
+            self._alarm_until_us = now_us + MOVED_FOR_US
+
+    def _raise(self, alarm: SameSystemId | RemoteChanged) -> None:
+        if self._raised is not type(alarm) or isinstance(alarm, RemoteChanged):
+            self.alarms.append(alarm)
+        self._raised = type(alarm)
+
+    def alarm_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        return self._alarm_until_us
+
+    def handle_timer(self, now_us: int) -> None:
+        """End an alarm when what raised it is over."""
+        if self._alarm_until_us is not None and now_us >= self._alarm_until_us:
+            self._raised = self._alarm_until_us = None
+            self.alarms.append(AlarmEnded(now_us, "source"))

@@ -1,0 +1,43 @@
+"""STATUSTEXTs of one autopilot put together: long ones come in chunks of 50 bytes with one id."""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+
+CHUNK_BYTES = 50
+
+
+class StatustextAssembler:
+    """Holds the chunks that came of a text until its end came, or a HEARTBEAT without it."""
+
+    def __init__(self) -> None:
+        self._begun: Message | None = None  # with the text so far
+        self._next_chunk = 0
+
+    def receive(self, message: Message) -> list[Message]:
+        """The messages to go on with, in order: texts whole, all others as they are."""
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            return [*self._end(), message]
+        if kind != "STATUSTEXT":
+            return [message]
+        # StatustextAssembler in one piece have id 0, and so has PX4's first long one.
+        one_more = message.id or message.chunk_seq
+        if one_more and self._begun is not None and self._begun.id == message.id:
+            if message.chunk_seq < self._next_chunk:
+                return []  # doubled
+            if message.chunk_seq == self._next_chunk:
+                return self._add(message, self._begun.text + message.text)
+        before = self._end()  # another text, or a chunk was lost
+        return [*before, *self._add(message, message.text)]
+
+    def _add(self, chunk: Message, words: str) -> list[Message]:
+        whole = mavlink.MAVLink_statustext_message(chunk.severity, b"", chunk.id, chunk.chunk_seq)
+        whole._header = chunk.get_header()
+        whole.text = words
+        self._begun, self._next_chunk = whole, chunk.chunk_seq + 1
+        return self._end() if len(chunk.text.encode()) < CHUNK_BYTES else []
+
+    def _end(self) -> list[Message]:
+        begun, self._begun = self._begun, None
+        return [] if begun is None else [begun]

@@ -1,0 +1,410 @@
+"""Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
+
+``transfer_states.py`` has the phases of a transfer and the table of their order.
+
+A transfer holds where the autopilot would otherwise fly a list that is half overwritten. It reads
+back if a check is requested, and to report what the vehicle holds where the upload's end does not
+show it. If a failsafe or a pilot by radio takes over meanwhile, the mode is not changed, and a
+mission that would need a command is not started.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_ERROR
+
+from autopilot_bridge.items import MissionItem, jumps_moved
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.download import MissionClear, MissionDownload
+from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
+from autopilot_bridge.missions.plan_id import mission_id_of
+from autopilot_bridge.missions.read_back import same_mission
+from autopilot_bridge.missions.transfer import (
+    MISSION_TYPES,
+    Address,
+    Holds,
+    TransferResult,
+    TransferTiming,
+)
+from autopilot_bridge.missions.truncate import Truncate
+from autopilot_bridge.missions.upload import MissionUpload
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
+from autopilot_bridge.vehicle.mode_change import ModeChange
+from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
+
+LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
+LAST_NAV = 95  # MAV_CMD_NAV_LAST; what comes behind is done on the way
+# Behind these a vehicle never gets by itself: loiter without end, return, land.
+LAST_FOR_GOOD = (17, 20, 21)
+Step = tuple[Phase, Transfer]
+Following = Step | TransferResult
+
+
+class TransferQueue:
+    """The transfers of one vehicle: one at a time."""
+
+    def __init__(
+        self,
+        own: tuple[int, int],
+        timing: TransferTiming,
+        report: Callable[[Job, TransferResult, int], None],
+        commanded_modes: CommandedModes,
+    ) -> None:
+        """``report`` is told how each job ended, and when."""
+        self._own = own
+        self._commanded_modes = commanded_modes
+        self._timing = timing
+        self._report = report
+        self._next_id = 1
+        self._session = 0
+        self._job: Job | None = None
+        self._queue: list[Job] = []
+
+    def add(self, job: Job, now_us: int) -> int:
+        """Queue a job; an upload takes the place of one of its kind that has not begun."""
+        job.transfer_id = self._next_id
+        self._next_id += 1
+        for waiting in list(self._queue):
+            if job.action == "upload" and (waiting.action, waiting.kind) == ("upload", job.kind):
+                self._queue.remove(waiting)
+                ended = TransferResult("superseded", "a newer one came", holds="the old one")
+                self._report(waiting, ended, now_us)
+        self._queue.append(job)
+        return job.transfer_id
+
+    def cancel(self, transfer_id: int, stack: Stack, now_us: int) -> list[Message]:
+        """End a job; its outcome is reported when it has really ended."""
+        for waiting in list(self._queue):
+            if waiting.transfer_id == transfer_id:
+                self._queue.remove(waiting)
+                ended = TransferResult("cancelled", "it had not begun", holds="the old one")
+                self._report(waiting, ended, now_us)
+        job = self._job
+        if job is None or job.transfer_id != transfer_id or job.under_way is None:
+            return []
+        job.cancelled = True
+        return job.under_way.cancel(stack.cancels_after_us, now_us)
+
+    def leave_mode(self) -> None:
+        """The mode is somebody else's from now on: no upload holds or flies on.
+
+        One that changes the mode right now is given up.
+        """
+        job = self._job
+        for asked in (*self._queue, *(() if job is None else (job,))):
+            asked.holds_first = asked.paused = False
+        if job is None:
+            return
+        if isinstance(job.under_way, ModeChange) and job.under_way.result is None:
+            job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
+
+    def taken(self, why: str) -> None:
+        """The autopilot or a pilot has taken over: the current upload no longer changes the mode.
+
+        Uploads that have not begun yet check the mode when they begin.
+        """
+        job = self._job
+        if job is None or job.action != "upload":
+            return
+        job.taken = job.taken or why
+        if isinstance(job.under_way, ModeChange | MissionActivation):
+            job.under_way.leave(why)
+
+    def begin_next(self, state: VehicleState, now_us: int) -> list[Message]:
+        """Begin what waits if nothing is under way."""
+        if self._job is not None or not self._queue:
+            return []
+        job = self._job = self._queue.pop(0)
+        is_mission = job.kind == "mission"
+        job.hidden = 1 if state.stack.item_0_is_home and is_mission else 0
+        if job.begin == "keep":
+            job.begin = max((state.current or 0) - job.hidden, 0)
+        job.before = Onboard(state.current, state.plan_id, state.unfit)
+        job.begin = 0 if job.begin == "restart" else min(job.begin, max(len(job.items) - 1, 0))
+        job.wire_items = (*job.items[: job.hidden], *jumps_moved(job.items, job.hidden))
+        return self._begin(job, *self._first(job, state), now_us)
+
+    def _first(self, job: Job, state: VehicleState) -> Step:
+        address = self._address(job, state)
+        if job.action == "clear":
+            return Phase.CLEARING, MissionClear(address, self._timing)
+        by_file = job.by_file and state.stack.mission_files
+        if job.action == "download":
+            return self._read_file(address) if by_file else self._read_items(address)
+        flying = job.kind == "mission" and state.in_mission
+        held = state.stack.most_items if state.total is None else state.total
+        job.shorter = leaves_old_tail(flying, held, len(job.wire_items))
+        if by_file and job.items and (not job.shorter or job.items[-1].command in LAST_FOR_GOOD):
+            most, self._session = state.stack.most_items, next_session(self._session)
+            upload = FtpUpload(address, job.wire_items, most, self._session, self._timing)
+            return Phase.WRITING_FILE, upload
+        return self._by_items(job, state)
+
+    def _by_items(self, job: Job, state: VehicleState) -> Step:
+        stack = state.stack
+        job.paused = job.holds_first and job.kind == "mission" and state.in_mission
+        job.paused = job.paused and not stack.atomic_upload
+        if job.paused:
+            return Phase.HOLDING, self._mode_change(job, state, stack.mission_mode, stack.hold_mode)
+        return self._send_items(job, state)
+
+    def _mode_change(self, job: Job, state: VehicleState, before: int, wanted: int) -> ModeChange:
+        return ModeChange(self._address(job, state), state.stack, before, wanted, self._timing)
+
+    def _send_items(self, job: Job, state: VehicleState) -> Step:
+        stack = state.stack
+        plan_id = mission_id_of(job.wire_items, stack)
+        upload = MissionUpload(
+            *(self._address(job, state), job.wire_items, self._seq(job), self._timing),
+            *(stack.items_ahead, plan_id),
+        )
+        return Phase.SENDING_ITEMS, upload
+
+    def _read_file(self, address: Address) -> Step:
+        self._session = next_session(self._session)
+        return Phase.READING_FILE, FtpDownload(address, self._session, self._timing)
+
+    def _read_items(self, address: Address) -> Step:
+        return Phase.READING_ITEMS, MissionDownload(address, self._timing)
+
+    def _address(self, job: Job, state: VehicleState) -> Address:
+        return Address(self._own, state.target, MISSION_TYPES[job.kind])
+
+    def _seq(self, job: Job) -> int:
+        assert isinstance(job.begin, int)
+        return job.hidden + job.begin
+
+    def _begin(self, job: Job, phase: Phase, transfer: Transfer, now_us: int) -> list[Message]:
+        job.enter(phase, transfer)
+        return transfer.start(now_us)
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Hand a message to what is under way."""
+        if self._job is None or self._job.under_way is None:
+            return []
+        messages = self._job.under_way.receive(message, now_us)
+        if messages and isinstance(self._job.under_way, ModeChange):
+            self._commanded_modes.ask((self._job.under_way.wanted,), now_us)
+        return messages
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        if self._job is None or self._job.under_way is None:
+            return None
+        return self._job.under_way.next_timer()
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Do what is due."""
+        if self._job is None or self._job.under_way is None:
+            return []
+        return self._job.under_way.handle_timer(now_us)
+
+    def step(self, state: VehicleState, now_us: int) -> list[Message]:
+        """See whether what is under way has ended, and begin what comes after it."""
+        job = self._job
+        if job is None or job.under_way is None or job.under_way.result is None:
+            return []
+        if isinstance(job.under_way, FtpUpload | FtpDownload):
+            self._session = job.under_way.session  # it may have taken others
+        following = _AFTER[job.action, job.phase](self, job, job.under_way.result, state)
+        if not isinstance(following, TransferResult):
+            return self._begin(job, *following, now_us)
+        self._job = None
+        job.enter(Phase.ENDED)
+        if job.cancelled and following.outcome in ("failed", "unknown", "rejected"):
+            following = replace(following, outcome="cancelled")
+        self._report(job, following, now_us)
+        return []
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        assert all(job.phase is Phase.QUEUED for job in self._queue)
+        if self._job is not None:
+            assert self._job.phase not in (Phase.QUEUED, Phase.ENDED), self._job
+        jobs = [*self._queue, *([] if self._job is None else [self._job])]
+        assert len({job.transfer_id for job in jobs}) == len(jobs)
+        for job in jobs:
+            job.validate_state()
+
+    # What follows each phase, by its result: the next phase, or the result of the transfer. -----
+
+    def _after_clearing(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        return result
+
+    def _after_download(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.items is not None:
+            return replace(result, items=users_items(job, result.items))
+        if job.phase is Phase.READING_FILE and not job.cancelled:
+            return self._read_items(self._address(job, state))
+        return result
+
+    def _after_writing(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.outcome == "rejected" and not job.cancelled:
+            return self._by_items(job, state)
+        job.uploaded = result
+        return self._read_file(self._address(job, state))
+
+    def _after_cutting(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        return self._read_file(self._address(job, state))
+
+    def _after_sending(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        assert isinstance(job.under_way, MissionUpload)
+        job.uploaded = result
+        holds = held_after(job.under_way, result, state.stack)
+        if result.outcome == "accepted" and not job.check:
+            return self._begun(job, state)
+        if result.outcome == "accepted" or holds in ("one of both", "not known"):
+            return self._read_items(self._address(job, state))  # never guess: read it back
+        return replace(result, holds=holds)
+
+    def _after_reading(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        stack = state.stack
+        assert job.uploaded is not None
+        if result.items is None:  # nothing can be read either
+            return _unread(
+                job.uploaded, result, "one of both" if stack.atomic_upload else "not known"
+            )
+        if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
+            if job.uploaded.outcome == "cancelled":
+                return replace(job.uploaded, items=job.items, holds="the new one")
+            return self._begun(job, state)
+        read = users_items(job, result.items)
+        read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
+        if job.uploaded.outcome in ("accepted", "unknown"):
+            words = "the vehicle holds another mission"
+            return TransferResult("failed", words, items=read, holds=read_holds)
+        return replace(job.uploaded, items=read, holds=read_holds)
+
+    def _after_file(self, job: Job, read: TransferResult, state: VehicleState) -> Following:
+        """After a file was written and read back."""
+        assert job.uploaded is not None
+        untouched = job.uploaded.outcome == "failed"
+        if read.items is None:
+            # A shorter file may stand before the old tail, which is neither of both.
+            doubtful: Holds = "not known" if job.shorter else "one of both"
+            return _unread(job.uploaded, read, "the old one" if untouched else doubtful)
+        mission_type = MISSION_TYPES[job.kind]
+        if same_mission(job.wire_items, read.items, state.stack, mission_type):
+            if job.old_tail:  # cut off by now, and the new mission has begun
+                return accepted(job)
+            return self._begun(job, state)
+        to_go_on = not untouched and not job.cancelled
+        begun = read.items[: len(job.wire_items)]
+        longer = job.kind == "mission" and same_mission(job.wire_items, begun, state.stack)
+        if to_go_on and longer and not job.old_tail:
+            job.old_tail = True
+            return self._begun(job, state)
+        if to_go_on:  # not applied, or in part: a command it does not know
+            job.uploaded, job.old_tail = None, False
+            return self._by_items(job, state)
+        holds: Holds = "the old one" if untouched else "a mixture"
+        read_items = users_items(job, read.items)
+        return TransferResult("failed", job.uploaded.reason, items=read_items, holds=holds)
+
+    def _after_hold(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.outcome == "accepted":
+            return self._send_items(job, state)
+        words = f"it would not hold for the upload: {result.reason}"
+        return replace(result, reason=words, holds="the old one")
+
+    def _after_resume(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        if result.outcome == "accepted" or job.taken:
+            return accepted(job)
+        words = f"the vehicle holds the mission but did not fly on: {result.reason}"
+        return TransferResult("failed", words, items=job.items, holds="the new one")
+
+    def _begun(self, job: Job, state: VehicleState) -> Following:
+        """Start the mission on board."""
+        if job.kind != "mission" or not job.items or job.looked:
+            return accepted(job)
+        if job.taken and not state.stack.atomic_upload:
+            return self._not_begun(job, TransferResult("failed", job.taken))
+        plan_id, seq = mission_id_of(job.wire_items, state.stack), self._seq(job)
+        later = range(seq, len(job.wire_items))
+        shown = next((at for at in later if job.wire_items[at].command <= LAST_NAV), seq)
+        before = job.before._replace(seq=state.current)
+        address, count = self._address(job, state), len(job.wire_items)
+        start = MissionActivation(address, seq, shown, count, plan_id, before, self._timing)
+        return Phase.STARTING, start
+
+    def _after_start(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
+        assert isinstance(job.under_way, MissionActivation)
+        stack, address = state.stack, self._address(job, state)
+        if job.under_way.other_list and not job.cancelled:  # never guess: read it back
+            job.looked = True
+            return self._read_items(address)
+        if result.outcome != "accepted":
+            return self._not_begun(job, result)
+        if job.old_tail:
+            return Phase.CUTTING_TAIL, Truncate(address, len(job.wire_items), self._timing)
+        if job.paused and not job.taken:
+            change = self._mode_change(job, state, stack.hold_mode, stack.mission_mode)
+            return Phase.RESUMING, change
+        return accepted(job)
+
+    def _not_begun(self, job: Job, result: TransferResult) -> TransferResult:
+        if job.old_tail:
+            words = "the vehicle holds the mission followed by the end of the old one, and"
+            words = f"{words} did not begin it: {result.reason}"
+            return TransferResult("failed", words, holds="a mixture")
+        if result.outcome == "rejected":
+            words = f"{result.reason}{lacks(job)}"
+            return replace(result, reason=words, items=job.items, holds="the new one")
+        words = f"the vehicle holds the mission but did not begin it: {result.reason}"
+        return TransferResult(result.outcome, words, items=job.items, holds="the new one")
+
+
+_AFTER: dict[
+    tuple[Action, Phase], Callable[[TransferQueue, Job, TransferResult, VehicleState], Following]
+] = {
+    ("clear", Phase.CLEARING): TransferQueue._after_clearing,
+    ("download", Phase.READING_FILE): TransferQueue._after_download,
+    ("download", Phase.READING_ITEMS): TransferQueue._after_download,
+    ("upload", Phase.WRITING_FILE): TransferQueue._after_writing,
+    ("upload", Phase.READING_FILE): TransferQueue._after_file,
+    ("upload", Phase.CUTTING_TAIL): TransferQueue._after_cutting,
+    ("upload", Phase.HOLDING): TransferQueue._after_hold,
+    ("upload", Phase.SENDING_ITEMS): TransferQueue._after_sending,
+    ("upload", Phase.READING_ITEMS): TransferQueue._after_reading,
+    ("upload", Phase.STARTING): TransferQueue._after_start,
+    ("upload", Phase.RESUMING): TransferQueue._after_resume,
+}
+
+
+def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> TransferResult:
+    """The result of an upload that could not be read back."""
+    words = f"{uploaded.reason}; and reading it back: {read.reason}"
+    outcome = "unknown" if uploaded.outcome == "accepted" else uploaded.outcome
+    return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
+
+
+def lacks(job: Job) -> str:
+    """A likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
+    if any(item.command in LANDINGS for item in job.items):
+        return ""
+    return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
+
+
+def accepted(job: Job) -> TransferResult:
+    """The result of an upload that is held, and flown unless autopilot or pilot took over."""
+    words = f"accepted; {job.taken}, and its mode was not changed" if job.taken else "accepted"
+    return TransferResult("accepted", words, 0, None, job.items, "the new one")
+
+
+def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
+    """Items as the user knows them: without home, jumps counted from the first."""
+    return jumps_moved(wire_items[job.hidden :], -job.hidden)
+
+
+def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
+    """What the vehicle holds after an upload, as far as its end alone tells."""
+    if result.outcome == "accepted":
+        return "the new one"
+    if not ended.touched:
+        return "the old one"
+    if not stack.atomic_upload:
+        return "not known"
+    doubtful = result.outcome in ("unknown", "cancelled") or result.code == MAV_MISSION_ERROR
+    return "one of both" if doubtful else "the old one"

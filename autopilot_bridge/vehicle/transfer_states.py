@@ -1,0 +1,167 @@
+"""The states of a transfer and which may follow which, as data.
+
+upload: file -> read the file back -> [start -> [cut off the old tail -> read it back]],
+        where the autopilot takes whole files, or else
+        [hold] -> items -> [read back] -> start -> [resume]
+download: file, or else items
+clear: itself
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal, NamedTuple
+
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.missions.download import MissionClear, MissionDownload
+from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
+from autopilot_bridge.missions.transfer import Kind, TransferResult
+from autopilot_bridge.missions.truncate import Truncate
+from autopilot_bridge.missions.upload import MissionUpload
+from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
+from autopilot_bridge.vehicle.mode_change import ModeChange
+
+NOTHING = Onboard(None, None, False)
+StartItem = Literal["restart", "keep"] | int
+Action = Literal["upload", "download", "clear"]
+Transfer = (
+    MissionUpload
+    | MissionDownload
+    | MissionClear
+    | MissionActivation
+    | ModeChange
+    | Truncate
+    | FtpUpload
+    | FtpDownload
+)
+
+
+class Phase(Enum):
+    """What a transfer does now."""
+
+    QUEUED = "queued"
+    WRITING_FILE = "writing the file"
+    READING_FILE = "reading the file"
+    CUTTING_TAIL = "cutting off the old tail"
+    HOLDING = "holding"
+    SENDING_ITEMS = "sending items"
+    READING_ITEMS = "reading items"
+    STARTING = "starting the mission"
+    RESUMING = "resuming the mission"
+    CLEARING = "clearing"
+    ENDED = "ended"
+
+
+PROTOCOLS: dict[Phase, type[Transfer]] = {
+    Phase.WRITING_FILE: FtpUpload,
+    Phase.READING_FILE: FtpDownload,
+    Phase.CUTTING_TAIL: Truncate,
+    Phase.HOLDING: ModeChange,
+    Phase.SENDING_ITEMS: MissionUpload,
+    Phase.READING_ITEMS: MissionDownload,
+    Phase.STARTING: MissionActivation,
+    Phase.RESUMING: ModeChange,
+    Phase.CLEARING: MissionClear,
+}
+_BY_ITEMS = (Phase.HOLDING, Phase.SENDING_ITEMS)
+TRANSITIONS: dict[Action, dict[Phase, tuple[Phase, ...]]] = {
+    "upload": {
+        Phase.QUEUED: (Phase.WRITING_FILE, *_BY_ITEMS),
+        Phase.WRITING_FILE: (Phase.READING_FILE, *_BY_ITEMS),
+        Phase.READING_FILE: (Phase.STARTING, *_BY_ITEMS, Phase.ENDED),
+        Phase.HOLDING: (Phase.SENDING_ITEMS, Phase.ENDED),
+        Phase.SENDING_ITEMS: (Phase.READING_ITEMS, Phase.STARTING, Phase.ENDED),
+        Phase.READING_ITEMS: (Phase.STARTING, Phase.ENDED),
+        Phase.STARTING: (Phase.CUTTING_TAIL, Phase.READING_ITEMS, Phase.RESUMING, Phase.ENDED),
+        Phase.CUTTING_TAIL: (Phase.READING_FILE,),
+        Phase.RESUMING: (Phase.ENDED,),
+    },
+    "download": {
+        Phase.QUEUED: (Phase.READING_FILE, Phase.READING_ITEMS),
+        Phase.READING_FILE: (Phase.READING_ITEMS, Phase.ENDED),
+        Phase.READING_ITEMS: (Phase.ENDED,),
+    },
+    "clear": {Phase.QUEUED: (Phase.CLEARING,), Phase.CLEARING: (Phase.ENDED,)},
+}
+# The phases of an upload before it is known how the upload itself ended.
+UNSENT = (Phase.QUEUED, Phase.WRITING_FILE, *_BY_ITEMS)
+# The phases in which each flag of a transfer may be set.
+FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
+    "old_tail": (Phase.STARTING, Phase.CUTTING_TAIL, Phase.READING_FILE, Phase.ENDED),
+    "paused": (*_BY_ITEMS, Phase.READING_ITEMS, Phase.STARTING, Phase.RESUMING, Phase.ENDED),
+    "looked": (Phase.READING_ITEMS, Phase.ENDED),
+}
+
+
+class InvalidTransitionError(RuntimeError):
+    """A defect: a transfer went from one phase to one that cannot follow. Carries its history."""
+
+
+class VehicleState(NamedTuple):
+    """The vehicle's state that transfers depend on."""
+
+    stack: Stack
+    target: tuple[int, int]
+    current: int | None  # MISSION_CURRENT.seq
+    total: int | None  # MISSION_CURRENT.total, home included
+    armed: bool
+    custom_mode: int
+    plan_id: int | None = None  # MISSION_CURRENT.mission_id
+    unfit: bool = False  # the mission on board is none to fly
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether it flies its mission."""
+        return self.armed and self.custom_mode == self.stack.mission_mode
+
+
+@dataclass
+class Job:
+    """One transfer: what is under way for it, and what it needs to end well."""
+
+    transfer_id: int
+    action: Action
+    kind: Kind
+    items: tuple[MissionItem, ...] = ()
+    begin: StartItem = "restart"  # which item of a new mission is flown next
+    check: bool = False
+    holds_first: bool = False  # rather than fly a list that is being overwritten
+    by_file: bool = True  # where the autopilot takes files
+    under_way: Transfer | None = None
+    wire_items: tuple[MissionItem, ...] = ()
+    hidden: int = 0  # items that users do not see: ArduPilot's home
+    shorter: bool = False  # than a mission being flown: a file leaves that one's tail
+    old_tail: bool = False  # old items still stand behind the new ones of a file
+    paused: bool = False  # it holds because of this job
+    uploaded: TransferResult | None = None  # how the upload itself ended
+    before: Onboard = NOTHING
+    looked: bool = False  # it was read back after it should have started
+    taken: str = ""  # why the mode is not changed any more; "" if it may be
+    cancelled: bool = False
+    history: list[Phase] = field(default_factory=lambda: [Phase.QUEUED])
+
+    @property
+    def phase(self) -> Phase:
+        """What it does now."""
+        return self.history[-1]
+
+    def enter(self, phase: Phase, under_way: Transfer | None = None) -> None:
+        """Go on to a phase, or raise InvalidTransitionError."""
+        if phase not in TRANSITIONS[self.action].get(self.phase, ()):
+            raise InvalidTransitionError(f"{self}: {phase.value} cannot follow")
+        self.history.append(phase)
+        self.under_way = under_way
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        expected = PROTOCOLS.get(self.phase)
+        assert (self.under_way is None) == (expected is None), self
+        assert expected is None or isinstance(self.under_way, expected), self
+        unsent = self.action != "upload" or self.phase in UNSENT
+        assert self.phase is Phase.ENDED or (self.uploaded is None) == unsent, self
+        for flag, phases in FLAG_PHASES.items():
+            assert not getattr(self, flag) or self.phase in phases, f"{self}: {flag}"
+
+    def __str__(self) -> str:
+        phases = ", ".join(phase.value for phase in self.history)
+        return f"{self.action} {self.transfer_id} of a {self.kind} ({phases})"

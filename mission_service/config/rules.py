@@ -1,0 +1,89 @@
+"""Which rules ``planner.rule`` may name: ways of flying, looked up when a scenario is checked.
+
+Ways of flying are plug-ins. Those of this package stand in ``guidance/registry.py``; those of
+other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by their
+address, as plug-ins are: nothing here is imported from the packages that fly.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Protocol
+
+from pydantic import BaseModel
+
+GROUP = "mission_service.planners"
+OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
+NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package: its table has the same name
+
+
+class Way(Protocol):
+    """What a scenario asks of a way of flying; ``guidance/protocol.py`` has all of it."""
+
+    @property
+    def rules(self) -> tuple[str, ...]:
+        """What ``planner.rule`` may be."""
+
+    @property
+    def section(self) -> type[BaseModel] | None:
+        """The model of the table that has the rule's name; None: there is no such table."""
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether it burns the unit of the table ``[burn]``."""
+
+    @property
+    def messages_peers(self) -> bool:
+        """Whether its vehicles exchange messages with those of other processes."""
+
+    def check(self, scenario: Any) -> None:
+        """Raise ValueError for vehicles, or tables, that it cannot fly."""
+
+
+@cache
+def own_ways() -> Mapping[str, Way]:
+    """The ways of flying of this package, by rule."""
+    ways: tuple[Way, ...] = OWN.load()
+    return {rule: way for way in ways for rule in way.rules}
+
+
+def rules() -> list[str]:
+    """All rules there are: those of this package, then those of other packages."""
+    others = {each.name for each in entry_points(group=GROUP)} - own_ways().keys()
+    return [*own_ways(), *sorted(others)]
+
+
+def versions_of_others() -> dict[str, str]:
+    """The versions of the other packages that have rules, by the address of each rule."""
+    points = entry_points(group=GROUP)
+    return {each.value: "" if each.dist is None else each.dist.version for each in points}
+
+
+@cache
+def way_named(rule: str) -> Way:
+    """The way of flying of a rule. Raises ValueError if there is none, or it cannot be loaded."""
+    own = own_ways().get(rule)
+    if own is not None:
+        return own
+    found = list(entry_points(group=GROUP, name=rule))
+    if not found:
+        raise ValueError(f"no such rule; there are {', '.join(rules())}")
+    if len(found) > 1:
+        where = ", ".join(each.value for each in found)
+        raise ValueError(f"{len(found)} packages have a rule of that name: {where}")
+    return _of_another_package(found[0])
+
+
+def _of_another_package(point: EntryPoint) -> Way:
+    """The way of flying at an entry point. Raises ValueError."""
+    where = f"entry point {point.name} = {point.value}"
+    if re.fullmatch(NAME, point.name) is None:
+        raise ValueError(f"{where}: a rule is named in lower case letters, digits and _")
+    try:
+        way: Way = point.load()
+    except Exception as error:  # whatever another package raises when it is imported
+        raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
+    if getattr(way, "rules", ()) != (point.name,):
+        raise ValueError(f"{where}: it must be a WayOfFlying whose only rule is {point.name}")
+    return way

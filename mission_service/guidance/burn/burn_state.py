@@ -1,0 +1,217 @@
+"""The state of a burn: unit, fire, spheres and remaining area; and the plans made from it."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
+from mission_service.config.sections import BurnSection, VehicleSection
+from mission_service.events import PersonTold, PlanWanted, UnitTold
+from mission_service.fire.estimated import EstimatedFire, toward
+from mission_service.guidance.burn.hazard import hazard_of
+from mission_service.guidance.burn.line_flight import FlightConstraints
+from mission_service.guidance.burn.line_planner import (
+    LinePlan,
+    NoPlan,
+    Situation,
+    constraints_of,
+    next_line,
+)
+from mission_service.guidance.burn.plan_mission import plan_points
+from mission_service.guidance.burn.sphere_account import PointXY, SphereAccount
+from mission_service.guidance.burn.unit import ExclusionCircle, burn_unit_of
+from mission_service.guidance.burn.wind_change import WindFrom
+from mission_service.guidance.burn.wind_drift import drift_compensated
+from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
+from mission_service.position_fix import Here
+from mission_service.vehicles.state import Vehicle
+
+# Plans keep larger margins than those monitored in flight, since a flight deviates from its plan.
+SLACK_S, SLACK_M = 20.0, 3.0
+AROUND_M = 12.0  # of home and vehicle, where fire is monitored as well
+NO_FIRE_S = 86400.0  # a margin where no fire comes near
+
+
+class BurnState:
+    """Folds operators' input about a burn; plans its next line. Heights are above the ground."""
+
+    def __init__(
+        self,
+        burn: BurnSection,
+        landscape: Landscape,
+        weather: WeatherStream,
+        vehicle: VehicleSection,
+    ) -> None:
+        """Raises MissionServiceError for a unit, or a home, that cannot be."""
+        self.burn, self.landscape = burn, landscape
+        self.unit = burn_unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
+        self.fire = EstimatedFire(burn, landscape, weather)
+        self.account = SphereAccount(burn.spheres)
+        self.area_left: Any = self.unit.area
+        self.line = 1
+        self._above_map_m = 0.0
+        self._air: tuple[int, FlightConstraints] | None = None
+
+    # Inputs -----------------------------------------------------------------------------------
+
+    def unit_told(self, event: PersonTold | UnitTold) -> None:
+        """Change the unit, or the people in it. Raises MissionServiceError for an invalid unit."""
+        if isinstance(event, UnitTold):
+            unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
+            self.unit = unit.with_people(self.unit.people)
+            self.area_left = shapely.intersection(self.area_left, unit.area)
+        else:
+            place = self.landscape.xy_of_lat_lon(event.lat_deg, event.lon_deg)
+            others = [each for each in self.unit.people if each.name != event.name]
+            there = (
+                [ExclusionCircle(event.name, *place, event.radius_m)] if event.radius_m > 0 else []
+            )
+            self.unit = self.unit.with_people((*others, *there))
+        self._air = None
+
+    def spaced(self, event: PlanWanted) -> str | None:
+        """Change the spacings; returns why they are rejected, or None."""
+        line_m = event.line_spacing_m or self.burn.line_spacing_m
+        drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
+        min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
+        if drop_m < min_spacing_m or line_m <= 0.0:
+            return f"spacings not taken: drops must be at least {min_spacing_m:g} m apart"
+        changed = {"line_spacing_m": line_m, "drop_spacing_m": drop_m}
+        self.burn = self.burn.model_copy(update=changed)
+        return None
+
+    def stands(self, here: Here) -> None:
+        """On the ground: set the difference of the autopilot's altitude to the landscape's."""
+        self._above_map_m = round(here.altitude_m - self._ground_m(here), 1)
+
+    # Outputs ----------------------------------------------------------------------------------
+
+    def wind_from(self, at_s: float) -> WindFrom:
+        """The estimated wind: speed in m/s, direction from in degrees."""
+        weather = self.fire.weather_at(at_s)
+        return weather.wind_speed_m_s, weather.wind_from_deg
+
+    def wind_m_s(self, at_s: float) -> tuple[float, float]:
+        """The same as a velocity on the grid: x, y."""
+        return toward(self.landscape, *self.wind_from(at_s))
+
+    def height_m(self, here: Here) -> float:
+        """The vehicle's height above the ground."""
+        return here.altitude_m - self._ground_m(here) - self._above_map_m
+
+    def altitude_m(self, here: Here, height_m: float) -> float:
+        """The autopilot's altitude of a height above the ground at the vehicle's place."""
+        return self._ground_m(here) + self._above_map_m + height_m
+
+    def _ground_m(self, here: Here) -> float:
+        return float(self.landscape.elevation_at(here.x_m, here.y_m))
+
+    def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Latitude and longitude, rounded to 1e-7 degrees as in MAVLink."""
+        lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
+        return round(float(lat_deg), 7), round(float(lon_deg), 7)
+
+    def map_shapes(self) -> dict[str, Any]:
+        """The unit for display: rings (lat, lon), and circles to be kept clear."""
+        unit = self.unit
+        return {
+            "unit": self._rings(unit.area),
+            "no_drop": self._rings(unit.no_drop),
+            "fence": [] if unit.fence is None else self._rings(unit.fence),
+            "people": [
+                (person.name, *self.lat_lon(person.x_m, person.y_m), person.radius_m)
+                for person in unit.people
+            ],
+        }
+
+    def _rings(self, shape: BaseGeometry) -> list[list[tuple[float, float]]]:
+        rings = shapely.get_rings(shapely.get_parts(shape))
+        return [[self.lat_lon(*at) for at in shapely.get_coordinates(ring)] for ring in rings]
+
+    def situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
+        """The situation for a plan that begins at a time."""
+        place_m = (here.x_m, here.y_m)
+        if not vehicle.presence.airborne:
+            return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
+        flown_s = here.at_s - vehicle.presence.took_off_at_s
+        return self.situation_from(place_m, self.height_m(here), flown_s, vehicle.home_m, at_s)
+
+    def situation_from(
+        self, place_m: PointXY, height_m: float, flown_s: float, home_m: PointXY, at_s: float
+    ) -> Situation:
+        """The situation of a vehicle at a place that has been in the air for ``flown_s``."""
+        east, north = self.wind_m_s(at_s)
+        return Situation(
+            unit=self.unit,
+            area=self.area_left,
+            dropped_m=np.array(self.account.fallen_m()).reshape(-1, 2),
+            fire=self.fire.simulation,
+            lights=self.fire.lights,
+            at_s=at_s,
+            x_m=place_m[0],
+            y_m=place_m[1],
+            height_m=height_m,
+            wind_m_s=math.hypot(east, north),
+            toward_rad=math.atan2(north, east),
+            spheres=self.account.left,
+            battery_s=self.burn.battery_s - flown_s,
+            home_m=home_m,
+        )
+
+    def air(self, vehicle: Vehicle, here: Here, at_s: float) -> FlightConstraints:
+        """The constraints of a flight, with the fire as estimated now."""
+        if self._air is None or self._air[0] != self.fire.version:
+            air = constraints_of(self.situation(vehicle, here, at_s), self.burn)
+            # Plans cover the unit only; flights are monitored from home on.
+            places = shapely.MultiPoint([vehicle.home_m, (here.x_m, here.y_m)])
+            box = shapely.union(self.unit.area, places.buffer(AROUND_M)).bounds
+            hazard = hazard_of(self.fire.simulation, box, air.hazard.margins)
+            self._air = (self.fire.version, replace(air, hazard=hazard))
+        return self._air[1]
+
+    def next_plan(
+        self, vehicle: Vehicle, here: Here, begin_s: float
+    ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
+        """The plan of the next line, and the same as data to be approved."""
+        wider = {
+            "time_margin_s": self.burn.time_margin_s + SLACK_S,
+            "distance_margin_m": self.burn.distance_margin_m + SLACK_M,
+        }
+        situation = self.situation(vehicle, here, begin_s)
+        found = next_line(situation, self.burn.model_copy(update=wider))
+        if isinstance(found, NoPlan):
+            return found
+        found = drift_compensated(found, situation, self.burn)
+        return found, self._as_data(found, vehicle.name, here.at_s, begin_s)
+
+    def _as_data(self, found: LinePlan, name: str, at_s: float, begin_s: float) -> IgnitionPlan:
+        wind_speed_m_s, wind_from_deg = self.wind_from(begin_s)
+        return IgnitionPlan(
+            vehicle=name,
+            line=self.line,
+            made_at_us=round(at_s * 1e6),
+            begin_us=round(begin_s * 1e6),
+            valid_until_us=round((begin_s + self.burn.approval_s) * 1e6),
+            path=plan_points(found.path, self.landscape, self._above_map_m),
+            drops=tuple(
+                PlannedDrop(number, *self.lat_lon(x_m, y_m), round(after_s, 3))
+                for number, (x_m, y_m, after_s) in enumerate(found.drops.tolist())
+            ),
+            skipped=tuple(self.lat_lon(x_m, y_m) for x_m, y_m in found.skipped.tolist()),
+            duration_s=round(found.duration_s, 3),
+            speed_m_s=self.burn.speed_m_s,
+            drop_height_m=self.burn.drop_height_m,
+            safe_height_m=self.burn.safe_height_m,
+            wind_speed_m_s=wind_speed_m_s,
+            wind_from_deg=wind_from_deg,
+            time_margin_s=self.burn.time_margin_s,
+            distance_margin_m=self.burn.distance_margin_m,
+            least_time_margin_s=min(round(found.least_time_margin_s, 1), NO_FIRE_S),
+            spheres_left=found.spheres_left,
+            digest=self.unit.digest(self.burn),
+        )

@@ -1,0 +1,121 @@
+"""Ignition lines across the wind: algorithm 1 of Beachly et al., its geometry.
+
+Coordinates: ``along`` downwind, ``across`` to the left of it, both in metres from the origin of the
+landscape's CRS.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+Floats = NDArray[np.float64]
+
+SLIVER_M2 = 0.01  # what is left of an area by the rounding of a cut
+
+
+@dataclass(frozen=True)
+class IgnitionLine:
+    """All places ``along_m`` downwind of the origin; the wind blows ``toward_rad``, from east."""
+
+    toward_rad: float
+    along_m: float
+
+    @property
+    def downwind(self) -> Floats:
+        """Unit vector."""
+        return np.array([math.cos(self.toward_rad), math.sin(self.toward_rad)])
+
+    @property
+    def left_unit(self) -> Floats:
+        """Unit vector along the line, to the left when looking downwind."""
+        return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
+
+    def place(self, across_m: Floats) -> Floats:
+        """Places (n, 2) on the line."""
+        found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
+        return found
+
+    def across(self, places_m: Floats) -> Floats:
+        """Distances to the left (n,) of places (n, 2)."""
+        return np.asarray(places_m @ self.left_unit)
+
+
+def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> IgnitionLine:
+    """``spacing_m`` upwind of the most downwind vertex of an area that is not empty (line 1)."""
+    flat = IgnitionLine(toward_rad, 0.0)
+    downwind_m = float(np.max(shapely.get_coordinates(area) @ flat.downwind))
+    return IgnitionLine(toward_rad, downwind_m - spacing_m)
+
+
+def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
+    """The part of an area upwind of a line: Polygon or MultiPolygon, empty if there is none."""
+    if area.is_empty:
+        return area
+    corners = shapely.get_coordinates(area)
+    along, across = corners @ line.downwind, corners @ line.left_unit
+    back, low, high = along.min() - 1.0, across.min() - 1.0, across.max() + 1.0
+    if line.along_m <= back:
+        return shapely.Polygon()
+    box = np.array([[back, low], [line.along_m, low], [line.along_m, high], [back, high]])
+    upwind = shapely.Polygon(box @ np.stack([line.downwind, line.left_unit]))
+    return only_areas(area.intersection(upwind))
+
+
+def only_areas(shape: BaseGeometry) -> BaseGeometry:
+    """The polygons of a geometry, without slivers."""
+    parts = [
+        part
+        for part in shapely.get_parts(shapely.get_parts(shape))
+        if part.geom_type == "Polygon" and part.area > SLIVER_M2
+    ]
+    if not parts:
+        return shapely.Polygon()
+    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
+
+
+def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
+    """Both ends (across) of a line within an area, gaps included; None if it is outside."""
+    corners = shapely.get_coordinates(area)
+    across = corners @ line.left_unit
+    ends = line.place(np.array([across.min() - 1.0, across.max() + 1.0]))
+    inside = shapely.LineString(ends).intersection(area)
+    if inside.length <= 0.0:
+        return None
+    found = line.across(shapely.get_coordinates(inside))
+    return float(found.min()), float(found.max())
+
+
+def alignment_m(
+    line: IgnitionLine,
+    ends_m: tuple[float, float],
+    earlier_m: Floats,
+    area: BaseGeometry,
+    near_m: float,
+) -> float:
+    """Across coordinate of one drop: upwind of the earlier drop closest to the centre (line 5).
+
+    Only earlier drops (n, 2) at the remaining area count: the nearest to it, and those up to
+    ``near_m`` farther away. Without any it is the centre.
+    """
+    centre = (ends_m[0] + ends_m[1]) / 2.0
+    if len(earlier_m):
+        away_m = shapely.distance(shapely.points(earlier_m), area)
+        across = line.across(earlier_m[away_m <= away_m.min() + near_m])
+        return float(across[np.argmin(np.abs(across - centre))])
+    return centre
+
+
+def drop_points(
+    line: IgnitionLine, ends_m: tuple[float, float], through_m: float, spacing_m: float
+) -> Floats:
+    """Places (n, 2) each ``spacing_m`` along a line between its ends, from right to left.
+
+    One of them would be at ``through_m`` across (line 6).
+    """
+    first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
+    last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)
+    return line.place(through_m + spacing_m * np.arange(first, last + 1, dtype=np.float64))

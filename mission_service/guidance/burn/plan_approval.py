@@ -1,0 +1,97 @@
+"""The plan that is proposed, and its approval: approver, station and validity."""
+
+from dataclasses import dataclass
+
+from mission_service.config.sections import BurnSection
+from mission_service.events import Approved, Crew, HostTime, Resumed
+from mission_service.ignition_plan import IgnitionPlan, plan_hash
+
+
+@dataclass(frozen=True, slots=True)
+class PlanApproval:
+    """An operator's approval of exactly one plan."""
+
+    plan_hash: str
+    by: str
+    station: str
+    at_us: int
+    host_us: int  # by the host's clock
+
+
+class ApprovalTracker:
+    """One plan at a time, and the crew's approval of it.
+
+    Each limit ends when either mission time or the host's clock reaches it.
+    """
+
+    def __init__(self, burn: BurnSection) -> None:
+        self.plan: IgnitionPlan | None = None
+        self.plan_hash = ""
+        self.approval: PlanApproval | None = None
+        self._stations = {station.name for station in burn.stations}
+        self._approval_us = round(burn.approval_s * 1e6)
+        self._silent_us = round(burn.crew_silent_s * 1e6)
+        self._host_us = 0  # now, by the host's clock
+        self._proposed_host_us = 0
+        self._approver_us = self._approver_host_us = 0  # last input that counts, by both clocks
+
+    def host_time(self, event: HostTime) -> None:
+        """Update the time of the host's clock."""
+        self._host_us = event.monotonic_us
+
+    def on_operator_input(self, event: Crew) -> None:
+        """Count an operator's input as presence if it is an approver's at the same station."""
+        approval = self.approval
+        if approval is None or isinstance(event, Resumed) or event.station != approval.station:
+            return
+        if event.by == approval.by or event.may_approve:
+            self._approver_us, self._approver_host_us = event.at_us, self._host_us
+
+    def propose(self, plan: IgnitionPlan) -> str:
+        """Propose a plan in place of any earlier one; returns its hash."""
+        self.plan, self.plan_hash, self.approval = plan, plan_hash(plan), None
+        self._proposed_host_us = self._host_us
+        return self.plan_hash
+
+    def approve(self, event: Approved) -> str | None:
+        """Apply an approval; returns why it is rejected, or None."""
+        if event.station not in self._stations:
+            known = ", ".join(sorted(self._stations))
+            return f"{event.station!r} is no station from which plans are approved ({known})"
+        if self.plan is None:
+            return "no plan is proposed"
+        if event.plan_hash != self.plan_hash:
+            return f"the plan proposed is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
+        if self.is_expired(event.at_us):
+            return "the plan is out of date"
+        self.approval = PlanApproval(
+            event.plan_hash, event.by, event.station, event.at_us, self._host_us
+        )
+        self._approver_us, self._approver_host_us = event.at_us, self._host_us
+        return None
+
+    def is_expired(self, at_us: int) -> bool:
+        """Whether the proposed plan has expired; False if there is none."""
+        if self.plan is None:
+            return False
+        good_for_us = self.plan.valid_until_us - self.plan.made_at_us
+        host_us = self._host_us - self._proposed_host_us
+        return at_us > self.plan.valid_until_us or host_us > good_for_us
+
+    def expiry_reason(self, at_us: int) -> str | None:
+        """Why the approval has expired; None if it has not, or there is none."""
+        approval = self.approval
+        if approval is None or self.plan is None:
+            return None
+        if max(at_us - approval.at_us, self._host_us - approval.host_us) > self._approval_us:
+            return f"the approval is older than {self._approval_us / 1e6:.0f} s"
+        silent_us = max(at_us - self._approver_us, self._host_us - self._approver_host_us)
+        if silent_us > self._silent_us:
+            return (
+                f"nothing heard of {approval.by} at {approval.station} for {silent_us / 1e6:.0f} s"
+            )
+        return None
+
+    def withdraw(self) -> None:
+        """Withdraw the plan and its approval."""
+        self.plan, self.plan_hash, self.approval = None, "", None

@@ -1,0 +1,123 @@
+"""What operators may ask of a prescribed burn. Pure."""
+
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from mission_service import events
+from mission_service.requests import (
+    HASH,
+    LINE,
+    PLACE,
+    Hash,
+    Item,
+    Latitude,
+    Longitude,
+    Name,
+    Places,
+    Radius,
+    Request,
+    Role,
+    refuse_no_polygon,
+)
+
+Spacing = Annotated[Annotated[float, Meta(ge=1, le=1000)] | None, Meta(description="From now on.")]
+
+
+class BurnRequest(Request, frozen=True):
+    """Whoever may let spheres fall also says who is there, what the unit is and what is GO."""
+
+    role: ClassVar[Role] = "approve"
+    path = "/burn/{do}"
+    operation = "burn_{do}"
+
+
+class Plan(BurnRequest, frozen=True):
+    """Plan the next ignition line."""
+
+    makes = events.PlanWanted
+    role = "fly"
+    example: ClassVar = {"line_spacing_m": 20.0, "drop_spacing_m": 15.0}
+
+    line_spacing_m: Spacing = None
+    drop_spacing_m: Spacing = None
+
+
+class HashRequest(BurnRequest, frozen=True):
+    """About the proposed plan of a hash."""
+
+    example: ClassVar = {"hash": HASH}
+
+    hash: Hash
+
+
+class Approve(HashRequest, frozen=True):
+    """Approve exactly the plan of this hash."""
+
+    makes = events.Approved
+    over_mqtt = False
+
+
+class Reject(HashRequest, frozen=True):
+    """Reject the plan of this hash: it is not flown."""
+
+    makes = events.Rejected
+
+
+class Go(BurnRequest, frozen=True):
+    """GO to an item of the list."""
+
+    over_mqtt = False
+    example: ClassVar = {"item": "weather is within the prescription"}
+
+    item: Item
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """``Answered``."""
+        return events.Answered(*self.user(at_us), self.item, True)
+
+
+class NoGo(BurnRequest, frozen=True, tag="no-go"):
+    """NO-GO to an item: nothing is dropped until it has its GO and a new approval."""
+
+    example: ClassVar = Go.example
+
+    item: Item
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """``Answered``."""
+        return events.Answered(*self.user(at_us), self.item, False)
+
+
+class Person(BurnRequest, frozen=True):
+    """Report a person at a place: no drop, no low flight within the radius; 0: has left."""
+
+    role = "correct"
+    example: ClassVar = {"name": "crew 2", **PLACE, "radius_m": 100.0}
+
+    name: Name
+    lat_deg: Latitude
+    lon_deg: Longitude
+    radius_m: Annotated[Radius, Meta(description="To be kept clear; 0: has left.")]
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """``PersonTold``."""
+        place = (self.lat_deg, self.lon_deg)
+        return events.PersonTold(*self.user(at_us), self.name.strip(), *place, self.radius_m)
+
+
+class Unit(BurnRequest, frozen=True):
+    """Change the burn unit to the polygon of these corners."""
+
+    makes = events.UnitTold
+    example: ClassVar = {"points": [*LINE, [36.3661, -84.1409]]}
+
+    points: Places
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """As its keys are, if the corners make a polygon."""
+        refuse_no_polygon("unit", self.points)
+        return super().event(at_us)
+
+
+REQUESTS = (Plan, Approve, Reject, Go, NoGo, Person, Unit)

@@ -1,0 +1,69 @@
+"""Account of the spheres: ordered, fallen or refused, and their distances from the targets."""
+
+import math
+from dataclasses import dataclass
+
+from mission_service.events import DropFinished
+
+PointXY = tuple[float, float]
+
+
+@dataclass(slots=True)
+class Sphere:
+    """A sphere that was ordered to drop. ``outcome``: ordered, done, unknown or refused."""
+
+    plan_hash: str
+    number: int
+    at_us: int
+    target_m: PointXY
+    falls_m: PointXY  # predicted at its release
+    outcome: str = "ordered"
+
+    @property
+    def miss_m(self) -> float:
+        """Distance between target and predicted impact."""
+        return math.dist(self.target_m, self.falls_m)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it counts as fallen: all but refused ones do."""
+        return self.outcome != "refused"
+
+
+class SphereAccount:
+    """All spheres of a burn, in the order of their fall; ``loaded`` are on board at the start."""
+
+    def __init__(self, loaded: int) -> None:
+        self.spheres: list[Sphere] = []
+        self.left = loaded
+        self.last_at_us: int | None = None
+
+    def order(self, sphere: Sphere) -> None:
+        """Add a sphere that is ordered to drop now."""
+        self.spheres.append(sphere)
+        self.left -= 1
+        self.last_at_us = sphere.at_us
+
+    def finish(self, event: DropFinished) -> Sphere | None:
+        """Set a sphere's outcome; returns it, or None if it was not ordered or has an outcome."""
+        for sphere in reversed(self.spheres):
+            if (sphere.plan_hash, sphere.number) == (event.plan_hash, event.number):
+                if sphere.outcome != "ordered":
+                    return None
+                sphere.outcome = event.outcome
+                if not sphere.counts:
+                    self.left += 1
+                return sphere
+        return None
+
+    def of_plan(self, plan_hash: str) -> list[Sphere]:
+        """The spheres of one plan that count as fallen."""
+        return [each for each in self.spheres if each.plan_hash == plan_hash and each.counts]
+
+    def fallen_m(self) -> list[PointXY]:
+        """Places of all spheres that count as fallen."""
+        return [each.falls_m for each in self.spheres if each.counts]
+
+    def load(self, spheres: int) -> None:
+        """Set the number on board after a reload on the ground."""
+        self.left = spheres

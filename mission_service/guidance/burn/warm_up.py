@@ -1,0 +1,12 @@
+"""A burn's kernels compiled before anybody flies."""
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.burn.line_planner import next_line
+from mission_service.guidance.burn.preview import situation_of
+
+
+def warm_up(scenario: Scenario, landscape: Landscape) -> None:
+    """Plan once: what is compiled is compiled before anybody flies, not while a link is minded."""
+    assert scenario.burn is not None
+    next_line(situation_of(scenario, scenario.burn, landscape), scenario.burn)

@@ -1,0 +1,139 @@
+"""The local maps of one UAV (sections 3.4 and 5.1): fire, augmented fire, area of virtual agents.
+
+The last two are counts: the number of cells of fire within reach of a cell. A cell that begins to
+burn adds one to a disc around it, a cell that is cleared subtracts it again, so updates are
+incremental, and a kernel tests a cell by ``augmentation[row, col] > 0``.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from mission_service.errors import MissionServiceError
+
+Cells = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Counts = NDArray[Any]  # uint16, or int32 where a disc has more cells than that can count
+
+
+class AgentMaps:
+    """The fire on a UAV's map, and the areas that follow. All arrays are (y, x), row 0 north.
+
+    ``fire`` is true where it burns or has burned. ``augmentation`` and ``area`` count the cells of
+    fire not farther than ``augmentation_m`` and ``agent_area_m``, centre to centre: the paper's
+    augmentation map is ``augmentation > 0``, its virtual agent area ``(area > 0) & ~fire``.
+    ``monitored`` counts those not farther than ``monitoring_m``, for the rule of ``coverage``.
+    ``sums`` is (3,): cells of fire, the sum of their rows, of their columns.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        cell_m: float,
+        augmentation_m: float,
+        agent_area_m: float,
+        monitoring_m: float = 0.0,
+    ) -> None:
+        self.fire: Bools = np.zeros(shape, dtype=np.bool_)
+        self._near, self._far = disc(augmentation_m / cell_m), disc(agent_area_m / cell_m)
+        self.augmentation = no_counts(shape, self._near)
+        self.area = no_counts(shape, self._far)
+        self._monitoring = disc(monitoring_m / cell_m)
+        self.monitored = no_counts(shape, self._monitoring)
+        self.sums = np.zeros(3, dtype=np.int64)
+
+    def set(self, cells_on: Cells, cells_off: Cells) -> None:
+        """Set cells (numbers ``row * cols + col``) to burning, then others to not burning.
+
+        Raises MissionServiceError for a cell off the map.
+        """
+        for cells, burns in ((cells_on, True), (cells_off, False)):
+            if len(cells):
+                check_cells(cells, self.fire.shape)
+                once = np.unique(cells)
+                add_discs(once, burns, self.fire, self._monitoring, self.monitored)
+                stamp(
+                    cells,
+                    burns,
+                    self.fire,
+                    self._near,
+                    self.augmentation,
+                    self._far,
+                    self.area,
+                    self.sums,
+                )
+
+    @property
+    def centre_row_col(self) -> tuple[float, float] | None:
+        """The fire's centre of gravity (float row, col); None while there is no fire."""
+        count, rows, cols = self.sums.tolist()
+        return (rows / count, cols / count) if count else None
+
+
+def disc(reach_cells: float) -> Cells:
+    """A disc as half its width in each row: columns up to and with that are within reach.
+
+    (2 k + 1), from the row k cells above the centre to the one k below. Centres of cells count.
+    """
+    reach2 = reach_cells * reach_cells + 1e-9  # 160 m are 16 cells of 10 m
+    k = math.isqrt(int(reach2))
+    rows = np.arange(-k, k + 1)
+    half_widths: Cells = np.floor(np.sqrt(reach2 - rows * rows)).astype(np.int64)
+    return half_widths
+
+
+def no_counts(shape: tuple[int, int], half_widths: Cells) -> Counts:
+    """Zeros (y, x) of a type that can count all cells of a disc."""
+    cells = int((2 * half_widths + 1).sum())
+    return np.zeros(shape, dtype=np.uint16 if cells < 2**16 else np.int32)
+
+
+def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
+    """Raise MissionServiceError for a cell that is not on a map of this shape."""
+    min_cell, max_cell = int(cells.min()), int(cells.max())
+    if min_cell < 0 or max_cell >= shape[0] * shape[1]:
+        raise MissionServiceError(
+            f"fire map: cell {min_cell if min_cell < 0 else max_cell} is not on a map of "
+            f"{shape[0]} x {shape[1]} cells; all must fly with the same landscape"
+        )
+
+
+@kernel
+def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
+    """Add or subtract the discs of cells, each given once, that ``stamp`` is about to change."""
+    for i in range(cells.size):
+        row, col = cells[i] // fire.shape[1], cells[i] % fire.shape[1]
+        if fire[row, col] != burns:
+            _add_disc(row, col, 1 if burns else -1, half_widths, counts)
+
+
+@kernel
+def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type: ignore[no-untyped-def]
+    """Set cells to fire or not; add or subtract the discs of those that change."""
+    cols = fire.shape[1]
+    sign = 1 if burns else -1
+    for i in range(cells.size):
+        row, col = cells[i] // cols, cells[i] % cols
+        if fire[row, col] == burns:
+            continue
+        fire[row, col] = burns
+        sums[0] += sign
+        sums[1] += sign * row
+        sums[2] += sign * col
+        _add_disc(row, col, sign, near, near_counts)
+        _add_disc(row, col, sign, far, far_counts)
+
+
+@kernel
+def _add_disc(row, col, sign, half_widths, counts):  # type: ignore[no-untyped-def]
+    """Indices are unsigned: with a test for negative ones it is 6 times as slow."""
+    rows, cols = counts.shape
+    k = half_widths.size // 2
+    for r in range(max(row - k, 0), min(row + k + 1, rows)):
+        half = half_widths[r - row + k]
+        first = max(col - half, 0)
+        for i in range(min(col + half + 1, cols) - first):
+            counts[np.uint64(r), np.uint64(first + i)] += sign

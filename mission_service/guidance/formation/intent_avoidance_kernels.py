@@ -1,0 +1,350 @@
+"""The compiled part of ``intent_avoidance``: predicted paths, their conflicts, and detours.
+
+Paths have a row a second, from now. Orbits are arrays (4): x, y, signed radius, airspeed.
+"""
+
+import math
+
+import numpy as np
+
+from firemodel.compiled import kernel
+from mission_service.guidance.formation.loiter_kernels import at_fork, predict_path, tightest_m
+from mission_service.guidance.formation.peer_table import (
+    AGE_S,
+    AIRSPEED,
+    ALTITUDE,
+    KEY,
+    ORBIT_X,
+    ORBIT_Y,
+    RADIUS,
+    VX,
+    VY,
+    X,
+    Y,
+)
+
+STEP_S = 1.0
+REACH_M = 600.0  # detours lead no farther from the vehicle
+NEAR_M = 200.0  # vehicles that come nearer than this within NEAR_S take turns
+NEAR_S = 5.0
+FRESH_S = 1.0  # a state no older is not late
+LATE_M = 45.0  # added to a margin for a late state, at most
+HASTE_S = 8.0  # a path clear for less is left at once, out of turn
+SMALL_M = 40.0  # radius of waiting circles, at least
+WORTH_M = 40.0  # another detour is adopted if it leads so much nearer
+NOTES = 6  # for each predicted peer: see the places of a peer's notes
+
+# Places of ``own`` and of a peer's notes.
+OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(8)
+WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
+
+
+@kernel
+def hashed(key, slot):  # type: ignore[no-untyped-def]
+    """A pseudo-random number from 0 to 2^32, the same in all processes."""
+    bits = (int(key) * 0x9E3779B1 + int(slot) * 0x85EBCA77) & 0xFFFFFFFF
+    bits = ((bits ^ (bits >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
+    bits = ((bits ^ (bits >> 12)) * 0x297A2D39) & 0xFFFFFFFF
+    return bits ^ (bits >> 15)
+
+
+@kernel
+def rank(key, slot):  # type: ignore[no-untyped-def]
+    """The priority in a slot: the highest one may adopt; each is high once in eight slots."""
+    return (((hashed(key, 0) + slot) & 7) << 32) | hashed(key, slot)
+
+
+@kernel
+def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
+    """Whether no vehicle that is, or soon may be, near has priority, and all their states are new.
+
+    New: sent since the slot began, so what they adopted before is known, and now they may not.
+    """
+    slot = math.floor(at_s / turn_s)
+    into_s = at_s - slot * turn_s + 1e-6
+    own_rank = rank(own[OWN_KEY], slot)
+    over_x = own[OWN_AIRSPEED] * math.cos(own[HEADING]) + own[WIND_X]
+    over_y = own[OWN_AIRSPEED] * math.sin(own[HEADING]) + own[WIND_Y]
+    for row in range(peers.shape[0]):
+        if abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m:
+            continue
+        away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - own[OWN_X]
+        away_y = peers[row, Y] + peers[row, VY] * peers[row, AGE_S] - own[OWN_Y]
+        rel_x, rel_y = peers[row, VX] - over_x, peers[row, VY] - over_y
+        after_s = -(away_x * rel_x + away_y * rel_y) / max(rel_x * rel_x + rel_y * rel_y, 1e-9)
+        after_s = min(max(after_s, 0.0), NEAR_S)
+        away_x += rel_x * after_s
+        away_y += rel_y * after_s
+        if away_x * away_x + away_y * away_y < NEAR_M * NEAR_M and (
+            rank(peers[row, KEY], slot) > own_rank or peers[row, AGE_S] > into_s
+        ):
+            return False
+    return True
+
+
+@kernel
+def _box(path, more_m):  # type: ignore[no-untyped-def]
+    """West, east, south, north of a path, wider by ``more_m``."""
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for row in range(path.shape[0]):
+        west, east = min(west, path[row, 0]), max(east, path[row, 0])
+        south, north = min(south, path[row, 1]), max(north, path[row, 1])
+    return west - more_m, east + more_m, south - more_m, north + more_m
+
+
+@kernel
+def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[no-untyped-def]
+    """How long a path (rows, 2) stays clear of the first ``count`` of ``paths`` (n, rows, 2).
+
+    ``apart_at`` is the note (APART or HELD_APART) of how far apart is clear.
+    """
+    west, east, south, north = _box(path, 0.0)
+    first = path.shape[0] - 1
+    for peer in range(count):
+        apart_m = notes[peer, apart_at]
+        if (
+            notes[peer, WEST] > east + apart_m
+            or notes[peer, EAST] < west - apart_m
+            or notes[peer, SOUTH] > north + apart_m
+            or notes[peer, NORTH] < south - apart_m
+        ):
+            continue
+        row = 0
+        while row < first:
+            away_x = paths[peer, row, 0] - path[row, 0]
+            away_y = paths[peer, row, 1] - path[row, 1]
+            distance2 = away_x * away_x + away_y * away_y
+            # Two vehicles approach by no more than this in a step: skip the steps that takes.
+            ahead = apart_m + 2.0 * max_m_s * STEP_S
+            if distance2 > ahead * ahead:
+                row += int((math.sqrt(distance2) - apart_m) / (2.0 * max_m_s * STEP_S))
+                continue
+            rel_x = paths[peer, row + 1, 0] - path[row + 1, 0] - away_x
+            rel_y = paths[peer, row + 1, 1] - path[row + 1, 1] - away_y
+            part = -(away_x * rel_x + away_y * rel_y) / max(rel_x * rel_x + rel_y * rel_y, 1e-9)
+            part = min(max(part, 0.0), 1.0)
+            away_x += part * rel_x
+            away_y += part * rel_y
+            if away_x * away_x + away_y * away_y < apart_m * apart_m:
+                first = row
+                break
+            row += 1
+    return first * STEP_S
+
+
+@kernel
+def _meets(row, peers, box):  # type: ignore[no-untyped-def]
+    """Whether a peer's path to and round its orbit touches a box: west, east, south, north."""
+    west, east, south, north = box
+    span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
+    return (
+        min(peers[row, X], peers[row, ORBIT_X]) - span_m < east
+        and max(peers[row, X], peers[row, ORBIT_X]) + span_m > west
+        and min(peers[row, Y], peers[row, ORBIT_Y]) - span_m < north
+        and max(peers[row, Y], peers[row, ORBIT_Y]) + span_m > south
+    )
+
+
+@kernel
+def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
+    """Add the paths and notes of peers that may come into a box, and were not in ``seen``.
+
+    Returns the new count.
+    """
+    apart_m, margin_m, margin_m_s, _, layers_m = rule
+    bank_rad = frame[2]
+    for row in range(peers.shape[0]):
+        if (
+            not _meets(row, peers, box)
+            or _meets(row, peers, seen)
+            or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
+        ):
+            continue
+        air_x, air_y = peers[row, VX] - own[WIND_X], peers[row, VY] - own[WIND_Y]
+        predict_path(
+            peers[row, X], peers[row, Y], math.atan2(air_y, air_x),
+            max(math.hypot(air_x, air_y), 1.0),
+            peers[row, ORBIT_X], peers[row, ORBIT_Y], peers[row, RADIUS], peers[row, AIRSPEED],
+            own[WIND_X], own[WIND_Y], bank_rad, peers[row, AGE_S], STEP_S, paths[count],
+        )  # fmt: skip
+        notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
+            paths[count], 0.0
+        )
+        # A peer that is too near already must not come nearer.
+        now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
+        late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
+        clear_m = max(apart_m + 1.0, now_m - 2.0)
+        notes[count, APART] = min(apart_m + margin_m + late_m, clear_m)
+        notes[count, HELD_APART] = min(apart_m + margin_m / 3.0, clear_m)
+        count += 1
+    return count
+
+
+@kernel
+def _joined(one, other):  # type: ignore[no-untyped-def]
+    """The box around two."""
+    return (
+        min(one[0], other[0]),
+        max(one[1], other[1]),
+        min(one[2], other[2]),
+        max(one[3], other[3]),
+    )
+
+
+@kernel
+def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
+    """The path to and round an orbit."""
+    predict_path(
+        own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
+        orbit[0], orbit[1], orbit[2], orbit[3],
+        own[WIND_X], own[WIND_Y], frame[2], 0.0, STEP_S, path,
+    )  # fmt: skip
+
+
+@kernel
+def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
+    """How long the path to and round an orbit is clear; 0 if others cannot predict the path."""
+    if apart_at == APART and at_fork(
+        own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
+        own[WIND_X], own[WIND_Y],
+    ):  # fmt: skip
+        return 0.0
+    _ahead(own, orbit, frame, path)
+    return clear_for_s(path, paths, notes, count, apart_at, frame[1])
+
+
+@kernel
+def _copy(orbit, to):  # type: ignore[no-untyped-def]
+    for place in range(4):
+        to[place] = orbit[place]
+
+
+@kernel
+def _cost_m(orbit, wanted):  # type: ignore[no-untyped-def]
+    """How far an orbit is from the one wanted."""
+    return (
+        math.hypot(orbit[0] - wanted[0], orbit[1] - wanted[1])
+        + 0.5 * abs(abs(orbit[2]) - abs(wanted[2]))
+        + 5.0 * abs(orbit[3] - wanted[3])
+    )
+
+
+AIRSPEEDS = 5
+ROUND = 12  # directions of detours
+KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
+
+
+@kernel
+def slow_of(own, frame):  # type: ignore[no-untyped-def]
+    """The airspeed of waiting circles: between cruise and minimum, over the wind in any case."""
+    min_m_s, max_m_s, _ = frame
+    slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))
+    return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), max_m_s)
+
+
+@kernel
+def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
+    """Fill in the orbit of one of KINDS candidates: other airspeeds, waiting circles, detours."""
+    min_m_s, max_m_s, _ = frame
+    sense = 1.0 if wanted[2] > 0.0 else -1.0
+    min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
+    slow_m_s = slow_of(own, frame)
+    _copy(wanted, orbit)
+    if number < AIRSPEEDS:  # as wanted, at another airspeed
+        orbit[3] = min_m_s + (max_m_s - min_m_s) * number / (AIRSPEEDS - 1)
+        return
+    number -= AIRSPEEDS
+    if number < AIRSPEEDS:  # as it is, at another airspeed
+        _copy(held, orbit)
+        orbit[3] = min_m_s + (max_m_s - min_m_s) * number / (AIRSPEEDS - 1)
+        return
+    number -= AIRSPEEDS
+    orbit[3] = slow_m_s
+    if number < 3:  # waiting in the middle of the orbit
+        orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(wanted[2]))
+        return
+    number -= 3
+    if number < 2 * ROUND:  # round a place to the side of the way
+        angle_rad = math.atan2(wanted[1] - own[OWN_Y], wanted[0] - own[OWN_X])
+        angle_rad += 2.0 * math.pi * (number // 2 + twist) / ROUND
+        far_m = 160.0 if number % 2 == 0 else 350.0
+        orbit[0] = own[OWN_X] + far_m * math.cos(angle_rad)
+        orbit[1] = own[OWN_Y] + far_m * math.sin(angle_rad)
+        orbit[2] = sense * small_m
+        return
+    number -= 2 * ROUND  # a circle that begins here, to the left and to the right
+    radius_m = small_m * (1.0 + number // 4)
+    left = number % 2 == 0
+    orbit[3] = slow_m_s if number // 2 % 2 == 0 else min_m_s
+    off_m = radius_m if left else -radius_m
+    orbit[0] = own[OWN_X] - off_m * math.sin(own[HEADING])
+    orbit[1] = own[OWN_Y] + off_m * math.cos(own[HEADING])
+    orbit[2] = -radius_m if left else radius_m
+
+
+@kernel
+def _is_other(orbit, than):  # type: ignore[no-untyped-def]
+    """Whether two orbits differ enough to change to the other."""
+    return (
+        abs(orbit[0] - than[0]) + abs(orbit[1] - than[1]) + abs(orbit[2] - than[2]) > 2.0
+        or abs(orbit[3] - than[3]) > 0.2
+    )
+
+
+@kernel
+def decide_orbit(  # type: ignore[no-untyped-def]
+    at_s, own, wanted, held, peers, rule, frame, path, paths, notes, adopted
+):
+    """Decide on the orbit to fly; fills ``adopted`` if it is another one.
+
+    Returns whether another orbit is adopted, whether the one wanted is not flown because of a
+    conflict, and how long the orbit adopted or kept is clear.
+    """
+    near_m = rule[0] + rule[1] + LATE_M
+    nowhere = (np.inf, -np.inf, np.inf, -np.inf)
+    _ahead(own, held, frame, path)
+    box = _box(path, near_m)
+    count = _look(own, peers, rule, frame, box, nowhere, 0, paths, notes)
+    horizon_s = (path.shape[0] - 1) * STEP_S
+    held_s = clear_for_s(path, paths, notes, count, HELD_APART, frame[1])
+    other = _cost_m(held, wanted) > WORTH_M
+    slot = math.floor(at_s / rule[3])
+    if held_s >= horizon_s and not _is_other(wanted, held):
+        return False, False, held_s
+    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4]):
+        return False, other, held_s
+    _ahead(own, wanted, frame, path)
+    wider = _joined(_box(path, near_m), box)
+    count = _look(own, peers, rule, frame, wider, box, count, paths, notes)
+    _copy(wanted, adopted)
+    clear_s = _try(own, wanted, frame, path, paths, notes, count, APART)
+    if clear_s >= horizon_s:
+        return _is_other(wanted, held), False, clear_s
+    reach = (own[OWN_X] - REACH_M, own[OWN_X] + REACH_M, own[OWN_Y] - REACH_M, own[OWN_Y] + REACH_M)
+    adopted[3] = frame[1]
+    _ahead(own, adopted, frame, path)
+    widest = _joined(_joined(_box(path, near_m), reach), wider)
+    count = _look(own, peers, rule, frame, widest, wider, count, paths, notes)
+    wind_m_s = math.hypot(own[WIND_X], own[WIND_Y])
+    small_m = max(1.2 * tightest_m(slow_of(own, frame), wind_m_s, frame[2]), SMALL_M)
+    twist = hashed(own[OWN_KEY], slot) / 4294967296.0
+    best_m = _cost_m(held, wanted) - WORTH_M if held_s >= horizon_s else np.inf
+    best, best_s, best_kind = False, clear_s, -1
+    for kind in range(KINDS):
+        _way(kind, own, wanted, held, frame, small_m, twist, adopted)
+        cost_m = _cost_m(adopted, wanted)
+        tightest = 1.05 * tightest_m(adopted[3], wind_m_s, frame[2])
+        if cost_m >= best_m or abs(adopted[2]) < min(tightest, abs(wanted[2])):
+            continue
+        clear_s = _try(own, adopted, frame, path, paths, notes, count, APART)
+        if clear_s >= horizon_s:
+            best, best_m, best_kind, best_s = True, cost_m, kind, clear_s
+        elif not best and held_s < horizon_s and clear_s > best_s:
+            best_kind, best_s = kind, clear_s
+    if best or best_s > held_s:
+        if best_kind < 0:
+            _copy(wanted, adopted)
+        else:
+            _way(best_kind, own, wanted, held, frame, small_m, twist, adopted)
+        return True, best_kind >= 0, best_s
+    return False, True, held_s

@@ -1,0 +1,259 @@
+"""Circling a virtual agent (eqs. 14 and 15), one step of an ideal fixed wing, its path ahead.
+
+Kernels over scalars: metres, x east, y north; angles radians anticlockwise from east. A radius is
+signed as in MAVLink: negative is anticlockwise, the paper's way.
+
+The law controls the course over the ground; in wind the heading crabs. It uses the place at the end
+of the step, not at its begin, so that the circle flown has the radius asked for.
+
+Eq. 14 (turn right, anticlockwise, until the agent is on the left) is left out: eq. 15 leads there
+by itself, and with eq. 14 a vehicle with its agent inside its own turning circle turns for ever.
+In its place a vehicle that has to turn about turns in the direction of the orbit, so that it does
+not alternate between left and right, and others can predict its path.
+"""
+
+import math
+
+from firemodel.compiled import kernel
+
+GRAVITY_M_S2 = 9.80665
+ACCELERATION_M_S2 = 1.5  # of the airspeed, both ways
+ABOUT = -0.7  # cosine of the angle from which on a turn is about
+FORK = 0.15  # nearer to where the way of turning changes than this is at the fork
+
+
+@kernel
+def sense_of(radius_m):  # type: ignore[no-untyped-def]
+    """1 for anticlockwise, -1 for clockwise."""
+    return -1.0 if radius_m > 0.0 else 1.0
+
+
+@kernel
+def wanted_course_rad(  # type: ignore[no-untyped-def]
+    x_m, y_m, agent_x_m, agent_y_m, radius_m
+):
+    """Eq. 15 as it should be: the polar angle seen from the agent, and 2 atan(d / r) on.
+
+    Far away it points at the agent, on the circle along it, in the middle outwards.
+    """
+    polar_rad = math.atan2(y_m - agent_y_m, x_m - agent_x_m)
+    distance_m = math.hypot(x_m - agent_x_m, y_m - agent_y_m)
+    sense = sense_of(radius_m)
+    return polar_rad + sense * 2.0 * math.atan(distance_m / abs(radius_m))
+
+
+@kernel
+def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
+    """The largest level turn in a step; never more than half a turn."""
+    return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
+
+
+@kernel
+def next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s):  # type: ignore[no-untyped-def]
+    """The airspeed at the end of a step."""
+    max_change_m_s = ACCELERATION_M_S2 * step_s
+    return airspeed_m_s + min(max(wanted_m_s - airspeed_m_s, -max_change_m_s), max_change_m_s)
+
+
+@kernel
+def _aim(  # type: ignore[no-untyped-def]
+    x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+    wind_x_m_s, wind_y_m_s, step_s,
+):  # fmt: skip
+    """The unit heading wanted at the end of a step.
+
+    Eq. 15 without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
+    """
+    sense = sense_of(radius_m)
+    radius_m = abs(radius_m)
+    over_x = airspeed_m_s * head_x + wind_x_m_s
+    over_y = airspeed_m_s * head_y + wind_y_m_s
+    away_x = x_m + over_x * step_s - orbit_x_m
+    away_y = y_m + over_y * step_s - orbit_y_m
+    distance2 = away_x * away_x + away_y * away_y
+    distance_m = math.sqrt(distance2)
+    if distance_m > 1e-6:
+        # The step is an arc: what it goes along the circle does not lead away from it.
+        round_m = (away_x * over_y - away_y * over_x) * step_s / distance_m
+        arc2 = max(distance2 - round_m * round_m, 0.0)
+        share = 1.0 / ((radius_m * radius_m + arc2) * distance_m)
+        along = (radius_m * radius_m - arc2) * share
+        across = sense * 2.0 * radius_m * math.sqrt(arc2) * share
+        course_x = along * away_x - across * away_y
+        course_y = along * away_y + across * away_x
+    else:
+        course_x, course_y = head_x, head_y
+    if wind_x_m_s == 0.0 and wind_y_m_s == 0.0:
+        return course_x, course_y
+    drift = (wind_y_m_s * course_x - wind_x_m_s * course_y) / airspeed_m_s
+    drift = min(max(drift, -1.0), 1.0)
+    ahead = math.sqrt(1.0 - drift * drift)
+    return ahead * course_x + drift * course_y, ahead * course_y - drift * course_x
+
+
+@kernel
+def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-untyped-def]
+    """The unit heading after turning towards another one, by the angle of cos, sin at most.
+
+    If that is about, it is turned the way of ``sense``, or with 0 the shorter one.
+    """
+    along = head_x * aim_x + head_y * aim_y
+    if along >= cos:
+        return aim_x, aim_y
+    left = head_x * aim_y - head_y * aim_x >= 0.0
+    if along < ABOUT and sense != 0.0:
+        left = sense > 0.0
+    if not left:
+        sin = -sin
+    return cos * head_x - sin * head_y, cos * head_y + sin * head_x
+
+
+@kernel
+def _moved(  # type: ignore[no-untyped-def]
+    x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
+):
+    """Where a step ends: with the heading of its middle."""
+    mid_x, mid_y = head_x + new_x, head_y + new_y
+    size2 = mid_x * mid_x + mid_y * mid_y
+    if size2 < 1e-12:
+        mid_x, mid_y, size2 = -head_y, head_x, 1.0
+    way_m = airspeed_m_s * step_s / math.sqrt(size2)
+    x_m += way_m * mid_x + wind_x_m_s * step_s
+    y_m += way_m * mid_y + wind_y_m_s * step_s
+    return x_m, y_m
+
+
+@kernel
+def tightest_m(airspeed_m_s, wind_m_s, bank_rad):  # type: ignore[no-untyped-def]
+    """The smallest circle over the ground that can be flown, downwind too."""
+    over_m_s = airspeed_m_s + wind_m_s
+    return over_m_s * over_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
+
+
+@kernel
+def wanted_heading_rad(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+    wind_x_m_s, wind_y_m_s, step_s, bank_rad,
+):  # fmt: skip
+    """The heading that flies to and round an orbit, for the end of a step; for ``heading_step``."""
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    aim_x, aim_y = _aim(
+        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+        wind_x_m_s, wind_y_m_s, step_s,
+    )  # fmt: skip
+    if head_x * aim_x + head_y * aim_y < ABOUT:
+        return heading_rad + sense_of(radius_m) * max_turn_rad(airspeed_m_s, bank_rad, step_s)
+    return math.atan2(aim_y, aim_x)
+
+
+@kernel
+def at_fork(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wind_x_m_s, wind_y_m_s
+):
+    """Whether a small difference decides in which direction the vehicle turns to an orbit."""
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    aim_x, aim_y = _aim(
+        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+        wind_x_m_s, wind_y_m_s, 0.0,
+    )  # fmt: skip
+    along = head_x * aim_x + head_y * aim_y
+    left = head_x * aim_y - head_y * aim_x
+    return abs(along - ABOUT) < FORK and left * sense_of(radius_m) < 0.0
+
+
+@kernel
+def _flown_to(  # type: ignore[no-untyped-def]
+    x_m, y_m, head_x, head_y, aim_x, aim_y, sense, airspeed_m_s, wind_x_m_s, wind_y_m_s,
+    step_s, bank_rad,
+):  # fmt: skip
+    """One step towards a unit heading, as far as it turns: x, y and heading at its end."""
+    turn_rad = max_turn_rad(airspeed_m_s, bank_rad, step_s)
+    new_x, new_y = _turned(
+        head_x, head_y, aim_x, aim_y, sense, math.cos(turn_rad), math.sin(turn_rad)
+    )
+    x_m, y_m = _moved(
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s,
+    )  # fmt: skip
+    return x_m, y_m, math.atan2(new_y, new_x)
+
+
+@kernel
+def heading_step(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, wanted_rad, wanted_m_s, wind_x_m_s, wind_y_m_s,
+    step_s, bank_rad,
+):  # fmt: skip
+    """One step of the ideal fixed wing (eq. 1) towards a heading and an airspeed.
+
+    Returns x, y, heading, airspeed at its end.
+    """
+    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
+    x_m, y_m, heading_rad = _flown_to(
+        x_m, y_m, math.cos(heading_rad), math.sin(heading_rad),
+        math.cos(wanted_rad), math.sin(wanted_rad), 0.0, airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s, bank_rad,
+    )  # fmt: skip
+    return x_m, y_m, heading_rad, new_m_s
+
+
+@kernel
+def orbit_step(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
+    wind_x_m_s, wind_y_m_s, step_s, bank_rad,
+):  # fmt: skip
+    """One step of the ideal fixed wing (eq. 1) to or round an orbit, by eqs. 14 and 15.
+
+    Returns x, y, heading, airspeed at its end.
+    """
+    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    aim_x, aim_y = _aim(
+        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+        wind_x_m_s, wind_y_m_s, step_s,
+    )  # fmt: skip
+    x_m, y_m, heading_rad = _flown_to(
+        x_m, y_m, head_x, head_y, aim_x, aim_y, sense_of(radius_m), airspeed_m_s,
+        wind_x_m_s, wind_y_m_s, step_s, bank_rad,
+    )  # fmt: skip
+    return x_m, y_m, heading_rad, new_m_s
+
+
+@kernel
+def predict_path(  # type: ignore[no-untyped-def]
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
+    wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
+):  # fmt: skip
+    """Fill ``path_m`` (n, 2): x, y after first_s, first_s + step_s, ..., as ``orbit_step`` flies.
+
+    ``first_s`` may be the age of what is known of the vehicle, so that row 0 is now.
+    """
+    head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
+    bits = math.ceil(first_s / step_s)
+    part_s = first_s / bits if bits > 0 else step_s
+    sense = sense_of(radius_m)
+    turns_at_m_s, cos, sin = 0.0, 1.0, 0.0
+    for row in range(min(1 - bits, 0), path_m.shape[0]):
+        if row == 1:
+            part_s = step_s
+        if row > 0 or bits > 0:
+            new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, part_s)
+            airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
+            if airspeed_m_s != turns_at_m_s or row == 1:
+                turns_at_m_s = airspeed_m_s
+                turn_rad = max_turn_rad(airspeed_m_s, bank_rad, part_s)
+                cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+            aim_x, aim_y = _aim(
+                x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
+                wind_x_m_s, wind_y_m_s, part_s,
+            )  # fmt: skip
+            new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin)
+            x_m, y_m = _moved(
+                x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
+                wind_x_m_s, wind_y_m_s, part_s,
+            )  # fmt: skip
+            head_x, head_y, airspeed_m_s = new_x, new_y, new_m_s
+        if row >= 0:
+            path_m[row, 0] = x_m
+            path_m[row, 1] = y_m

@@ -1,0 +1,281 @@
+"""The agents of a formation in flight: one for each vehicle, each with its own map, in one process.
+
+Events become inputs of an agent; its messages are received by the others at once, in the order of
+the scenario.
+"""
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.commands import Say
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.events import Observed
+from mission_service.fire.camera import camera_of
+from mission_service.fire.setup import burning_of, fire_position
+from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, OwnState
+from mission_service.guidance.formation.manual_control import (
+    MEASURED_OVER_S,
+    ObservedMotion,
+    expected_orbit,
+)
+from mission_service.guidance.formation.map_grid import map_grid_of
+from mission_service.guidance.formation.settings import NEVER_M, Airframe, Settings
+from mission_service.guidance.protocol import Decision
+from mission_service.peer_messages import AnyMessage, Leaving, State
+from mission_service.position_fix import Here
+
+Cells = NDArray[np.int64]
+BURNING = ord("b")
+FOUR_BY_THREE = 0.75  # of a camera whose angle along the track is not given
+HOT_FOR_S = 1.5  # after the last look at fire straight below
+
+
+def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
+    """Table 1 with the scenario's settings of the formation and of this vehicle."""
+    shared = scenario.formation
+    camera = camera_of(section)
+    if camera.along_rad is None:
+        along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(camera.across_rad / 2.0))
+        camera = replace(camera, along_rad=along_rad)
+    airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
+    height_m = shared.apart_by_height_m
+    return Settings(
+        apart_by_height_m=NEVER_M if height_m is None else height_m,
+        monitoring_m=shared.monitoring_m,
+        altitude_agl_m=section.altitude_agl_m,
+        loiter_radius_m=section.loiter_radius_m,
+        agent_speed_m_s=shared.agent_speed_m_s,
+        safety_radius_m=shared.safety_radius_m,
+        neighbourhood_m=shared.neighbourhood_m,
+        range_m=shared.range_m,
+        camera=camera,
+        airframe=airframe,
+    )
+
+
+def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
+    """The cells (numbers, rising) that the base shares as burning before the mission.
+
+    The fire that burns at the start where the scenario gives one, else the cell where it is said
+    to be.
+    """
+    burning = burning_of(scenario, landscape)
+    if burning is not None:
+        return np.flatnonzero(np.isfinite(burning.arrival_s)).astype(np.int64)
+    row, col = landscape.row_col_of(*fire_position(scenario, landscape))
+    return np.array([round(float(row)) * landscape.shape[1] + round(float(col))], dtype=np.int64)
+
+
+class FormationMember:
+    """One vehicle of the formation: its agent, and the state that its events set."""
+
+    def __init__(self, agent: Agent, formation: "Formation") -> None:
+        self.agent = agent
+        self.wind_m_s = (0.0, 0.0)  # towards (x, y)
+        self.hot_until_s = -math.inf
+        self.here: Here | None = None
+        self.flies = False
+        self.state: State | None = None  # the last one sent
+        self.manual_control = False  # in the air, and not led by its agent
+        self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
+        self._formation = formation
+
+    def observe(self, observed: Observed) -> None:
+        """Update the agent's map by a camera window; fire straight below counts as heat.
+
+        No autopilot tells the temperature outside.
+        """
+        self.correct(observed)
+        middle = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
+        if ord(middle) == BURNING:
+            self.hot_until_s = observed.at_us / 1e6 + HOT_FOR_S
+
+    def correct(self, observed: Observed) -> None:
+        """Apply an operator's correction to the agent's map."""
+        text = "".join(observed.cells).encode("ascii")
+        codes = np.frombuffer(text, dtype=np.uint8)
+        width, cols = len(observed.cells[0]), self._formation.cols
+        places = np.flatnonzero(codes != ord("."))
+        rows, columns = np.divmod(places, width)
+        cells = (observed.row + rows) * cols + observed.col + columns
+        burns = codes[places] == BURNING
+        self.agent.add_view(cells[burns], cells[~burns], observed.at_us)
+        self._formation.burns(cells[burns])
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Set the wind, turned from true north to the grid."""
+        towards = math.radians(from_deg + 180.0)
+        true_m_s = (speed_m_s * math.sin(towards), speed_m_s * math.cos(towards))
+        self.wind_m_s = self._formation.on_grid(*true_m_s)
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """Nothing: positions go to ``Formation.step``."""
+        return None
+
+    def left(self, at_s: float) -> None:
+        """Leave the formation until the next ``Formation.step``."""
+        if self.flies:
+            self.flies = False
+            self._formation.leave(self.agent.name, at_s)
+
+
+class Formation:
+    """All agents of a scenario."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
+        grid, fire = map_grid_of(landscape), first_fire(scenario, landscape)
+        self.cols = grid.cols
+        rows, columns = np.divmod(fire, grid.cols)
+        self._middle = (float(rows.mean()), float(columns.mean()))
+        self._cell_m = grid.cell_m
+        self.centre_m = grid.xy_of(*self._middle)
+        self.reach_m = self._cell_m
+        self.burns(fire)
+        turn = math.radians(landscape.grid_convergence_deg)
+        self._cos, self._sin = math.cos(turn), math.sin(turn)
+        shared = scenario.formation
+        self._range_m, self._near_m = shared.range_m, shared.neighbourhood_m
+        self._talks = shared.talks
+        self._outgoing: list[Say] = []
+        self._lost: set[str] = set()
+        at_us = round(scenario.start_s * 1e6)
+        self.members: dict[str, FormationMember] = {
+            section.name: FormationMember(
+                Agent(
+                    section.name,
+                    settings_of(scenario, section),
+                    grid,
+                    fire,
+                    at_us,
+                    shared.avoidance,
+                    shared.synchronises,
+                ),
+                self,
+            )
+            for section in scenario.flown
+        }
+
+    def burns(self, cells: Cells) -> None:
+        """Add burning cells to ``reach_m``, the farthest fire from ``centre_m``."""
+        if cells.size:
+            rows, cols = np.divmod(cells, self.cols)
+            off = np.hypot(rows - self._middle[0], cols - self._middle[1])
+            self.reach_m = max(self.reach_m, float(off.max()) * self._cell_m)
+
+    def on_grid(self, east_m_s: float, north_m_s: float) -> tuple[float, float]:
+        """A velocity relative to true north as (x, y) of the grid."""
+        return (
+            east_m_s * self._cos - north_m_s * self._sin,
+            east_m_s * self._sin + north_m_s * self._cos,
+        )
+
+    def step(self, name: str, here: Here) -> Intention:
+        """Advance a vehicle's agent to its position, send its messages; returns its intention."""
+        member = self.members[name]
+        member.here, member.flies, member.manual_control = here, True, False
+        velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
+        own = OwnState(
+            round(here.at_s * 1e6),
+            here.x_m,
+            here.y_m,
+            here.altitude_m,
+            *velocity_m_s,
+            math.dist(velocity_m_s, member.wind_m_s),
+            *member.wind_m_s,
+            here.at_s < member.hot_until_s,
+        )
+        self._lost.discard(name)
+        intention = member.agent.step(own)
+        self._publish(member, own.at_us)
+        return intention
+
+    def track_manual(self, name: str, here: Here) -> None:
+        """Send the state of a vehicle under manual control to the others, twice a second."""
+        member = self.members[name]
+        velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
+        if not member.manual_control:
+            member.left(here.at_s)
+            member.manual_control, member.state = True, None
+            member.recent.clear()
+        member.here = here
+        member.recent.append((here.at_s, here.x_m, here.y_m, *velocity_m_s))
+        while len(member.recent) > 2 and member.recent[1][0] <= here.at_s - MEASURED_OVER_S:
+            member.recent.popleft()
+        at_us = round(here.at_s * 1e6)
+        if member.state is not None and at_us - member.state.at_us < STATE_EVERY_US:
+            return
+        radius_m = member.agent.settings.loiter_radius_m
+        orbit = expected_orbit(member.recent[0], member.recent[-1], radius_m)
+        speed_m_s = math.dist(velocity_m_s, member.wind_m_s)
+        place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
+        member.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
+        self._send(member, member.state)
+
+    def is_near_others(self, name: str) -> bool:
+        """Whether another vehicle of the formation is in its neighbourhood."""
+        here = self.members[name].here
+        return here is not None and any(
+            (other.flies or other.manual_control)
+            and other.here is not None
+            and name != other_name
+            and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
+            for other_name, other in self.members.items()
+        )
+
+    def leave(self, name: str, at_s: float) -> None:
+        """Take a vehicle out of the formation: on its way home, lost, or on the ground."""
+        member, at_us = self.members[name], round(at_s * 1e6)
+        member.agent.leave(at_us, "left")
+        self._publish(member, at_us)
+
+    def on_link_lost(self, name: str) -> None:
+        """The link of a vehicle is lost: the others avoid it by dead reckoning."""
+        state = self.members[name].state
+        if state is not None:
+            self._lost.add(name)
+            self._send(self.members[name], state)
+
+    def end_tracking(self, name: str, at_us: int) -> None:
+        """End dead reckoning and manual tracking: the vehicle flies otherwise, or not at all."""
+        member = self.members[name]
+        if name in self._lost or member.manual_control:
+            self._lost.discard(name)
+            member.manual_control = False
+            self._send(member, Leaving(at_us, name, "flies otherwise"))
+
+    def deliver(self, name: str, message: AnyMessage) -> None:
+        """Give a message to a vehicle's agent; states only from within range.
+
+        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
+        """
+        member = self.members[name]
+        if isinstance(message, State) and member.here is not None:
+            here_m = (member.here.x_m, member.here.y_m)
+            if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
+                return
+        member.agent.on_message(message)
+
+    def outgoing(self) -> list[Say]:
+        """Messages for other processes since the last call."""
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
+
+    def _publish(self, member: FormationMember, at_us: int) -> None:
+        """Send the messages of a member's agent to all others."""
+        for message in member.agent.messages(at_us):
+            if isinstance(message, State):
+                member.state = message
+            self._send(member, message)
+
+    def _send(self, member: FormationMember, message: AnyMessage) -> None:
+        if self._talks:
+            self._outgoing.append(Say(member.agent.name, message))
+        for name, other in self.members.items():
+            if other is not member:
+                self.deliver(name, message)

@@ -1,0 +1,219 @@
+"""Inner loops of the shared fire map: versioned cells, tiles and their checksums.
+
+``stamps`` (y, x) are the cells, ``2 * seen_at_us + burning``, 0 if unknown; ``fire`` (y, x) is
+their last bit. ``sums`` (tiles) is for each tile of ``TILE`` x ``TILE`` cells, numbered in rows,
+the sum of ``cell_checksum`` of its known cells.
+"""
+
+import numpy as np
+
+from firemodel.compiled import kernel
+
+TILE = 16
+CHECKSUM = 2**40 - 1  # so many values; below 2**53, up to which JSON's numbers are safe
+
+
+@kernel
+def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
+    """A cell's share of a checksum (the finaliser of splitmix64); 0 if it is unknown."""
+    if stamp == 0:
+        return 0
+    x = np.uint64(stamp) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(cell)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.int64((x ^ (x >> np.uint64(31))) & np.uint64(CHECKSUM))
+
+
+@kernel
+def _renew(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
+    """Give a cell a new stamp; 1 if it burns now and did not, -1 if it is the reverse, else 0."""
+    cols = fire.shape[1]
+    row, col = cell // cols, cell % cols
+    tile = row // TILE * ((cols + TILE - 1) // TILE) + col // TILE
+    sums[tile] = (
+        sums[tile] + cell_checksum(cell, stamp) - cell_checksum(cell, stamps[row, col])
+    ) & CHECKSUM
+    stamps[row, col] = stamp
+    burned, burns = fire[row, col], stamp & 1 == 1
+    fire[row, col] = burns
+    return int(burns) - int(burned)
+
+
+@kernel
+def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
+    """Index of the first cell that is not on a map of ``size`` cells, -1 if all are."""
+    for i in range(cells.size):
+        if cells[i] < 0 or cells[i] >= size:
+            return i
+    return -1
+
+
+@kernel
+def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
+    """Set cells seen to burn or not, newer than all received before.
+
+    Fills ``changed``; returns its count and -1, or 0 and the index of a cell off the map: then
+    nothing has changed.
+    """
+    cols = fire.shape[1]
+    off_map = _first_off_map(cells, fire.size)
+    count = 0
+    for i in range(cells.size if off_map < 0 else 0):
+        row, col = cells[i] // cols, cells[i] % cols
+        if fire[row, col] == burns:
+            continue
+        stamp = 2 * at_us + int(burns)
+        if stamp <= stamps[row, col]:
+            stamp = stamps[row, col] // 2 * 2 + 2 + int(burns)
+        _renew(cells[i], stamp, stamps, fire, sums)
+        changed[count] = cells[i]
+        count += 1
+    return count, off_map
+
+
+@kernel
+def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
+    """Of each cell's stamps take the later one.
+
+    Fills ``changed`` with cells that burn now from the front, and cells that no longer do from the
+    back; returns both counts and -1, or the index of a cell off the map as ``record_view`` does.
+    """
+    cols = fire.shape[1]
+    off_map = _first_off_map(cells, fire.size)
+    on, off = 0, 0
+    for i in range(cells.size if off_map < 0 else 0):
+        cell = cells[i]
+        if new[i] > stamps[cell // cols, cell % cols]:
+            way = _renew(cell, new[i], stamps, fire, sums)
+            if way > 0:
+                changed[on] = cell
+                on += 1
+            elif way < 0:
+                off += 1
+                changed[cells.size - off] = cell
+    # A cell that is in a message twice may have been both.
+    kept_on, kept_off = 0, 0
+    for i in range(on):
+        if fire[changed[i] // cols, changed[i] % cols]:
+            changed[kept_on] = changed[i]
+            kept_on += 1
+    for i in range(cells.size - 1, cells.size - off - 1, -1):
+        if not fire[changed[i] // cols, changed[i] % cols]:
+            kept_off += 1
+            changed[cells.size - kept_off] = changed[i]
+    return kept_on, kept_off, off_map
+
+
+@kernel
+def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
+    """How many cells runs have: (n, 4), see ``Difference``.
+
+    -1 - place for one that is not on a map of ``size`` cells.
+    """
+    count = 0
+    for i in range(runs.shape[0]):
+        if runs[i, 0] < 0 or runs[i, 1] < 1 or runs[i, 0] + runs[i, 1] > size:
+            return -1 - i
+        count += runs[i, 1]
+    return count
+
+
+@kernel
+def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
+    """Fill in the cells of runs, and their stamps."""
+    count = 0
+    for i in range(runs.shape[0]):
+        for cell in range(runs[i, 0], runs[i, 0] + runs[i, 1]):
+            cells[count] = cell
+            stamps[count] = 2 * runs[i, 2] + runs[i, 3]
+            count += 1
+
+
+@kernel
+def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
+    """Tiles with other checksums at a sender: ``listed`` (n, 2), 0 for the rest of its range.
+
+    Fills ``theirs`` (tiles) with its checksums, and ``found``; returns their count, or -1 if a tile
+    is beyond the map.
+    """
+    if not 0 <= first <= end <= sums.size:
+        return -1
+    for tile in range(sums.size):
+        theirs[tile] = 0 if first <= tile < end else sums[tile]
+    for i in range(listed.shape[0]):
+        if not 0 <= listed[i, 0] < sums.size:
+            return -1
+        theirs[listed[i, 0]] = listed[i, 1]
+    count = 0
+    for tile in range(sums.size):
+        if theirs[tile] != sums[tile]:
+            found[count] = tile
+            count += 1
+    return count
+
+
+@kernel
+def corner(tile, cols):  # type: ignore[no-untyped-def]
+    """First row and column of a tile."""
+    across = (cols + TILE - 1) // TILE
+    return tile // across * TILE, tile % across * TILE
+
+
+@kernel
+def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
+    """Known cells of a tile: fills ``found``, rising; returns their count."""
+    rows, cols = stamps.shape
+    top, left = corner(tile, cols)
+    count = 0
+    for row in range(top, min(top + TILE, rows)):
+        for col in range(left, min(left + TILE, cols)):
+            if stamps[row, col] != 0:
+                found[count] = row * cols + col
+                count += 1
+    return count
+
+
+@kernel
+def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
+    """The cells of a tile that another UAV lacks by its checksum: all, or one, or two.
+
+    Fills ``found``; returns their count, 0 if there is no such set. ``shares`` is a work array.
+    """
+    cols = stamps.shape[1]
+    count = known_cells(tile, stamps, found)
+    if checksum == 0:
+        return count
+    lacks = (sums[tile] - checksum) & CHECKSUM
+    for i in range(count):
+        shares[i] = cell_checksum(found[i], stamps[found[i] // cols, found[i] % cols])
+        if shares[i] == lacks:
+            found[0] = found[i]
+            return 1
+    for i in range(count):
+        rest = (lacks - shares[i]) & CHECKSUM
+        for k in range(i):
+            if shares[k] == rest:
+                found[0], found[1] = found[k], found[i]
+                return 2
+    return 0
+
+
+@kernel
+def newer_cells(tile, cells, sent, stamps, theirs, found):  # type: ignore[no-untyped-def]
+    """Cells of a tile with a later stamp than ``sent``, or that are not in ``cells``.
+
+    ``theirs`` is zeros (TILE * TILE); fills ``found``, rising; returns their count.
+    """
+    rows, cols = stamps.shape
+    top, left = corner(tile, cols)
+    for i in range(cells.size):
+        row, col = cells[i] // cols - top, cells[i] % cols - left
+        if 0 <= row < TILE and 0 <= col < TILE:
+            theirs[row * TILE + col] = max(theirs[row * TILE + col], sent[i])
+    count = 0
+    for row in range(top, min(top + TILE, rows)):
+        for col in range(left, min(left + TILE, cols)):
+            if stamps[row, col] > theirs[(row - top) * TILE + col - left]:
+                found[count] = row * cols + col
+                count += 1
+    return count

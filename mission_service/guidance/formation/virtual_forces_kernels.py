@@ -1,0 +1,129 @@
+"""The virtual forces of the paper (section 5.2, eqs. 5 to 13), compiled: one agent, one moment.
+
+Forces are in m/s of the virtual agent. Distances between agents count in the paper's cells of 10 m
+(``PAPER_CELL_M``), so that constants mean the same on every map. What the paper leaves open:
+
+- Eq. 7 raises a negative number to the power e3: taken is its magnitude, the overlap, and the force
+  is repulsive, as the text has it.
+- Two agents at one place, or one at the fire's very centre, have no direction to go: it is
+  ``tie_rad``, which must differ between vehicles.
+- The escape (eq. 13) goes anticlockwise around the fire, as UAVs loiter, and takes the place of the
+  weak force, which is ignored.
+
+``constants`` is ``as_array(Constants)``. Maps are uint8 (rows, cols), row 0 north, not 0 where set;
+``west_m``, ``north_m`` are the outer north-west corner. All beyond their edge is not set.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+from mission_service.guidance.formation.settings import PAPER_CELL_M, Constants
+
+NAMES = ("c1", "c2", "c3", "c4", "c5", "e3", "t1", "t2")  # the order of ``constants``
+C1, C2, C3, C4, C5, E3, T1, T2 = range(8)
+SAME_PLACE_M = 1e-6
+
+
+def constants_array(constants: Constants) -> NDArray[np.float64]:
+    """The constants (8), in the order of ``NAMES``."""
+    return np.array([getattr(constants, name) for name in NAMES], dtype=np.float64)
+
+
+def tie_rad(number: int) -> float:
+    """A direction for vehicle ``number`` unlike that of all others (the golden angle)."""
+    return number * 2.399963229728653 % (2.0 * math.pi)
+
+
+@kernel
+def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untyped-def]
+    """Whether a map is set at a place."""
+    row = math.floor((north_m - y_m) / cell_m)
+    col = math.floor((x_m - west_m) / cell_m)
+    rows, cols = bitmap.shape
+    return 0 <= row < rows and 0 <= col < cols and bitmap[row, col] != 0
+
+
+@kernel
+def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
+    """The unit vector to a place and its distance; for the same place the one at ``tie_rad``."""
+    east, north = to_x_m - from_x_m, to_y_m - from_y_m
+    distance_m = math.hypot(east, north)
+    if distance_m < SAME_PLACE_M:
+        return math.cos(tie_rad), math.sin(tie_rad), 0.0
+    return east / distance_m, north / distance_m, distance_m
+
+
+@kernel
+def attraction(in_area, constants):  # type: ignore[no-untyped-def]
+    """How strongly an agent is drawn to the fire's centre (eq. 5)."""
+    return constants[C1] if in_area else constants[C2]
+
+
+@kernel
+def avoidance(in_augmentation, constants):  # type: ignore[no-untyped-def]
+    """How strongly it is pushed away from there (eq. 9)."""
+    return constants[C4] if in_augmentation else 0.0
+
+
+@kernel
+def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad):  # type: ignore[no-untyped-def]
+    """The push of all others (n) that are too near (eqs. 6 to 8): a vector."""
+    east, north = 0.0, 0.0
+    for j in range(others_x_m.size):
+        e, n, distance_m = unit_vector(others_x_m[j], others_y_m[j], x_m, y_m, tie_rad)
+        if distance_m < spacing_m:
+            force = constants[C3] * ((spacing_m - distance_m) / PAPER_CELL_M) ** constants[E3]
+            east += force * e
+            north += force * n
+    return east, north
+
+
+@kernel
+def in_local_minimum(force, formation_force, constants):  # type: ignore[no-untyped-def]
+    """Whether all forces cancel although others push hard (section 5.2.5)."""
+    return force < constants[T1] and formation_force > constants[T2]
+
+
+@kernel
+def velocity_of_forces(  # type: ignore[no-untyped-def]
+    x_m,
+    y_m,
+    others_x_m,
+    others_y_m,
+    centre_x_m,
+    centre_y_m,
+    augmentation,
+    area,
+    west_m,
+    north_m,
+    cell_m,
+    constants,
+    spacing_m,
+    max_m_s,
+    tie_rad,
+):
+    """The velocity (east, north) in m/s of a virtual agent at (x, y) (eqs. 10 to 13).
+
+    ``others_*`` (n) are the agents of UAVs in range, without itself; ``centre_*`` the centre of
+    gravity of the fire; ``spacing_m`` is d of eq. 8, ``max_m_s`` vel_max.
+    """
+    # At the very centre all directions lead out: the one inwards is opposite to the tie's.
+    in_e, in_n, _ = unit_vector(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
+    in_area = is_set(area, x_m, y_m, west_m, north_m, cell_m)
+    in_augmentation = is_set(augmentation, x_m, y_m, west_m, north_m, cell_m)
+    inwards = attraction(in_area, constants) - avoidance(in_augmentation, constants)
+    push_e, push_n = formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad)
+    east, north = inwards * in_e + push_e, inwards * in_n + push_n
+    force = math.hypot(east, north)
+    if in_local_minimum(force, math.hypot(push_e, push_n), constants):
+        # Anticlockwise around the centre: the way in, turned right.
+        east, north, force = constants[C5] * in_n, -constants[C5] * in_e, constants[C5]
+    elif force < constants[T1]:
+        return 0.0, 0.0
+    capped = min(force, max_m_s)
+    if force <= 0.0:
+        return 0.0, 0.0
+    return east / force * capped, north / force * capped

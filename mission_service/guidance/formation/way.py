@@ -1,0 +1,29 @@
+"""The way of flying in a formation: fixed wings that loiter around the fire."""
+
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.way import WayOfFlying, later
+
+
+def _check(scenario: Scenario) -> None:
+    """Raise ValueError unless all vehicles can fly in a formation."""
+    for vehicle in scenario.vehicles:
+        if vehicle.kind != "plane":
+            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not a copter')
+        if vehicle.backend != "native":
+            raise ValueError(
+                f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
+                "vehicles fly missions only, no orbits"
+            )
+
+
+FOLDER = __package__
+FORMATION = WayOfFlying(
+    rules=("formation",),
+    guidance=later(f"{FOLDER}.controller:FormationFlight"),
+    warm_up=later(f"{FOLDER}.warm_up:warm_up"),
+    first_mission=later(f"{FOLDER}.controller:mission_to_place"),
+    check=_check,
+    resumes_mission=True,
+    messages_peers=True,
+    changes_airspeed=True,
+)

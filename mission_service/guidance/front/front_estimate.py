@@ -1,0 +1,347 @@
+"""An estimate of the fire front that advances where no camera looks: a front on 360 bearings.
+
+Each bearing has the distance of the front, the time of the last view, and a factor: the measured
+rate of spread over the one of the fire model. A front in view is set to what the camera sees; out
+of view it advances at the model's rate, under the wind that the vehicle measures, times the factor.
+A Kalman filter estimates the factors of 72 sectors, correlated with their neighbours and, less,
+with all: the advance between two views is the factor times the modelled advance, plus the noise of
+a front that moves in whole cells. So two views seconds apart change little, a view after half an
+hour much.
+
+Without a landscape, or before a wind is measured, the model is an even spread, and the factor
+becomes the measured rate of spread. Nothing here reads the simulated fire.
+
+Distances are in cells from the centre, times in seconds of mission time.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.front_rates import FrontRates
+from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED, taken_back
+from mission_service.guidance.front.front_estimate_kernels import (
+    BASELINE_CELLS,
+    BASELINE_S,
+    PER_SECTOR,
+    PLACES,
+    bounds_in_window,
+    front_normals,
+    interpolate_sectors,
+    speed_along_bearings,
+    update_factors,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+SECTORS = BEARINGS // PER_SECTOR
+LONGEST_STEP_S = 60.0
+EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
+
+# Standard deviations of the factor: common to all sectors, and of each by itself; the correlation
+# length of the latter; the random walk of both.
+COMMON, LOCAL = 0.25, 0.25
+ALIKE_DEG = 20.0
+DRIFT_PER_SQRT_H = 0.15
+FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
+UNMODELLED = 4.0  # times these standard deviations where there is no model
+# The wind is averaged over the longer time, or over the shorter one where both means differ by more
+# than the noise (m/s, and a share of the speed).
+SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
+WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
+WITHIN_CELLS = 1.5  # burned and unburned ground nearer than this have the front between them
+BEYOND_CELLS = 2.0  # a front out of view is estimated at least this far beyond what is in view
+UNSEEN_ALIKE_DEG = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class FrontModel:
+    """The fire model on board: rates of spread of fronts on a landscape under a given wind."""
+
+    rates: FrontRates
+    landscape: Landscape
+
+
+def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
+    """Distance in cells from a place to the edge of the grid on all bearings."""
+    with np.errstate(divide="ignore"):
+        rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
+        cols = np.where(EAST > 0, shape[1] - 1 - centre[1], centre[1]) / np.abs(EAST)
+    return np.maximum(np.minimum(rows, cols), 0.5)
+
+
+class FrontEstimate:
+    """State of the estimated front; arrays (360) by whole-degree bearing, (72) by sector."""
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        model: FrontModel | None,
+        front: Floats,
+        at_s: float,
+    ) -> None:
+        self.model = model
+        self.centre_row, self.centre_col = centre
+        self._shape = shape
+        self.at_s = at_s
+        self.front = front.copy()
+        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, estimated
+        self.seen_at_s = np.full(BEARINGS, -np.inf)
+        self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
+        self.wind_m_s: Floats | None = None  # towards north and east
+        self._short_wind = self._long_wind = np.zeros(2)
+        self._wind_at_s = -np.inf
+        self._reset_learning()
+        room = PLACES * BEARINGS
+        self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
+        self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
+        self._unit = np.zeros(BEARINGS)
+        self._edge = distance_to_edge(shape, centre)
+        self._believed_fuel = self._anchor_fuel
+        self._burned_to, self._unburned_from = np.zeros(BEARINGS), np.zeros(BEARINGS)
+
+    @property
+    def modelled(self) -> bool:
+        """Whether the fire model advances the front; otherwise only measured rates do."""
+        return self.model is not None and self.wind_m_s is not None
+
+    def _reset_learning(self) -> None:
+        """Set factors and covariance to those before the first view."""
+        self._anchor = self.front.copy()
+        self._anchor_at_s = np.full(BEARINGS, self.at_s)
+        self._anchor_fuel = self._fuel_at(self.front)
+        self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
+        self._unseen = np.zeros(BEARINGS)  # the same since it was last seen
+        scale = 1.0 if self.modelled else UNMODELLED
+        apart = np.abs(np.arange(SECTORS)[:, None] - np.arange(SECTORS)) * PER_SECTOR
+        alike = np.exp(-np.minimum(apart, BEARINGS - apart) / ALIKE_DEG)
+        self.factor = np.ones(SECTORS)
+        self._covariance = scale**2 * (COMMON**2 + LOCAL**2 * alike)
+        self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+
+    def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
+        """Fuel under a front; 0 everywhere without a landscape."""
+        if self.model is None:
+            return np.zeros(BEARINGS, np.int16)
+        rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
+        cols = np.rint(self.centre_col + front * EAST).astype(np.int64)
+        rows, cols = np.clip(rows, 0, self._shape[0] - 1), np.clip(cols, 0, self._shape[1] - 1)
+        return self.model.landscape.fuel_model[rows, cols]
+
+    def reset_around(
+        self, centre: tuple[float, float], front: Floats, at_s: float
+    ) -> "FrontEstimate":
+        """An estimate around another centre, with the same model and wind, before any view."""
+        renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
+        renewed.wind_m_s = self.wind_m_s
+        renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
+        renewed._wind_at_s = self._wind_at_s
+        renewed._reset_learning()
+        return renewed
+
+    def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Add a measured wind (at 20 ft, from true north) to the mean over a quarter of an hour.
+
+        A shift beyond gusts and errors of measurement is adopted within a minute or two.
+        """
+        toward = math.radians(from_deg + 180.0)
+        new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
+        if self.wind_m_s is None:
+            self.wind_m_s = self._short_wind = self._long_wind = new
+            self._reset_learning()
+        else:
+            elapsed_s = max(at_s - self._wind_at_s, 0.0)
+            short = 1.0 - math.exp(-elapsed_s / SHORT_WIND_S)
+            self._short_wind = self._short_wind + short * (new - self._short_wind)
+            long = 1.0 - math.exp(-elapsed_s / LONG_WIND_S)
+            self._long_wind = self._long_wind + long * (new - self._long_wind)
+            off = self._short_wind - self._long_wind
+            noise_m_s = WIND_NOISE_M_S + WIND_NOISE * math.hypot(*self._long_wind)
+            share = math.hypot(*off) / noise_m_s - 1.0
+            if share >= 1.0:
+                self._long_wind = self._short_wind
+            self.wind_m_s = self._long_wind + min(max(share, 0.0), 1.0) * off
+        self._wind_at_s = at_s
+
+    def advance(self, to_s: float) -> None:
+        """Advance the front to a time (s)."""
+        while self.at_s < to_s:
+            step_s = min(LONGEST_STEP_S, to_s - self.at_s)
+            unit = self._model_speed()
+            np.multiply(unit, self.factors(), out=self.speed_cells_s)
+            self.front += self.speed_cells_s * step_s
+            np.minimum(self.front, self._edge, out=self.front)
+            self._modelled += unit * step_s
+            self._unseen += unit * step_s
+            self.at_s = to_s if step_s < LONGEST_STEP_S else self.at_s + step_s
+            self._covariance += step_s / 3600.0 * self._drift
+
+    def factors(self) -> Floats:
+        """Rate of spread over the model's, on all bearings (360)."""
+        found = np.empty(BEARINGS)
+        interpolate_sectors(self.factor, found)
+        return found
+
+    def factor_sd(self) -> Floats:
+        """Standard deviation of the factor on all bearings (360)."""
+        found = np.empty(BEARINGS)
+        interpolate_sectors(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
+        return found
+
+    def slant(self) -> Floats:
+        """Length along each bearing (360) over the length across the front."""
+        return self._stretch[:BEARINGS]
+
+    def unseen_advance(self) -> Floats:
+        """Advance (cells) since each bearing was last in view, with a factor of 1."""
+        return self._unseen
+
+    def _model_speed(self) -> Floats:
+        """Speed outwards in cells/s on all bearings with a factor of 1."""
+        places = (
+            self._bearing,
+            self._rows,
+            self._cols,
+            self._north,
+            self._east,
+            self._stretch,
+            self._limit,
+        )
+        count = front_normals(self.front, self.centre_row, self.centre_col, self._shape, *places)
+        if self.model is None or self.wind_m_s is None:
+            return EVEN_CELLS_S * self._stretch[:BEARINGS]
+        north, east = self.wind_m_s
+        blows_from = math.hypot(north, east), math.degrees(math.atan2(-east, -north)) % 360.0
+        rate = self.model.rates.under_wind(
+            self._rows[:count],
+            self._cols[:count],
+            self._north[:count],
+            self._east[:count],
+            self.at_s,
+            blows_from,
+        )
+        rate /= self.model.landscape.cell_size_m
+        speed_along_bearings(
+            self._bearing[:count],
+            rate,
+            self._stretch[:count],
+            self._limit[:count],
+            LONGEST_STEP_S,
+            self._unit,
+        )
+        return self._unit
+
+    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
+        """Update the front by one camera window; returns the bearings (360) with it in view.
+
+        ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
+        """
+        self.advance(at_s)
+        burned_to, unburned_from = self._burned_to, self._unburned_from
+        bounds_in_window(
+            window,
+            row,
+            col,
+            self.centre_row,
+            self.centre_col,
+            NORTH,
+            EAST,
+            burned_to,
+            unburned_from,
+        )
+        np.maximum(self.burned, burned_to, out=self.burned)
+        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
+        before = self.front.copy()
+        self._believed_fuel = self._fuel_at(before)
+        new = in_view & np.isinf(self.seen_at_s)
+        # A front seen in a cell is somewhere in it: half-way from its middle to the prediction.
+        off = np.clip(self.front - burned_to, -0.5, 0.5)
+        self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
+        self._bound(window, in_view)
+        if new.any():
+            self._scale_unseen(np.flatnonzero(new), before)
+        self.seen_at_s[in_view] = at_s
+        self._unseen[in_view] = 0.0
+        self._learn(in_view, at_s)
+        return in_view
+
+    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Apply an operator's correction of a window; it does not change the factors."""
+        self.advance(at_s)
+        centre = (self.centre_row, self.centre_col)
+        not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
+        self.burned[not_burned] = still_burned[not_burned]
+        self.front[not_burned] = np.minimum(self.front[not_burned], still_burned[not_burned] + 0.5)
+        burned_to, unburned_from = self._burned_to, self._unburned_from
+        bounds_in_window(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
+        np.maximum(self.burned, burned_to, out=self.burned)
+        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
+        self.front[in_view] = burned_to[in_view]
+        self._bound(window, in_view)
+        self.seen_at_s[in_view] = at_s
+        moved = in_view | not_burned
+        self._unseen[moved] = self._modelled[moved] = 0.0
+        self._anchor[moved] = self.front[moved]
+        self._anchor_at_s[moved] = at_s
+        self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
+
+    def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
+        """Move the front out of ground seen burned, and back from ground seen unburned."""
+        burned_to, unburned_from, front = self._burned_to, self._unburned_from, self.front
+        short = ~in_view & np.isfinite(unburned_from) & (unburned_from > self.burned)
+        front[short] = np.minimum(front[short], unburned_from[short])
+        if not (window == BURNED).any():
+            outside = short & (unburned_from >= self.burned + BEYOND_CELLS)
+            front[outside] = np.minimum(front[outside], unburned_from[outside] - BEYOND_CELLS)
+        if not (window == UNBURNED).any():
+            inside = (burned_to >= self.burned) & (burned_to >= 0.0)
+            front[inside] = np.maximum(front[inside], burned_to[inside] + BEYOND_CELLS)
+        np.maximum(front, self.burned - 0.5, out=front)
+
+    def _scale_unseen(self, new: Integers, before: Floats) -> None:
+        """Scale the front never in view as the first view scales the front next to it."""
+        unseen = np.isinf(self.seen_at_s)
+        unseen[new] = False
+        places = np.flatnonzero(unseen)
+        if not places.size:
+            return
+        ratio = np.clip(self.front[new] / np.maximum(before[new], 0.5), 0.3, 3.0)
+        apart = np.abs(places[:, None] - new)
+        apart = np.minimum(apart, BEARINGS - apart)
+        nearest = np.argmin(apart, axis=1)
+        weight = np.exp(-apart.min(axis=1) / UNSEEN_ALIKE_DEG)
+        self.front[places] *= ratio[nearest] ** weight
+
+    def _learn(self, in_view: Booleans, at_s: float) -> None:
+        factors = self.factors()
+        due = in_view & (
+            (self._modelled * factors >= BASELINE_CELLS) | (at_s - self._anchor_at_s >= BASELINE_S)
+        )
+        if not due.any():
+            return
+        fuel = self._fuel_at(self.front)
+        # An advance over two fuels is no measurement of either.
+        alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
+        update_factors(
+            due & alike,
+            self.front,
+            self._anchor,
+            self._modelled,
+            self._stretch,
+            *(FACTORS if self.modelled else UNMODELLED_FACTORS),
+            self.factor,
+            self._covariance,
+        )
+        self._anchor[due] = self.front[due]
+        self._anchor_fuel[due] = fuel[due]
+        self._anchor_at_s[due] = at_s
+        self._modelled[due] = 0.0
+        # The new factors hold for the advance since the last view, too.
+        self.front += (self.factors() - factors) * self._unseen
+        np.maximum(self.front, self.burned - 0.5, out=self.front)

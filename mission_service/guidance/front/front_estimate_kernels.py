@@ -1,0 +1,172 @@
+"""Compiled inner loops of ``front_estimate``. Lengths in cells, times in seconds.
+
+Arrays are (360) by whole-degree bearing unless said otherwise, (72) by sector of five degrees.
+"""
+
+import math
+
+import numpy as np
+
+from firemodel.compiled import compiled
+
+UNBURNED, BURNED = 1, 2  # as in fire_map
+SAMPLES_PER_CELL = 2  # along a bearing, as the distance error does
+TANGENT_CELLS = 3.5  # the front's slant is taken over this much of it to either side
+HOLLOW = 0.5  # difference of the slants on both sides from which on a front is hollow
+LEAP_CELLS = 2.0  # farther outwards on the next bearing: another part of the front
+PLACES = 9  # at most, for each bearing, where the rate of spread is computed
+BEHIND_CELLS = 0.7  # fire comes from the cell so far behind the front
+STEEPEST = 4.0  # the slant is capped here, for the speed along a bearing grows with it
+
+PER_SECTOR = 5
+# A view is compared with one since which the front has advanced this far, or that is this old.
+BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
+CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
+# Shares by which an advance may differ from the factor times the model's for other reasons: between
+# two views, and before the first one, when the wind is not known.
+UNLIKE, UNLIKE_AT_FIRST = 0.15, 1.0
+AT_IGNITION_CELLS = 1.0
+SURPRISE = 3.0  # standard deviations
+
+
+@compiled
+def front_normals(  # type: ignore[no-untyped-def]
+    front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
+):
+    """Where the front faces, and the cells from which fire comes; arrays of ``PLACES`` * 360.
+
+    Returns how many: first one place for each bearing; two more where the front is hollow, with its
+    slant to either side; three more where it leaps outwards from one bearing to the next, along the
+    flank there. ``stretch`` is the speed along the bearing over the one across the front, and
+    ``max_advance`` (cells) the advance along it that a place can bring.
+    """
+    n, count = front.size, front.size
+    degree = math.pi / 180.0
+    for i in range(n):
+        r = max(front[i], 0.5)
+        w = min(max(round(TANGENT_CELLS / (r * degree)), 2), 15)
+        forward = (front[(i + w) % n] - front[i]) / (w * degree * r)
+        backward = (front[i] - front[(i - w) % n]) / (w * degree * r)
+        cos, sin = math.cos(i * degree), math.sin(i * degree)
+        for kind in range(9):
+            far, beyond, limit, cap = r, i, np.inf, STEEPEST
+            if kind == 0:
+                slant = 0.5 * (forward + backward)
+            elif kind <= 2:
+                if forward - backward <= HOLLOW:
+                    continue
+                slant = forward if kind == 1 else backward
+            else:
+                side = 1 if kind <= 5 else -1
+                limit = front[(i + side) % n] - front[i]
+                if limit - max(front[i] - front[(i - side) % n], 0.0) <= LEAP_CELLS:
+                    continue
+                slant, cap = side * limit / (degree * r), np.inf
+                far, beyond = r + limit * (0.1 + 0.35 * (kind % 3)), i + side
+            slant = min(max(slant, -cap), cap)
+            along = math.sqrt(1.0 + slant * slant)
+            place = i if kind == 0 else count
+            count += 0 if kind == 0 else 1
+            bearing[place], stretch[place], max_advance[place] = i, along, limit
+            north[place] = (cos + slant * sin) / along
+            east[place] = (sin - slant * cos) / along
+            behind = 0.0 if kind > 2 else BEHIND_CELLS
+            row = centre_row - far * math.cos(beyond * degree) + behind * north[place]
+            col = centre_col + far * math.sin(beyond * degree) - behind * east[place]
+            rows[place] = min(max(round(row), 0), shape[0] - 1)
+            cols[place] = min(max(round(col), 0), shape[1] - 1)
+    return count
+
+
+@compiled
+def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
+    """Speed along each bearing; where the front is hollow, of the fire from the faster side.
+
+    (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
+    """
+    for place in range(rate.size):
+        speed = min(rate[place] * stretch[place], max_advance[place] / step_s)
+        if place < unit.size or speed > unit[bearing[place]]:
+            unit[bearing[place]] = speed
+
+
+@compiled
+def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
+    """Values of sectors on all bearings, linear between the sectors' middles."""
+    sectors = factor.size
+    for i in range(found.size):
+        at = (i + 0.5) / PER_SECTOR - 0.5
+        low = math.floor(at)
+        share = at - low
+        found[i] = factor[low % sectors] * (1.0 - share) + factor[(low + 1) % sectors] * share
+
+
+@compiled
+def bounds_in_window(  # type: ignore[no-untyped-def]
+    window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from
+):
+    """Bounds of the front on each bearing from a window of cells (y, x).
+
+    ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
+    ``unburned_from`` the first sample beyond it on ground known to be unburned (inf: none).
+    """
+    rows, cols = window.shape
+    down, right = top + (rows - 1) / 2.0 - centre_row, left + (cols - 1) / 2.0 - centre_col
+    away, reach = math.hypot(down, right), math.hypot(rows, cols) / 2.0
+    first = max(int((away - reach) * SAMPLES_PER_CELL), 0)
+    last = int((away + reach) * SAMPLES_PER_CELL) + 1
+    for i in range(north.size):
+        burned_to[i], unburned_from[i] = -1.0, np.inf
+        aside = abs(north[i] * right + east[i] * down)
+        if aside > reach or (away > reach and east[i] * right - north[i] * down < 0.0):
+            continue
+        for k in range(first, last):
+            r = k / SAMPLES_PER_CELL
+            row = round(centre_row - r * north[i]) - top
+            col = round(centre_col + r * east[i]) - left
+            if row < 0 or col < 0 or row >= rows or col >= cols:
+                continue
+            code = window[row, col]
+            if code == BURNED:
+                burned_to[i], unburned_from[i] = r, np.inf
+            elif code == UNBURNED and unburned_from[i] == np.inf:
+                unburned_from[i] = r
+
+
+@compiled
+def update_factors(  # type: ignore[no-untyped-def]
+    due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance
+):
+    """Kalman updates of the sectors' factors from the bearings that are due.
+
+    Observed advance since the anchor = factor x modelled advance + noise.
+    """
+    n = factor.size
+    column = np.empty(n)
+    for sector in range(n):
+        count, advance, predicted, slant, first = 0, 0.0, 0.0, 0.0, True
+        for i in range(sector * PER_SECTOR, (sector + 1) * PER_SECTOR):
+            if due[i]:
+                count += 1
+                advance += front[i] - anchor[i]
+                predicted += modelled[i]
+                slant += stretch[i]
+                first = first and anchor[i] <= AT_IGNITION_CELLS
+        if count == 0:
+            continue
+        advance, predicted, slant = advance / count, predicted / count, slant / count
+        unlike = UNLIKE_AT_FIRST if first else UNLIKE
+        variance = 2.0 * CELL_VARIANCE * slant * slant + (unlike * predicted * factor[sector]) ** 2
+        scale = variance + predicted * predicted * covariance[sector, sector]
+        off = advance - predicted * factor[sector]
+        # A surprise beyond what doubt and noise explain is another part of the front, not a rate.
+        scale *= max(1.0, off * off / (scale * SURPRISE * SURPRISE))
+        for i in range(n):
+            column[i] = covariance[i, sector]
+        for i in range(n):
+            changed = factor[i] + column[i] * predicted / scale * off
+            factor[i] = min(max(changed, min_factor), max_factor)
+        shrink = predicted * predicted / scale
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] -= shrink * column[i] * column[k]

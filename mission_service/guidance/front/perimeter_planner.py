@@ -1,0 +1,222 @@
+"""The Islam & Hu planner: fly the front, turn back where the fire behind is more important.
+
+Listing 1: circle once to fill the on-board map, then at every new cell reconstruct the fire's
+shape, compare the importance of the two halves of the perimeter, and turn or go on.
+
+There are three rules. ``literal`` is the paper's. It chatters once the spread is very uneven: every
+turn makes the other window the more important one, and spread rates come from two views seconds
+apart. ``damped``, the default, adds only this:
+
+- spread rates come from views at least ``baseline_s`` apart and are averaged over neighbouring
+  bearings, so that one cell more or less does not become a high rate;
+- the back window must exceed the front one by the share ``reversal_margin``, and by at least
+  ``least_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
+- after a turn the vehicle flies on for ``dwell_s`` before it may turn again: the time in which it
+  turns around and has other cells in view.
+
+``circling`` never turns: the baseline of section VI.E.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.events import Observed, SettingsTold
+from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.front.cell_importance import ring_importance, window_importance
+from mission_service.guidance.front.first_lap import (
+    CameraView,
+    LapProgress,
+    append_view,
+    recentred_map,
+)
+from mission_service.guidance.front.front_path import (
+    PathSettings,
+    bearing_deg,
+    extrapolated_front,
+    path_along,
+    reconstructed_front,
+)
+from mission_service.guidance.front.front_shape import ring_of_cells, steps_between
+from mission_service.guidance.front.planners import path_settings
+from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
+
+Floats = NDArray[np.float64]
+Rule = Literal["damped", "literal", "circling"]
+
+
+@dataclass(frozen=True, slots=True)
+class PerimeterSettings:
+    """Settings of the rule; lengths in cells, speeds in cells per second."""
+
+    rule: Rule
+    alpha: float
+    clockwise_first: bool
+    ignition_known: bool
+    baseline_s: float
+    smoothing_deg: int
+    reversal_margin: float
+    least_gain_cells: float
+    dwell_s: float
+    speed_cells_s: float
+    path: PathSettings
+
+
+class PerimeterPlanner:
+    """State of the rule for one vehicle. Positions are float (row, col) of the landscape grid."""
+
+    def __init__(
+        self,
+        settings: PerimeterSettings,
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        ignited_at_s: float,
+    ) -> None:
+        self.settings = settings
+        self.phase: Phase = "approach"
+        self.clockwise = settings.clockwise_first
+        self.reversals = 0
+        baseline_s = 0.0 if settings.rule == "literal" else settings.baseline_s
+        self.map = FireMap(shape, *centre, ignited_at_s, baseline_s)
+        self._observations: list[CameraView] = []
+        self._in_view = np.zeros(BEARINGS, dtype=bool)
+        self._cell: tuple[int, int] | None = None
+        self._lap = LapProgress()
+        self._turned_at_s = -np.inf
+
+    def observe(self, observed: Observed) -> None:
+        """Update the map by a camera window."""
+        window = window_codes(observed.cells)
+        at_s = observed.at_us / 1e6
+        self._in_view = self.map.observe(observed.row, observed.col, window, at_s)
+        if self.phase == "approach" and self._in_view.any():
+            self.phase = "initial circle"
+        if self.phase == "initial circle" and not self.settings.ignition_known:
+            append_view(self._observations, (observed.row, observed.col, window, at_s))
+
+    def correct(self, observed: Observed) -> None:
+        """Apply an operator's correction of a window of the fire."""
+        self.map.correct(
+            observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
+        )
+
+    def tune(self, event: SettingsTold) -> None:
+        """Other settings from now on."""
+        self.settings = replace(self.settings, **event.given)
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
+        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
+        if self._lap.update(bearing, self.clockwise, counts=circling):
+            self._finish_initial_circle()
+        cell = (round(row), round(col))
+        if cell == self._cell or self.phase != "monitor":
+            self._cell = cell
+            return None
+        self._cell = cell
+        return self._decide(row, col, at_s)
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """The paper's rule does not use the wind."""
+
+    def left(self, at_s: float) -> None:
+        """Nothing: the planner has one vehicle."""
+
+    def _finish_initial_circle(self) -> None:
+        """End listing 2; an unknown ignition is replaced by the fire's centre."""
+        self.phase = "monitor"
+        if not self.settings.ignition_known:
+            self.map, self._in_view = recentred_map(self.map, self._observations)
+            self._observations.clear()
+
+    def shape(self, row: float, col: float) -> Floats:
+        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        return reconstructed_front(self.map, self._in_view, row, col, self.clockwise)
+
+    def importance(self, row: float, col: float, at_s: float) -> Floats:
+        """Importance in cells of each cell of the reconstructed front (n), by listing 3.
+
+        Index 0 is the vehicle's cell; the index grows against its flying direction.
+        """
+        settings = self.settings
+        _, visited_at_s = self.map.filled_outer()
+        north, east, bearing = ring_of_cells(
+            self.shape(row, col), round(bearing_deg(self.map, row, col)) % BEARINGS, self.clockwise
+        )
+        smoothing = 0 if settings.rule == "literal" else settings.smoothing_deg
+        return ring_importance(
+            self.map.spread_rate_cells_s(smoothing)[bearing],
+            at_s - visited_at_s[bearing],
+            steps_between(north, east),
+            settings.speed_cells_s,
+            settings.alpha,
+        )
+
+    def compared(self, row: float, col: float, at_s: float) -> Compared:
+        """The importance of each cell of the front, and where the cells are."""
+        values = self.importance(row, col, at_s)
+        bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
+        north, east, _ = ring_of_cells(self.shape(row, col), bearing, self.clockwise)
+        rows = self.map.centre_row - np.asarray(north)
+        return Compared(
+            rows, self.map.centre_col + np.asarray(east), values, *window_importance(values)
+        )
+
+    def _decide(self, row: float, col: float, at_s: float) -> Decision:
+        importance = self.importance(row, col, at_s)
+        back, front = window_importance(importance)
+        turn = self._turns_back(back, front, importance.size // 2, at_s)
+        if turn:
+            self.clockwise = not self.clockwise
+            self.reversals += 1
+            self._turned_at_s = at_s
+        return Decision(self.clockwise, turn, back, front, importance.size)
+
+    def _turns_back(self, back: float, front: float, window_cells: int, at_s: float) -> bool:
+        settings = self.settings
+        if settings.rule == "circling":
+            return False
+        if settings.rule == "literal":
+            return back > front
+        rested = at_s - self._turned_at_s >= settings.dwell_s
+        gain = back - front
+        return (
+            rested
+            and gain > front * settings.reversal_margin
+            and gain > window_cells * settings.least_gain_cells
+        )
+
+    def path(self, row: float, col: float) -> Floats:
+        """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+
+        In view it is the front itself, beyond it the reconstructed one, during the initial circle
+        the line on which the visible front ends.
+        """
+        known = reconstructed_front if self.phase == "monitor" else extrapolated_front
+        front = known(self.map, self._in_view, row, col, self.clockwise)
+        return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
+
+
+def perimeter_planner(
+    scenario: Scenario, section: VehicleSection, ground: Ground
+) -> PerimeterPlanner:
+    """The planner of one vehicle, with the scenario's rule."""
+    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    settings = PerimeterSettings(
+        rule=cast(Rule, told.rule),
+        alpha=told.alpha,
+        clockwise_first=told.first_direction == "clockwise",
+        ignition_known=told.ignition_known,
+        baseline_s=told.baseline_s,
+        smoothing_deg=told.smoothing_deg,
+        reversal_margin=told.reversal_margin,
+        least_gain_cells=told.least_gain_cells,
+        dwell_s=told.dwell_s,
+        speed_cells_s=section.airspeed_m_s / cell_m,
+        path=path_settings(scenario, cell_m),
+    )
+    return PerimeterPlanner(settings, ground.landscape.shape, ground.centre, ground.burns_from_s)

@@ -1,0 +1,30 @@
+"""What every planner along a front is made of, from the scenario."""
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.fire.setup import fire_position
+from mission_service.guidance.front.front_path import PathSettings
+from mission_service.guidance.protocol import Ground
+
+TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
+
+
+def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
+    """Where the fire of a scenario is said to be."""
+    row, col = landscape.row_col_of(*fire_position(scenario, landscape))
+    # An ignition is known as a cell; so is the centre the angles are counted from.
+    centre = (float(round(float(row))), float(round(float(col))))
+    burns_from_s = scenario.ignition[0].at_s if scenario.ignition else scenario.fire.burning_at_s
+    return Ground(landscape, centre, burns_from_s)
+
+
+def turn_back_s(section: VehicleSection) -> float:
+    """What turning back costs a vehicle."""
+    return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
+
+
+def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
+    """How far paths reach, and where they begin."""
+    mission = scenario.mission
+    return PathSettings(mission.horizon_m / cell_m, mission.lead_m / cell_m)

@@ -1,0 +1,242 @@
+"""One vehicle on one fire, by prediction: it flies where the estimated front is least certain.
+
+``front_estimate`` advances the front since its last view. The expected error of a part of it grows
+with its speed times the standard deviation of the factor of that speed. At every new cell of the
+grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that go
+on, and plans that turn back now. The vehicle turns if the best of the latter has the smaller error.
+
+The vehicle needs room to turn and flies in the wind that it measures. A landscape and a wind
+improve the prediction but are not required.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.front_rates import FrontRates
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.events import Observed
+from mission_service.fire.setup import weather_of
+from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.front.first_lap import (
+    CameraView,
+    LapProgress,
+    append_view,
+    recentred_map,
+)
+from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
+from mission_service.guidance.front.front_path import (
+    PathSettings,
+    bearing_deg,
+    extrapolated_front,
+    path_along,
+)
+from mission_service.guidance.front.planners import path_settings
+from mission_service.guidance.front.robust_front import robust_front
+from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
+from mission_service.guidance.protocol import Decision, Ground, Phase
+
+Floats = NDArray[np.float64]
+
+HORIZON_LAPS = 2.0
+REST_LAPS = 0.03  # after a turn, until the next one may be
+MIN_GAIN = 0.25  # share of the cost for which to turn
+TURN_BACK = 7.0 / 3.0 * math.pi  # radii: the shortest way to fly the other way at the same place
+LEFT_CELLS = 0.5  # error across a front in view
+RECENTRED_BASELINE_S = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class PredictiveSettings:
+    """Lengths in cells, speeds in cells per second.
+
+    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the one measured in the air.
+    ``flies_in_wind``: the wind carries the vehicle; otherwise it flies as if there were none.
+    """
+
+    clockwise_first: bool
+    ignition_known: bool
+    speed_cells_s: float
+    turn_radius_cells: float
+    flies_in_wind: bool
+    wind_20ft_share: float
+    path: PathSettings
+
+
+def model_of(landscape: Landscape, known: Weather) -> FrontModel:
+    """The fire model on board: the landscape and the moistures of one time, no wind."""
+    calm = replace(known, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
+    return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
+
+
+class PredictivePlanner:
+    """A ``Planner``; positions are float (row, col) of the landscape's grid."""
+
+    def __init__(
+        self,
+        settings: PredictiveSettings,
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        ignited_at_s: float,
+        cell_m: float,
+        model: FrontModel | None,
+    ) -> None:
+        self.settings = settings
+        self._cell_m = cell_m
+        self.phase: Phase = "approach"
+        self.clockwise = settings.clockwise_first
+        self.reversals = 0
+        self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
+        self.estimate = FrontEstimate(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
+        self._observations: list[CameraView] = []
+        self._in_view = np.zeros(BEARINGS, dtype=bool)
+        self._cell: tuple[int, int] | None = None
+        self._lap = LapProgress()
+        self._turned_at_s = -np.inf
+        self._ring = CoarseRing(*(np.zeros(NODES) for _ in range(5)))
+        self._node_of = np.zeros(BEARINGS, dtype=np.int64)
+        self._costs = np.zeros(len(PLANS))
+
+    def observe(self, observed: Observed) -> None:
+        """Update map and estimate by a camera window."""
+        seen = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
+        if self.phase != "monitor":
+            self._in_view = self.map.observe(*seen)
+            if self.phase == "approach" and self._in_view.any():
+                self.phase = "initial circle"
+            if not self.settings.ignition_known:
+                if self.phase == "initial circle":
+                    append_view(self._observations, seen)
+                return
+        self.estimate.observe(*seen)
+
+    def correct(self, observed: Observed) -> None:
+        """Apply an operator's correction of a window of the fire."""
+        window = (
+            observed.row,
+            observed.col,
+            window_codes(observed.cells),
+            observed.at_us / 1e6,
+        )
+        self.map.correct(*window)
+        self.estimate.correct(*window)
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Add a wind measured in the air; from true north."""
+        self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
+
+    def left(self, at_s: float) -> None:
+        """Nothing: the planner has one vehicle."""
+
+    def at(self, row: float, col: float, at_s: float) -> Decision | None:
+        """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
+        bearing = bearing_deg(self.map, row, col)
+        circling = self.phase == "initial circle"
+        if self._lap.update(bearing, self.clockwise, counts=circling):
+            self._finish_initial_circle()
+            bearing = bearing_deg(self.map, row, col)
+        cell = (round(row), round(col))
+        new = cell != self._cell
+        self._cell = cell
+        if self.phase != "monitor":
+            return None
+        self.estimate.advance(at_s)
+        return self._decide(round(bearing) % BEARINGS, at_s) if new else None
+
+    def _finish_initial_circle(self) -> None:
+        """Replace an unknown ignition by the fire's centre, and apply all views again."""
+        self.phase = "monitor"
+        if not self.settings.ignition_known:
+            self.map, self._in_view = recentred_map(self.map, self._observations)
+            centre = (self.map.centre_row, self.map.centre_col)
+            outer, _ = self.map.filled_outer()
+            self.estimate = self.estimate.reset_around(centre, outer, self._observations[0][3])
+            for seen in self._observations:
+                self.estimate.observe(*seen)
+            self._observations.clear()
+
+    def _decide(self, bearing: int, at_s: float) -> Decision:
+        settings = self.settings
+        length = self._fill_ring()
+        node, ring = int(self._node_of[bearing]), self._ring
+        lap_s = float(ring.ahead_s.sum() + ring.back_s.sum()) / 2.0
+        turn_s = TURN_BACK * settings.turn_radius_cells / settings.speed_cells_s
+        costs = []
+        for clockwise, delay_s in ((self.clockwise, 0.0), (not self.clockwise, turn_s)):
+            ahead_s = HORIZON_LAPS * lap_s
+            costs_of(PLANS, ring, node, clockwise, delay_s, turn_s, ahead_s, self._costs)
+            costs.append(float(self._costs.min()) / ahead_s)
+        on, back = costs
+        rested = at_s - self._turned_at_s >= max(REST_LAPS * lap_s, 2.0 * turn_s)
+        turns = rested and back < on * (1.0 - MIN_GAIN)
+        if turns:
+            self.clockwise = not self.clockwise
+            self.reversals += 1
+            self._turned_at_s = at_s
+        # The importance of turning back is the cost of going on.
+        return Decision(self.clockwise, turns, on, back, round(length))
+
+    def _fill_ring(self) -> float:
+        """Fill the ring from the estimate; returns its length in cells."""
+        estimate, settings = self.estimate, self.settings
+        factor_sd = estimate.factor_sd()
+        left = LEFT_CELLS * estimate.slant()
+        wind = np.zeros(2)
+        if settings.flies_in_wind and estimate.wind_m_s is not None:
+            wind = estimate.wind_m_s / settings.wind_20ft_share / self._cell_m
+        length: float = fill_ring(
+            estimate.front,
+            left + factor_sd * estimate.unseen_advance(),
+            factor_sd * estimate.speed_cells_s,
+            left,
+            settings.speed_cells_s,
+            wind,
+            self._node_of,
+            self._ring,
+        )
+        return length
+
+    def shape(self, row: float, col: float) -> Floats:
+        """The estimated front: its distance in cells on 360 bearings (see ``robust_front``)."""
+        return robust_front(self.estimate.front)
+
+    def path(self, row: float, col: float) -> Floats:
+        """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+
+        The estimated front; during the initial circle the extrapolated one.
+        """
+        settings = self.settings.path
+        if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
+            front = self.estimate.front
+            return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
+        front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)
+        return path_along(front, self.map, row, col, self.clockwise, settings)
+
+
+def predictive_planner(
+    scenario: Scenario, section: VehicleSection, ground: Ground
+) -> PredictivePlanner:
+    """The planner of one vehicle; it has the landscape and the moistures at the beginning."""
+    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    settings = PredictiveSettings(
+        clockwise_first=told.first_direction == "clockwise",
+        ignition_known=told.ignition_known,
+        speed_cells_s=section.airspeed_m_s / cell_m,
+        turn_radius_cells=section.turn_radius_m / cell_m,
+        flies_in_wind=True,
+        wind_20ft_share=1.0,  # a wrong share is learned as part of the fire's spread
+        path=path_settings(scenario, cell_m),
+    )
+    return PredictivePlanner(
+        settings,
+        ground.landscape.shape,
+        ground.centre,
+        ground.burns_from_s,
+        cell_m,
+        model_of(ground.landscape, weather_of(scenario).at(ground.burns_from_s)),
+    )

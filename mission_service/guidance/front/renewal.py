@@ -1,0 +1,82 @@
+"""When the mission of a vehicle along a front is renewed, and why.
+
+``Vehicle.due`` is a reason that has come up elsewhere: a decision to turn back, a way that is free
+again, an operator's request. A further reason is a line of ``Renewal.why``.
+"""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mission_service.config.sections import MissionSection
+from mission_service.position_fix import Here
+from mission_service.vehicles.state import Vehicle
+from mission_service.vehicles.traffic import Spacing
+
+# A new path is compared with the one being flown over this share of the horizon ...
+COMPARED_SHARE = 0.25
+# ... and a mission is extended when less than this share of the horizon is left.
+LEFT_SHARE = 0.4
+CHECK_EVERY_S = 2.0
+CLOSE_BELOW = "another flies close below"
+TURN_BACK = "turn back"
+
+
+class Renewal:
+    """The rule, for all vehicles of a run."""
+
+    def __init__(self, settings: MissionSection, spacing: Spacing) -> None:
+        self._settings = settings
+        self._spacing = spacing
+        self._corrected: set[str] = set()  # those whose whole path is to be compared
+
+    def corrected(self, vehicle: Vehicle, at_s: float) -> None:
+        """Take note that people have corrected the fire: the mission is checked at once."""
+        self._corrected.add(vehicle.name)
+        vehicle.not_before_s = min(vehicle.not_before_s, at_s)
+
+    def to_be_checked(self, vehicle: Vehicle, here: Here) -> bool:
+        """Whether the mission is to be checked now; no upload is under way, and no takeoff."""
+        if vehicle.due != CLOSE_BELOW and self._spacing.comes_too_low(vehicle.name):
+            vehicle.due = CLOSE_BELOW
+        if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
+            return False  # until it is accepted, refused or withdrawn
+        if vehicle.due == TURN_BACK and not self._spacing.may_turn_back(vehicle.name):
+            return False
+        if not vehicle.due and here.at_s < vehicle.not_before_s:
+            return False
+        vehicle.not_before_s = here.at_s + CHECK_EVERY_S
+        return True
+
+    def why_on_approach(self, vehicle: Vehicle) -> str | None:
+        """Why a vehicle that has not found the front is sent a mission; None: it is not."""
+        if vehicle.flown_line is not None and not vehicle.due:
+            return None
+        return vehicle.due or "fly to the fire"
+
+    def is_open(self, vehicle: Vehicle, here: Here) -> bool:
+        """Whether the mission may be renewed so soon after the one before."""
+        since_s = here.at_s - vehicle.uploaded_at_s
+        return bool(vehicle.due) or since_s >= self._settings.least_upload_interval_s
+
+    def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], here: Here) -> str | None:
+        """Why the mission is to be renewed by one along a path; None: it is not.
+
+        ``path_m`` is (n, 2) x, y in metres, where the vehicle would fly now.
+        """
+        line, horizon_m = vehicle.flown_line, self._settings.horizon_m
+        if line is None:
+            return "no trusted mission on board"
+        if vehicle.due:
+            return vehicle.due
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
+        share = 1.0 if vehicle.name in self._corrected else COMPARED_SHARE
+        self._corrected.discard(vehicle.name)
+        near = path_m[along <= share * horizon_m]
+        off_m = float(shapely.distance(shapely.points(near), line).max())
+        if off_m > self._settings.path_tolerance_m:
+            return "the front is not where the mission leads"
+        left_m = line.length - line.project(shapely.Point(here.x_m, here.y_m))
+        if left_m < LEFT_SHARE * horizon_m:
+            return "the mission is nearly flown"
+        return None

@@ -1,0 +1,110 @@
+"""The part of the front that is no longer monitored when a vehicle leaves it. Pure."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
+from mission_service.guidance.front.front_path import bearing_deg
+from mission_service.guidance.protocol import Steered
+from mission_service.vehicles.availability import Presence
+
+Floats = NDArray[np.float64]
+
+ALARM = "front"
+
+
+def front_map_of(planner: Steered) -> FireMap | None:
+    """The on-board map of a planner that flies along a front; None for all others."""
+    found = getattr(planner, "map", None)
+    return found if isinstance(found, FireMap) else None
+
+
+def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
+    """The whole-degree bearings, clockwise, to which no other one is nearer than ``own_deg``.
+
+    At least one: that of ``own_deg``.
+    """
+    bearings = np.arange(BEARINGS)
+
+    def away(deg: float) -> Floats:
+        return np.asarray(np.abs((bearings - deg + 180.0) % 360.0 - 180.0), dtype=np.float64)
+
+    nearest = np.ones(BEARINGS, dtype=bool)
+    for other_deg in others_deg:
+        nearest &= away(own_deg) <= away(other_deg)
+    found = np.flatnonzero(nearest)
+    if not found.size:
+        return np.array([round(own_deg) % BEARINGS])
+    if found.size == BEARINGS:
+        return found
+    gap = int(np.argmax(np.diff(found, append=found[0] + BEARINGS)))
+    return np.roll(found, -gap - 1)
+
+
+def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
+    """A part of the front in words: bearings from the fire's centre, and its length."""
+    outer, _ = fire.filled_outer()
+    north, east = outer * NORTH, outer * EAST
+    steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
+    length_km = cell_m * float(steps[bearings].sum()) / 1e3
+    if bearings.size == BEARINGS:
+        return f"the whole front, {length_km:.1f} km"
+    arc = f"bearing {bearings[0]}° clockwise to {bearings[-1]}°, seen from the fire's centre"
+    return f"the front from {arc}, {length_km:.1f} km"
+
+
+class FrontMonitor:
+    """The vehicles that monitor a front, and the alarm while none does."""
+
+    def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
+        self._planners = planners
+        self._cell_m = cell_m
+        self._watching: set[str] = set()
+        self._alarm: RaiseAlarm | None = None  # of the vehicle that left it last
+
+    def standing_alarms(self) -> list[AnyCommand]:
+        """The alarm that is raised, to be sent again after a restart of the service."""
+        return [] if self._alarm is None else [self._alarm]
+
+    def update(
+        self, name: str, watches: bool, presence: Mapping[str, Presence]
+    ) -> list[AnyCommand]:
+        """Commands after an event of a vehicle: a part of the front left, or monitored again.
+
+        ``watches``: whether the vehicle follows its planner now.
+        """
+        if watches == (name in self._watching):
+            return []
+        fire = front_map_of(self._planners[name])
+        if fire is None or bool(np.isnan(fire.outer).all()):
+            return []
+        if watches:
+            self._watching.add(name)
+            raised, self._alarm = self._alarm, None
+            return [] if raised is None else [ClearAlarm(raised.vehicle, ALARM)]
+        self._watching.discard(name)
+        part = describe_sector(fire, self._left(name, fire, presence), self._cell_m)
+        if self._watching:
+            left = ", ".join(sorted(self._watching))
+            return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
+        self._alarm = RaiseAlarm(name, ALARM, f"no vehicle watches {part}", "severe")
+        return [self._alarm]
+
+    def _left(
+        self, name: str, fire: FireMap, presence: Mapping[str, Presence]
+    ) -> NDArray[np.int64]:
+        """The bearings to which it was the nearest of the vehicles that share its map."""
+        places = {
+            each: here
+            for each in (name, *sorted(self._watching))
+            if (here := presence[each].here) is not None
+            and front_map_of(self._planners[each]) is fire
+        }
+        if name not in places:
+            return np.arange(BEARINGS)
+        degrees = {each: bearing_deg(fire, here.row, here.col) for each, here in places.items()}
+        own_deg = degrees.pop(name)
+        return nearest_bearings(own_deg, list(degrees.values()))

@@ -1,0 +1,75 @@
+"""The way of flying along a front, each vehicle by a planner of its own.
+
+A planner is a file of this folder and a line in ``PLANNERS``; one of another package is described
+by ``front_way``.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel
+
+from mission_service.guidance.way import WayOfFlying, later
+
+if TYPE_CHECKING:
+    from firemodel.landscape.landscape import Landscape
+    from mission_service.config.scenario import Scenario
+    from mission_service.config.sections import VehicleSection
+    from mission_service.guidance.protocol import Ground, Planner
+
+Maker = Callable[["Scenario", "VehicleSection", "Ground"], "Planner"]
+Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
+
+FOLDER = __package__
+# By rule: where a function is that makes the planner of one vehicle.
+PLANNERS = {
+    "damped": "perimeter:perimeter_planner",
+    "literal": "perimeter:perimeter_planner",
+    "circling": "perimeter:perimeter_planner",
+    "predictive": "predictive:predictive_planner",
+}
+
+
+def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None) -> WayOfFlying:
+    """A rule of another package, by which each vehicle flies along the front on its own.
+
+    Args:
+        rule: its name in ``planner.rule``, and the name of its entry point.
+        planner: makes the planner of one vehicle.
+        section: the model of its table in the scenario, which has the rule's name; ``planner``
+            gets at it by ``config.scenario.own_table(scenario, section)``.
+
+    Returns:
+        What the entry point of group ``mission_service.planners`` leads to.
+    """
+    return along_front((rule,), partial(_each_alone, planner), section)
+
+
+def along_front(
+    rules: tuple[str, ...], planners: Planners, section: type[BaseModel] | None = None
+) -> WayOfFlying:
+    """A way of flying along a front; ``planners`` makes those of all vehicles, by name."""
+    return WayOfFlying(
+        rules,
+        guidance=partial(later(f"{FOLDER}.controller:FrontFlight"), planners),
+        warm_up=partial(later(f"{FOLDER}.warm_up:warm_up"), planners),
+        section=section,
+        along_front=True,
+    )
+
+
+def _each_alone(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planner]":
+    from mission_service.guidance.front.planners import ground_of
+
+    ground = ground_of(scenario, landscape)
+    return {section.name: maker(scenario, section, ground) for section in scenario.vehicles}
+
+
+def _planners(scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planner]":
+    maker: Maker = resolve_name(f"{FOLDER}.{PLANNERS[scenario.planner.rule]}")
+    return _each_alone(maker, scenario, landscape)
+
+
+FRONT = along_front(tuple(PLANNERS), _planners)

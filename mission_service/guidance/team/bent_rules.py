@@ -1,0 +1,49 @@
+"""Bent's rules by name: a planner, a negotiation and an importance (thesis, chapter 4)."""
+
+from collections.abc import Mapping
+
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.team.baselines import Bumper, Circling
+from mission_service.guidance.team.bent_region import CourseRule
+from mission_service.guidance.team.bent_steering import (
+    back_and_forth,
+    highest_dynamic,
+    highest_static,
+    predictive,
+    predictive_kept,
+)
+from mission_service.guidance.team.bent_team import RegionTeam
+from mission_service.guidance.team.negotiation import (
+    Negotiation,
+    on_arrival,
+    on_centre,
+    on_importance,
+)
+from mission_service.guidance.team.ring import TeamRule
+
+PLANNERS: Mapping[str, CourseRule] = {
+    "back-and-forth": back_and_forth,
+    "highest-dynamic": highest_dynamic,
+    "highest-static": highest_static,
+    "predictive": predictive,
+}
+NEGOTIATIONS: Mapping[str, Negotiation] = {"importance": on_importance, "centre": on_centre}
+LATER_PLANNERS: Mapping[str, CourseRule] = {"predictive-kept": predictive_kept}
+LATER_NEGOTIATIONS: Mapping[str, Negotiation] = {"arrival": on_arrival}
+IMPORTANCES = ("linear", "exponential")
+BENCHMARKS = ("circling", "bumper")
+
+
+def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRule:
+    """A rule of the thesis by its names; a baseline has no negotiation. Raises KeyError."""
+    if planner in BENCHMARKS:
+        return Circling() if planner == "circling" else Bumper()
+    steer = (PLANNERS | LATER_PLANNERS)[planner]  # type: ignore[operator]
+    negotiate = (NEGOTIATIONS | LATER_NEGOTIATIONS)[negotiation]  # type: ignore[operator]
+    return RegionTeam(steer, negotiate, exponential=importance == "exponential")
+
+
+def bent(scenario: Scenario) -> TeamRule:
+    """The rule of a scenario."""
+    planner = scenario.planner
+    return bent_rule(planner.rule.removeprefix("team."), planner.negotiation, planner.importance)

@@ -1,0 +1,63 @@
+"""Bent's planners: which way a vehicle flies within its region (thesis, 4.1 and 6.1).
+
+Each takes the region and the course so far, and returns the course from here on.
+"""
+
+from mission_service.guidance.team.bent_kernels import best_path, highest
+from mission_service.guidance.team.bent_region import Course, Region, course_to, is_finished
+
+
+def back_and_forth(region: Region, course: Course) -> Course:
+    """4.1.1: from one end of the region to the other; back at its last cell."""
+    if region.here == region.end - 1:
+        return Course(clockwise=False)
+    if region.here == region.begin:
+        return Course(clockwise=True)
+    return Course(course.clockwise)
+
+
+def highest_dynamic(region: Region, course: Course) -> Course:
+    """4.1.2: to the cell of highest importance now, chosen at every cell."""
+    ring = region.ring
+    target = highest(
+        ring.spread_rate_m_s,
+        ring.visited_at_s,
+        region.begin,
+        region.end,
+        region.here,
+        region.at_s,
+        region.exponential,
+    )
+    return course_to(region, int(target))
+
+
+def highest_static(region: Region, course: Course) -> Course:
+    """4.1.3: to the cell of highest importance; a target is kept until it is reached."""
+    return highest_dynamic(region, course) if is_finished(region, course) else course
+
+
+def predictive(region: Region, course: Course) -> Course:
+    """4.1.4: along the straight path of highest mean importance when its cells would be visited.
+
+    The pseudocode keeps the previous target unless a path is better, and so does this. Times are
+    those of the flight, for which the thesis has "+ 1, + 2".
+    """
+    ring = region.ring
+    target = best_path(
+        ring.spread_rate_m_s,
+        ring.visited_at_s,
+        ring.step_m,
+        region.begin,
+        region.end,
+        region.here,
+        region.here if course.target is None else course.target,
+        region.at_s,
+        region.speed_m_s,
+        region.exponential,
+    )
+    return course_to(region, int(target))
+
+
+def predictive_kept(region: Region, course: Course) -> Course:
+    """6.1 (future work): ``predictive``, but each path is flown to its end."""
+    return predictive(region, course) if is_finished(region, course) else course

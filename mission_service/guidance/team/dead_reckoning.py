@@ -1,0 +1,46 @@
+"""The positions of a fleet now: the last reports, advanced along the ring by dead reckoning."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission_service.guidance.team.ring import ActiveFleet, FrontRing
+
+
+@dataclass(frozen=True, slots=True)
+class ReportedPosition:
+    """The last report of a vehicle: its cell and direction on the ring at ``at_s``."""
+
+    member: int
+    cell: int
+    clockwise: bool
+    speed_m_s: float
+    at_s: float
+
+
+def dead_reckoned_fleet(
+    reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
+) -> ActiveFleet:
+    """The fleet at ``at_s``: each flies on as reported; without reports for too long it is lost."""
+    here = sorted(
+        (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
+    )
+    return ActiveFleet(
+        np.array([one.member for one in here], np.int64),
+        np.array([_dead_reckoned_cell(one, ring, at_s) for one in here], np.int64),
+        np.array([one.clockwise for one in here], np.bool_),
+        np.array([one.speed_m_s for one in here]),
+    )
+
+
+def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
+    """The last cell that a vehicle has reached by ``at_s``."""
+    size = ring.step_m.size
+    along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
+    flown_m = one.speed_m_s * max(at_s - one.at_s, 0.0) % along_m[-1]
+    if one.clockwise:
+        place_m = (along_m[one.cell] + flown_m) % along_m[-1]
+        return int(np.searchsorted(along_m, place_m, side="right") - 1) % size
+    place_m = (along_m[one.cell] - flown_m) % along_m[-1]
+    return int(np.searchsorted(along_m, place_m, side="left")) % size

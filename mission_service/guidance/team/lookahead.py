@@ -1,0 +1,250 @@
+"""Roll-outs on a ring: the cost of the plans of all vehicles, in compiled code.
+
+A plan is a sequence of legs, each the number of cells that the vehicle flies before it turns; the
+last two are repeated for ever. So a lap is a leg without end, a sweep two equal legs, and a lap
+that passes an arc three times a long leg and a short one. Each visit changes one node only: a
+roll-out costs nodes plus steps of the vehicles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.compiled import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+LEGS = 8  # of a plan; the last two are repeated
+NEVER = 1 << 40  # cells: a leg that does not end
+
+
+class Nodes(NamedTuple):
+    """The ring of a roll-out; arrays (n), clockwise."""
+
+    step_m: Floats  # from each node to the next, the last to the first
+    scale: Floats  # the integral of a node's importance up to an age is scale * age ** power
+    power: Floats
+    linear: bool  # all powers are 2
+    visited_s: Floats  # when each was last seen; now is 0
+    cells: int  # of a node; legs are given in cells
+
+
+class StartState(NamedTuple):
+    """The vehicles at the beginning of a roll-out; arrays (k)."""
+
+    node: Integers  # that each reaches next
+    arrival_s: Floats  # when it does
+    heading: Integers  # 1 clockwise, -1 the other way
+    speed_m_s: Floats
+    turn_s: float  # duration of a turn back
+
+
+class Workspace(NamedTuple):
+    """Arrays that a roll-out writes on."""
+
+    visited_s: Floats  # (n)
+    node: Integers  # (k)
+    arrival_s: Floats  # (k)
+    heading: Integers  # (k)
+    leg: Integers  # (k)
+    left: Integers  # (k)
+
+
+class Horizon(NamedTuple):
+    """Length of a roll-out, and the weight of its last part, which stands for all later time."""
+
+    end_s: float
+    late_from_s: float
+    late_times: float
+
+
+class Moves(NamedTuple):
+    """The changes that ``improve`` tries, in cells, and arrays for it to write in."""
+
+    backs: Integers
+    shifts: Integers
+    kept: Integers  # (LEGS)
+    best: Integers  # (LEGS)
+
+
+def workspace_for(nodes: int, vehicles: int) -> Workspace:
+    """Arrays for roll-outs of this size; zeros, since they are part of a recorded state."""
+    return Workspace(
+        np.zeros(nodes),
+        np.zeros(vehicles, np.int64),
+        np.zeros(vehicles),
+        np.zeros(vehicles, np.int64),
+        np.zeros(vehicles, np.int64),
+        np.zeros(vehicles, np.int64),
+    )
+
+
+@kernel
+def _up_to(nodes, place, age_s):  # type: ignore[no-untyped-def]
+    """The integral of a node's importance up to an age."""
+    if nodes.linear:
+        return nodes.scale[place] * age_s * age_s
+    if age_s <= 0.0:
+        return 0.0
+    return nodes.scale[place] * np.exp(nodes.power[place] * np.log(age_s))
+
+
+@kernel
+def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for place in range(visited_s.size):
+        total += _up_to(nodes, place, at_s - visited_s[place])
+    return total
+
+
+@kernel
+def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
+    """Fly on until a time; returns the sum of the integrals of importance that visits end."""
+    ended = 0.0
+    count = room.node.size
+    size = nodes.step_m.size
+    while True:
+        vehicle = 0
+        at_s = room.arrival_s[0]
+        for other in range(1, count):
+            if room.arrival_s[other] < at_s:
+                vehicle, at_s = other, room.arrival_s[other]
+        if at_s >= until_s:
+            return ended
+        place = room.node[vehicle]
+        ended += _up_to(nodes, place, at_s - room.visited_s[place])
+        room.visited_s[place] = at_s
+        heading = room.heading[vehicle]
+        while room.left[vehicle] == 0:
+            room.heading[vehicle] = -room.heading[vehicle]
+            room.leg[vehicle] = room.leg[vehicle] + 1 if room.leg[vehicle] + 1 < LEGS else LEGS - 2
+            room.left[vehicle] = (
+                legs[vehicle, room.leg[vehicle]] + nodes.cells // 2
+            ) // nodes.cells
+        room.left[vehicle] -= 1
+        if room.heading[vehicle] > 0:
+            step_m = nodes.step_m[place]
+            room.node[vehicle] = place + 1 if place + 1 < size else 0
+        else:
+            room.node[vehicle] = place - 1 if place > 0 else size - 1
+            step_m = nodes.step_m[room.node[vehicle]]
+        room.arrival_s[vehicle] = at_s + step_m / start.speed_m_s[vehicle]
+        if room.heading[vehicle] != heading:
+            room.arrival_s[vehicle] += start.turn_s
+
+
+@kernel
+def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
+    for place in range(nodes.visited_s.size):
+        room.visited_s[place] = nodes.visited_s[place]
+    for vehicle in range(start.node.size):
+        room.node[vehicle] = start.node[vehicle]
+        room.arrival_s[vehicle] = start.arrival_s[vehicle]
+        room.heading[vehicle] = start.heading[vehicle]
+        room.leg[vehicle] = 0
+        room.left[vehicle] = (legs[vehicle, 0] + nodes.cells // 2) // nodes.cells
+
+
+@kernel
+def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
+    """Importance of all nodes, integrated over time, when the plans are flown.
+
+    ``legs`` (k, LEGS): cells to fly from ``start.node`` before each turn; 0 turns at once. Includes
+    a constant: the cost of the ages at the beginning.
+    """
+    _begin(nodes, start, legs, room)
+    cost = _fly(nodes, start, legs, room, span.late_from_s)
+    cost -= span.late_times * _standing(nodes, room.visited_s, span.late_from_s)
+    late = _fly(nodes, start, legs, room, span.end_s)
+    late += _standing(nodes, room.visited_s, span.end_s)
+    return cost + (1.0 + span.late_times) * late
+
+
+@kernel
+def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
+    """Mean over the last part of a roll-out of the summed importance of all nodes."""
+    _begin(nodes, start, legs, room)
+    _fly(nodes, start, legs, room, span.late_from_s)
+    late = -_standing(nodes, room.visited_s, span.late_from_s)
+    late += _fly(nodes, start, legs, room, span.end_s)
+    late += _standing(nodes, room.visited_s, span.end_s)
+    return late / (span.end_s - span.late_from_s)
+
+
+@kernel
+def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
+    """Roll out the plans; if they are cheaper, copy this vehicle's to ``best`` (LEGS)."""
+    cost = roll_out(nodes, start, legs, span, room)
+    if cost < best_cost:
+        for leg in range(LEGS):
+            best[leg] = legs[vehicle, leg]
+        return cost
+    return best_cost
+
+
+@kernel
+def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
+    """Two more turns at the beginning: back for some cells and on again."""
+    plan[0], plan[1] = 0, back
+    plan[2] = min(kept[0] + back, NEVER)
+    for leg in range(3, LEGS):  # the last two legs are repeated ones
+        plan[leg] = kept[leg - 2]
+
+
+@kernel
+def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
+    """One turn some cells later; False if a leg would be shorter than nothing."""
+    if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
+        return False
+    for leg in range(LEGS):
+        plan[leg] = kept[leg]
+    plan[turn] += shift
+    plan[turn + 1] = NEVER if kept[turn + 1] >= NEVER else min(kept[turn + 1] + shift, NEVER)
+    return True
+
+
+@kernel
+def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
+    """Without the next two turns; False if there are not two, or they gain ground backwards."""
+    if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
+        return False
+    plan[0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
+    for leg in range(1, LEGS):
+        plan[leg] = kept[leg + 2] if leg + 2 < LEGS else kept[leg]
+    return True
+
+
+@kernel
+def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
+    """Change the plan of one vehicle if another one is cheaper by a share ``margin``.
+
+    Tried are: to go back for each of ``moves.backs`` cells and on again, now; to make each of the
+    next turns ``moves.shifts`` cells later; to leave out the next two turns. ``legs`` (k, LEGS) are
+    the plans, of which the row of ``vehicle`` is written on. Returns how many roll-outs were made.
+    """
+    kept, best, plan = moves.kept, moves.best, legs[vehicle]
+    for leg in range(LEGS):
+        kept[leg] = best[leg] = plan[leg]
+    first = roll_out(nodes, start, legs, span, room)
+    best_cost = first
+    count = 1
+    for back in moves.backs:
+        _turn_back_now(plan, kept, back)
+        best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
+        count += 1
+    for turn in range(3):
+        if kept[turn] >= NEVER:
+            break
+        for shift in moves.shifts:
+            if _shift_turn(plan, kept, turn, shift):
+                best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
+                count += 1
+    if _leave_out_turns(plan, kept):
+        best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
+        count += 1
+    chosen = best if best_cost < (1.0 - margin) * first else kept
+    for leg in range(LEGS):
+        plan[leg] = chosen[leg]
+    return count

@@ -1,0 +1,21 @@
+"""The way of flying along a front as a team: one map for all vehicles, and a rule for the team.
+
+A rule is a file of this folder and a line in ``RULES``.
+"""
+
+from mission_service.guidance.front.way import along_front
+from mission_service.guidance.way import later
+
+FOLDER = __package__
+# By rule: where a function is that makes it.
+RULES = {
+    "team.balanced": "balanced:balanced",
+    "team.circling": "bent_rules:bent",
+    "team.bumper": "bent_rules:bent",
+    "team.back-and-forth": "bent_rules:bent",
+    "team.highest-dynamic": "bent_rules:bent",
+    "team.highest-static": "bent_rules:bent",
+    "team.predictive": "bent_rules:bent",
+    "team.predictive-kept": "bent_rules:bent",
+}
+TEAM = along_front(tuple(RULES), later(f"{FOLDER}.planners:members_of"))

@@ -1,0 +1,140 @@
+"""Examples in the descriptions of HTTP and MQTT; tests check each against its schema."""
+
+from typing import Any
+
+import msgspec
+
+from mission_service.interfaces.api.states import (
+    Difference,
+    Importance,
+    Land,
+    Preview,
+    State,
+    StatusState,
+)
+from mission_service.interfaces.mqtt.messages import Alarms, Reply, ServiceStatus
+from mission_service.missions.figures import Figures
+from mission_service.requests import HASH
+from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
+    Alarm,
+    ItemState,
+    Mission,
+    MissionState,
+    NewsLine,
+    OrbitState,
+    TelemetryState,
+    VehicleState,
+)
+
+AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
+TOLD = {"ok": True, "at_s": 4215.3, "event": "Ordered", "said": ["hawk: hold, by anna"]}
+PLANNER = {"rule": "damped", "alpha": 1.0}
+TELEMETRY = TelemetryState(
+    AT_US, "hawk", 36.364232, -84.140907, 561.2, 250.1, 149.8, 41.5, 17.9, 43.2
+)
+VEHICLE = VehicleState(
+    AT_US,
+    "hawk",
+    "plane",
+    "px4",
+    1,
+    36.370784,
+    -84.132309,
+    link="online",
+    heard_stack="px4 plane",
+    mode="mission",
+    armed=True,
+    current_seq=3,
+    battery_pct=71.0,
+    direction="clockwise",
+    decisions=312,
+    reversals=2,
+    importance_back=11.25,
+    importance_front=14.5,
+    front_cells=188,
+    orbit=OrbitState(36.364232, -84.140907, 560.0, -90.0, 173.2),
+    wind_speed_m_s=4.2,
+    wind_from_deg=47.0,
+    uploads_accepted=41,
+)
+ITEM = ItemState(16, "WAYPOINT", 5, 36.3651, -84.1402, 560.0, (0.0, 0.0, 0.0, 0.0))
+MISSION = MissionState(
+    AT_US,
+    "hawk",
+    on_board=Mission(41, 4_212_000_000, "follow the front", "accepted", "", HASH, (ITEM,)),
+)
+ALARM = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
+NEWS = NewsLine(17, AT_US, "hawk", "info", "turns back: what is behind matters more")
+REPLAY = ReplayState(
+    AT_US,
+    ("flight.tlog",),
+    UNIX_US,
+    UNIX_US + 900_000_000,
+    UNIX_US + 120_000_000,
+    AT_US - 120_000_000,
+    10.0,
+    False,
+    False,
+    False,
+    0,
+)
+STATUS = StatusState(AT_US, UNIX_US, "default", "damped", 7200.0, [], False)
+FIRE = {
+    "schema": "fire/1",
+    "at_us": AT_US,
+    "version": 2,
+    "area_ha": 41.3,
+    "wind_speed_m_s": 4.0,
+    "wind_from_deg": 225.0,
+    "wind_told_by": "anna",
+    "corrections": [],
+}
+LAND = Land(
+    (-84.26, 36.29, -84.06, 36.41),
+    ((-84.26, 36.41), (-84.06, 36.41), (-84.06, 36.29), (-84.26, 36.29)),
+    30.0,
+    500,
+    500,
+)
+STATE = State(
+    4711,
+    STATUS,
+    ("look", "correct", "fly", "approve"),
+    "anna",
+    [VEHICLE],
+    [TELEMETRY],
+    [MISSION],
+    FIRE,
+    None,
+    [ALARM],
+    [NEWS],
+    LAND,
+    "damped",
+    PLANNER,
+)
+FIGURES = Figures(6, 2980.0, 248.0, 118.0, 36.3524, -84.1588, 842.0, 3310.0, False, [])
+PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, Difference(2, 4, 3, 84.0))
+IMPORTANCE = Importance(AT_US, "hawk", "damped", 81.2, 77.9, [(36.3512, -84.1603, 0.41)])
+AREA = {"type": "Polygon", "coordinates": [[[-84.16, 36.35], [-84.15, 36.35], [-84.15, 36.36]]]}
+FRONT = {"type": "Feature", "geometry": AREA, "properties": {"at_s": 3600.0, "in_s": 1770.0}}
+FRONTS = {"type": "FeatureCollection", "features": [FRONT]}
+TRACK = {
+    "type": "Feature",
+    "geometry": {"type": "LineString", "coordinates": [[-84.16, 36.35, 812.4]]},
+    "properties": {"vehicle": "hawk", "at_us": [1830000000]},
+}
+OF: dict[type, msgspec.Struct] = {
+    type(each): each
+    for each in (
+        *(TELEMETRY, VEHICLE, MISSION, ALARM, NEWS, REPLAY, STATE, PREVIEW, IMPORTANCE),
+        ServiceStatus(AT_US, UNIX_US, True, "default", "damped", ("hawk",)),
+        Alarms(AT_US, (ALARM,)),
+        Reply("7f3a", "hold", AT_US, True, event="Ordered", said=("hawk: holds",)),
+    )
+}
+
+
+def example_of(kind: type) -> Any:
+    """An example of a message or an answer, as JSON has it."""
+    return msgspec.to_builtins(OF[kind])

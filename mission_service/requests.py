@@ -1,0 +1,343 @@
+"""What operators may ask of a run: one table for all interfaces. Pure.
+
+A request is a JSON object: ``do`` names it, ``by`` names the user, ``station`` the place; further
+keys are its own. One struct states all of a request: its keys with their bounds and help texts, its
+own help text (the docstring, whose first line stands alone), role, HTTP address, whether MQTT takes
+it, an example, and the event that it becomes. HTTP routes and their description, MQTT commands and
+their schemas, the control socket and the command line are made from these structs.
+
+Here is what every guidance accepts (``OF_EVERY_RUN``) and what those accept that steer vehicles by
+missions (``OF_VEHICLES``). The requests of one guidance alone are in its folder.
+"""
+
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal, cast
+
+import msgspec
+from msgspec import Meta
+
+from mission_service import events
+from mission_service.errors import RequestError
+
+MIN_SPEED, MAX_SPEED = 0.1, 100.0  # of a replay
+MAX_DURATION_S = 1e7  # times farther away are a mistake
+MAX_LENGTH_M = 10_000.0  # and so are larger circles and longer lines
+MAX_FIRE_LENGTH_M = 500_000.0  # round fires that others have mapped
+
+WHO = ("by", "station")  # keys of all requests
+Role = Literal["look", "correct", "fly", "approve"]
+
+# Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
+Name = Annotated[
+    str,
+    Meta(
+        max_length=80,
+        pattern=r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)",
+    ),
+]
+AnyVehicle = Annotated[
+    str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)", description="Empty: all vehicles.")
+]
+OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
+Item = Annotated[
+    str, Meta(min_length=1, max_length=200, description="Of the GO list, in its words.")
+]
+Latitude = Annotated[float, Meta(ge=-90, le=90)]
+Longitude = Annotated[float, Meta(ge=-180, le=180)]
+Radius = Annotated[float, Meta(ge=0, le=MAX_LENGTH_M)]
+Seconds = Annotated[float, Meta(ge=-MAX_DURATION_S, le=MAX_DURATION_S)]
+Hash = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$(?!\n)", description="All 64 digits.")]
+Places = Annotated[
+    tuple[tuple[Latitude, Longitude], ...],
+    Meta(min_length=1, max_length=1000, description="Latitude and longitude of each."),
+]
+_MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
+HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
+PLACE = {"lat_deg": 36.364232, "lon_deg": -84.140907}
+LINE = [[36.3642, -84.1409], [36.3661, -84.1391]]
+
+
+class Request(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag=str.lower, tag_field="do"
+):
+    """Something that an operator asks for.
+
+    Keys with these names are checked against the run: ``vehicle``; ``item`` (of the GO list);
+    ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
+    """
+
+    # Its event, which takes time, user, station and the request's own keys in their order.
+    makes: ClassVar[Callable[..., events.CrewEvent]]
+    role: ClassVar[Role]  # that a user needs
+    path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
+    method: ClassVar[str] = "POST"
+    operation: ClassVar[str | None] = None  # its id in OpenAPI; None: made from its path
+    # Whether MQTT takes it: not where drops may follow, since a broker identifies no user.
+    over_mqtt: ClassVar[bool] = True
+    max_length_m: ClassVar[float] = MAX_LENGTH_M  # of a line through ``points``
+    example: ClassVar[dict[str, Any]] = {}  # its own keys, with values that are accepted
+
+    by: Name
+    station: Name
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """The event that it becomes at mission time ``at_us``. Raises RequestError."""
+        own = (getattr(self, name) for name in self.__struct_fields__[len(WHO) :])
+        return self.makes(*self.user(at_us), *own)
+
+    def user(self, at_us: int) -> tuple[int, str, str]:
+        """What all events of users begin with."""
+        return at_us, self.by.strip(), self.station
+
+
+def name_of(kind: type[Request]) -> str:
+    """What ``do`` is for requests of this kind."""
+    return str(kind.__struct_config__.tag)
+
+
+def summary_of(kind: type[Request]) -> str:
+    """The first line of a request's help text."""
+    return (kind.__doc__ or "").partition("\n")[0]
+
+
+class Abort(Request, frozen=True):
+    """Stop at once: no further drop; every vehicle holds. Accepted whatever else it says."""
+
+    makes = events.Aborted
+    role = "look"
+    path = "/abort"
+
+
+class FireRequest(Request, frozen=True):
+    """What operators report of the fire."""
+
+    role = "correct"
+    path = "/fire/{do}"
+
+
+class Correct(FireRequest, frozen=True):
+    """Draw where the fire is, was or will be."""
+
+    path = "/fire/corrections"
+    max_length_m = MAX_FIRE_LENGTH_M
+    example: ClassVar = {"state": "burning", "shape": "line", "points": LINE, "in_s": 0.0}
+
+    state: Literal["burned", "burning", "unburned"]
+    shape: Literal["point", "line", "polygon"]
+    points: Places
+    in_s: Annotated[Seconds, Meta(description="When it is so, from now; negative: it was.")] = 0.0
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """``Corrected``."""
+        count, least = len(self.points), _MIN_POINTS[self.shape]
+        if count < least or (self.shape == "point" and count > 1):
+            raise RequestError(f"correct: a {self.shape} of {count} places; it takes {least}")
+        if self.shape == "polygon":
+            refuse_no_polygon("correct", self.points)
+        marked_at_us = at_us + round(self.in_s * 1e6)
+        return events.Corrected(
+            *self.user(at_us), self.state, self.shape, self.points, marked_at_us
+        )
+
+
+class Lit(FireRequest, frozen=True):
+    """Report that a point, or a line through several, was lit."""
+
+    path = "/burn/{do}"
+    operation = "burn_{do}"
+    example: ClassVar = {"points": LINE, "ago_s": 20.0}
+
+    points: Places
+    ago_s: Annotated[
+        float, Meta(ge=0, le=MAX_DURATION_S, description="When it was lit, before now.")
+    ] = 0.0
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """``Lit``."""
+        return events.Lit(*self.user(at_us), self.points, at_us - round(self.ago_s * 1e6))
+
+
+class Erase(FireRequest, frozen=True):
+    """Remove corrections around a place."""
+
+    makes = events.Erased
+    example: ClassVar = {**PLACE, "radius_m": 50.0}
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    radius_m: Radius
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """As its keys are, but for a radius of 0."""
+        if self.radius_m == 0.0:
+            raise RequestError("erase: radius_m must be more than 0")
+        return super().event(at_us)
+
+
+class Undo(FireRequest, frozen=True):
+    """Take the last correction or erasure back."""
+
+    makes = events.Undone
+
+
+class Redo(FireRequest, frozen=True):
+    """Apply again what was taken back last."""
+
+    makes = events.Redone
+
+
+class Wind(FireRequest, frozen=True):
+    """Set the wind from now on, 6.1 m (20 ft) above the vegetation, from true north."""
+
+    makes = events.WindTold
+    path = "/wind"
+    example: ClassVar = {"speed_m_s": 5.0, "from_deg": 270.0}
+
+    speed_m_s: Annotated[float, Meta(ge=0, le=100)]
+    from_deg: Annotated[float, Meta(ge=0, le=360)]
+
+
+class Present(Request, frozen=True):
+    """Report that a user watches; to be sent every few seconds."""
+
+    makes = events.Present
+    role = "approve"
+    path = "/burn/{do}"
+    operation = "burn_{do}"
+    over_mqtt = False
+
+
+class OrderRequest(Request, frozen=True):
+    """An order to a vehicle.
+
+    Without ``confirmed`` an order that would end a mode of autopilot or pilot, such as a failsafe,
+    is answered with a line that begins with ``confirm:``.
+    """
+
+    role = "fly"
+    path = "/vehicles/{name}/{do}"
+    operation = "{do}"
+    example: ClassVar = {"vehicle": "hawk", "confirmed": False}
+
+    vehicle: AnyVehicle = ""
+    confirmed: Annotated[
+        bool, Meta(description="Even if it ends a mode that autopilot or pilot selected.")
+    ] = False
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """``Ordered``, with the request's name as the order."""
+        order = cast("events.Order", name_of(type(self)))
+        return events.Ordered(*self.user(at_us), self.vehicle, order, self.confirmed)
+
+
+class Hold(OrderRequest, frozen=True):
+    """Loiter at the present position until another order."""
+
+
+class Resume(OrderRequest, frozen=True):
+    """Fly on by the planner, after hold, return or abort."""
+
+
+class Return(OrderRequest, frozen=True):
+    """Fly home."""
+
+
+class Start(OrderRequest, frozen=True):
+    """Arm and fly the mission on board."""
+
+
+class MissionRequest(Request, frozen=True):
+    """What becomes of a vehicle's mission."""
+
+    role = "fly"
+    path = "/vehicles/{name}/mission/{do}"
+    operation = "mission_{do}"
+    example: ClassVar = {"vehicle": "hawk", "hash": HASH}
+
+
+class Renew(MissionRequest, frozen=True):
+    """Plan a new mission and send it now."""
+
+    makes = events.MissionWanted
+    example: ClassVar = {"vehicle": "hawk"}
+
+    vehicle: AnyVehicle = ""
+
+
+class Accept(MissionRequest, frozen=True):
+    """Accept the proposed mission of this hash: it is sent to the vehicle."""
+
+    makes = events.MissionAccepted
+    vehicle: OneVehicle
+    hash: Hash
+
+
+class Refuse(MissionRequest, frozen=True):
+    """Refuse the proposed mission of this hash: it is not flown."""
+
+    makes = events.MissionRefused
+    vehicle: OneVehicle
+    hash: Hash
+
+
+def _settings_event(request: Any, at_us: int) -> events.CrewEvent:
+    if all(getattr(request, name) is None for name in events.TUNED):
+        *others, last = events.TUNED
+        raise RequestError(f"settings: give {', '.join(others)} or {last}")
+    return Request.event(request, at_us)
+
+
+# Its keys are those of its event: the table of all settings that may change in flight.
+Settings = cast(
+    "type[Request]",
+    msgspec.defstruct(
+        "Settings",
+        [(name, kind, None) for name, kind in events.TUNED.items()],
+        bases=(Request,),
+        module=__name__,
+        frozen=True,
+        namespace={
+            "__doc__": "Change settings of the planner from now on.",
+            "makes": events.SettingsTold,
+            "role": "fly",
+            "path": "/planner",
+            "method": "PATCH",
+            "example": {"alpha": 0.7},
+            "event": _settings_event,
+        },
+    ),
+)
+
+
+class Replay(Request, frozen=True):
+    """Pause or resume a replay, change its speed or its position."""
+
+    role = "fly"
+    path = "/replay"
+    example: ClassVar = {"paused": False, "speed": 10.0, "seek_s": 120.0}
+
+    paused: bool | None = None
+    speed: Annotated[
+        Annotated[float, Meta(ge=MIN_SPEED, le=MAX_SPEED)] | Literal["max"] | None,
+        Meta(description=f"{MIN_SPEED:g} to {MAX_SPEED:g}, or max."),
+    ] = None
+    seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
+
+    def event(self, at_us: int) -> events.CrewEvent:
+        """None: only replays accept it, and handle it themselves."""
+        raise RequestError("replay: this run is no replay")
+
+
+OF_EVERY_RUN = (Abort, Correct, Erase, Undo, Redo, Lit, Wind, Present)
+OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
+
+
+def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
+    """Raises RequestError if corners (lat_deg, lon_deg) make no polygon."""
+    import shapely
+
+    if len(points) < 3:
+        raise RequestError(f"{do}: {len(points)} corners; a polygon takes 3")
+    polygon = shapely.Polygon([(lon, lat) for lat, lon in points])
+    if not polygon.is_valid or polygon.area == 0.0:
+        raise RequestError(f"{do}: these corners are no polygon: its sides cross or it has no area")

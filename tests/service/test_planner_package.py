@@ -1,0 +1,153 @@
+"""A planner of another package, as docs/planners.md describes it: installed, checked and flown."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mission_service.journal.journal import JournalReader
+from tests.patience import PATIENCE_S
+from tests.service.test_live import free_port, mock, wait_for
+
+ROOT = Path(__file__).parents[2]
+GUIDE = (ROOT / "docs" / "planners.md").read_text(encoding="utf-8")
+CLI = [sys.executable, "-m", "mission_service.cli"]
+FLOWN = ("start_s=3600", "deploy_at_s=3600", "duration_s=4200", "fire.scheme=devs8")
+RULE = ("planner.rule=pendulum", "pendulum.turn_every_s=60", "pendulum.radius_m=1200")
+
+
+def block(language: str, contains: str) -> str:
+    """A block of code of the guide."""
+    found = re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+    (one,) = (text for text in found if contains in text)
+    return str(one)
+
+
+def install(site: Path, module: str, entry_point: str) -> None:
+    """What ``pip install`` leaves of a package with one module."""
+    site.mkdir(exist_ok=True)
+    (site / "pendulum.py").write_text(module, encoding="utf-8")
+    info = site / "pendulum-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: pendulum\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[mission_service.planners]\n{entry_point}\n")
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of packages with the guide's planner; all processes of the test have it."""
+    folder = tmp_path / "site"
+    (line,) = re.findall(r"^pendulum = .*$", block("toml", "entry-points"), re.MULTILINE)
+    install(folder, block("python", "PENDULUM ="), line.replace('"', ""))
+    inherited = os.environ.get("PYTHONPATH", "")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(folder), str(ROOT), inherited)))
+    return folder
+
+
+def service(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    command = [*CLI, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+
+def changed(*keys: str) -> list[str]:
+    return [part for key in keys for part in ("--set", key)]
+
+
+@pytest.mark.usefixtures("site")
+def test_it_flies_in_a_simulation_and_decides_the_same_again(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = service("sim", "default", "--out", str(out), "--json", *changed(*FLOWN, *RULE))
+    assert done.returncode == 0, done.stderr
+    (vehicle,) = json.loads(done.stdout)["vehicles"]
+    assert vehicle["reversals"] >= 3
+    assert vehicle["upload_reasons"]["turn back"] >= 3
+    header = JournalReader(out / "journal.jsonl").header
+    assert header["scenario"]["pendulum"] == {"turn_every_s": 60.0, "radius_m": 1200.0}
+    again = service("decide", str(out / "journal.jsonl"))
+    assert again.returncode == 0, again.stderr
+    assert "the same decisions as recorded" in again.stdout
+    assert service("replay", str(out / "journal.jsonl"), "--verify").returncode == 0
+    other = service("decide", str(out / "journal.jsonl"), "--planner", "circling", "--json")
+    assert json.loads(other.stdout)["journal_rule"] == "pendulum"
+
+
+@pytest.mark.usefixtures("site")
+def test_it_decides_on_the_journal_of_another_rule(tmp_path: Path) -> None:
+    assert service("sim", "default", "--out", str(tmp_path), *changed(*FLOWN)).returncode == 0
+    done = service("decide", str(tmp_path / "journal.jsonl"), "--planner", "pendulum", "--json")
+    assert done.returncode == 0, done.stderr
+    (vehicle,) = json.loads(done.stdout)["vehicles"]
+    assert vehicle["reversals"] >= 1, "with the defaults of its table"
+
+
+def has_turned(log: str) -> bool:
+    return re.search(r" [1-9]\d* reversals", log) is not None
+
+
+@pytest.mark.usefixtures("site")
+def test_it_flies_live(tmp_path: Path) -> None:
+    port, log = free_port(), tmp_path / "daemon.log"
+    link = f'vehicles.0.link="udpin:127.0.0.1:{port}"'
+    run = ["run", "default", "--out", str(tmp_path), *changed(link, "start_s=3600", *RULE)]
+    with log.open("wb") as output:
+        daemon = subprocess.Popen([*CLI, *run], stdout=output, stderr=subprocess.STDOUT)
+        try:
+            with mock(port, tmp_path / "mock.log"):
+                wait_for(lambda: has_turned(log.read_text(encoding="utf-8")), PATIENCE_S)
+                daemon.send_signal(signal.SIGTERM)
+                assert daemon.wait(timeout=PATIENCE_S) == 0
+        finally:
+            daemon.kill()
+            daemon.wait()
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert summary["planner"]["rule"] == "pendulum"
+    assert summary["vehicles"][0]["decisions"] >= 1
+
+
+def said_of(*keys: str) -> str:
+    done = service("config", "check", "default", *changed(*keys))
+    assert done.returncode != 0
+    return done.stderr
+
+
+@pytest.mark.usefixtures("site")
+def test_its_table_is_checked_by_its_own_model() -> None:
+    checked = service("config", "check", "default", *changed(*RULE))
+    assert checked.returncode == 0, checked.stderr
+    rule = "planner.rule=pendulum"
+    assert "pendulum.turn_every_s: Input should be greater" in said_of(
+        rule, "pendulum.turn_every_s=0"
+    )
+    assert "pendulum.turns: unknown key" in said_of(rule, "pendulum.turns=1")
+    assert "pendulum: unknown key" in said_of("pendulum.turn_every_s=60")
+    assert "burn, pendulum (got 'nonsense')" in said_of("planner.rule=nonsense")
+
+
+@pytest.mark.parametrize(
+    ("module", "entry_point", "words"),
+    [
+        ("import nothing_such", "pendulum = pendulum:WAY", "No module named 'nothing_such'"),
+        ("WAY = 1", "pendulum = pendulum:WAY", "it must be a WayOfFlying"),
+        ("WAY = 1", "Pen-dulum = pendulum:WAY", "lower case letters, digits and _"),
+    ],
+)
+def test_a_package_that_cannot_be_used_is_named(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    entry_point: str,
+    words: str,
+) -> None:
+    install(tmp_path / "site", module, entry_point)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "site"), str(ROOT))))
+    rule = entry_point.partition(" ")[0]
+    said = said_of(f"planner.rule={rule}")
+    assert words in said
+    assert f"entry point {entry_point}" in said
+    assert "Traceback" not in said
+    assert service("config", "check", "default").returncode == 0, "other rules fly all the same"
