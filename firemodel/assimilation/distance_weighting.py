@@ -18,12 +18,13 @@ from firemodel.ellipses.tiles import first_of, tiles_of
 from firemodel.errors import FireModelError
 
 POINTS_A_TILE = 512
-LEAST = 1e-9  # a squared exponential that is less is none
-LARGEST = -math.log(LEAST)
+NEGLIGIBLE = 1e-9  # a squared exponential that is less is none
+MAX_EXPONENT = -math.log(NEGLIGIBLE)
 # exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of what y / 64 can be.
-PARTS, MIDDLE = 64.0, LARGEST / 128.0
+PARTS, MIDDLE = 64.0, MAX_EXPONENT / 128.0
 # Where many points are in a square of ``SMOOTH`` lengths, what is computed in NODES x NODES places
-# of it (Chebyshev's) gives a polynomial that is off by less than LEAST of an observation's error.
+# of it (Chebyshev's) gives a polynomial that is off by less than NEGLIGIBLE of an observation's
+# error.
 NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
@@ -84,11 +85,11 @@ class PaperCorrected:
 
 @kernel
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
-    """exp(-y) to 1e-10 of it, 0 where it is less than ``LEAST``; without a branch or a call.
+    """exp(-y) to 1e-10 of it, 0 where it is less than ``NEGLIGIBLE``; without a branch or a call.
 
     So that several places are computed at once, which exp is not.
     """
-    z = min(y, LARGEST) / PARTS - MIDDLE
+    z = min(y, MAX_EXPONENT) / PARTS - MIDDLE
     found = SERIES[8]
     found = found * z + SERIES[7]
     found = found * z + SERIES[6]
@@ -104,7 +105,7 @@ def _squared_exponential(y):  # type: ignore[no-untyped-def]
     found *= found
     found *= found
     found *= found
-    return found if y < LARGEST else 0.0
+    return found if y < MAX_EXPONENT else 0.0
 
 
 @kernel
@@ -113,7 +114,7 @@ def _add_up(box, places, error_s, part, xs, ys, total, weight):  # type: ignore[
     for observation in range(places.shape[0]):
         x, y, error = places[observation, 0], places[observation, 1], error_s[observation]
         off_x, off_y = max(box[0] - x, x - box[1], 0.0), max(box[2] - y, y - box[3], 0.0)
-        if part * (off_x * off_x + off_y * off_y) >= LARGEST:
+        if part * (off_x * off_x + off_y * off_y) >= MAX_EXPONENT:
             continue
         for k in range(xs.size):
             dx, dy = xs[k] - x, ys[k] - y

@@ -32,20 +32,20 @@ from firemodel.ellipses.paths import AdjustableEllipses, AdjustableFire, Straigh
 
 PLACE_SD_M = 6.0  # of an observation
 TIME_SD_S = 15.0
-LEAST_S = 45.0  # along a path; shorter ones say little
+MIN_S = 45.0  # along a path; shorter ones say little
 LOG_SD = 0.05  # of ln of the time along a path, of an observation
 UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its path around what is slow
 FIELD_SDS = (0.2, 0.3, 0.4)
 # Of the field, in parts of the diagonal of observations and sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
-SMALLEST_M = 100.0  # of that diagonal
+MIN_M = 100.0  # of that diagonal
 NODES = 32  # of the field along its longer side, at most
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
 CHOSEN_AT = 1
 STEPS_NEAR = 2
 GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
 SMALL_RATE = 1e-3  # for slopes
-MOST_LOG = 2.5  # of the field
+MAX_LOG = 2.5  # of the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
@@ -220,7 +220,7 @@ class GaussianCorrected:
     ) -> tuple[_Look, Floats, float]:
         rates, w = prior.colour(z)
         seen = self._look(
-            fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MOST_LOG, MOST_LOG)))
+            fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MAX_LOG, MAX_LOG)))
         )
         miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
         return seen, z, 0.5 * float(z @ z) - miss
@@ -233,8 +233,8 @@ class GaussianCorrected:
         stretch(points, here.origin, field, slower)
         time_s, east_s, north_s = (paths.lit_s + paths.takes_s).reshape(3, n)
         slowness_s_m = np.hypot(east_s - time_s, north_s - time_s) * slower
-        expected_s = np.maximum(here.takes_s * slower, LEAST_S)
-        observed_s = np.maximum(self._held[:, 2] - here.lit_s, LEAST_S)
+        expected_s = np.maximum(here.takes_s * slower, MIN_S)
+        observed_s = np.maximum(self._held[:, 2] - here.lit_s, MIN_S)
         error_s2 = np.square(self.place_sd_m * slowness_s_m) + TIME_SD_S**2
         sd = np.sqrt(error_s2 / np.square(0.5 * (expected_s + observed_s)) + LOG_SD**2)
         return _Look(fire, field, here, np.log(expected_s), np.log(observed_s), sd)
@@ -290,7 +290,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 def _empty_field(places: Floats) -> tuple[Field, float]:
     """Around places (k, 2), and their diagonal in metres."""
     low, high = places.min(axis=0), places.max(axis=0)
-    diagonal_m = max(float(np.hypot(*(high - low))), SMALLEST_M)
+    diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m
     low, high = low - margin_m, high + margin_m
     apart_m = max(float((high - low).max()) / (NODES - 1), 0.75 * LENGTHS[0] * diagonal_m)

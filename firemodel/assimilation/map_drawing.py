@@ -11,7 +11,7 @@ from firemodel.errors import FireModelError
 
 Floats = NDArray[np.float64]
 Shape = Literal["point", "line", "polygon"]
-LEAST_POINTS = {"point": 1, "line": 2, "polygon": 3}
+MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 
 
 def observations_of(
@@ -27,7 +27,7 @@ def observations_of(
     outline crosses itself.
     """
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-    if shape not in LEAST_POINTS or len(points) < LEAST_POINTS[shape]:
+    if shape not in MIN_POINTS or len(points) < MIN_POINTS[shape]:
         raise FireModelError(
             f"{shape} of {len(points)} points: draw a point, a line of 2 or a polygon of 3 at least"
         )

@@ -1,1 +1,4 @@
-"""Fire as ellipses from points and lines, for many ignitions at once."""
+"""Fire as ellipses from points and lines, on level ground, for many ignitions at once.
+
+``ellipse`` gives the time of ignition anywhere, ``observations`` the errors against observations.
+"""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from firemodel.compiled import kernel
 from firemodel.ellipses.tiles import first_of
 
-MOST_STEPS = 100
+MAX_STEPS = 100
 WARM_STEPS = 5  # from where the last point was, before the safe way
 CLOSE = 1e-11  # part of the time by which an estimate may still be off
 SLACK = 1e-9  # part of the times by which a source may be behind another and is kept
@@ -195,7 +195,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
     if warm:
         u = (ny * dx - nx * dy) / forward
     time = at_s
-    for step in range(MOST_STEPS):
+    for step in range(MAX_STEPS):
         if step == (WARM_STEPS if warm else 0):
             low, high = _bracket(dx, dy, period, table)
             if low > high:

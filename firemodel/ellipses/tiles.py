@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 
-MOST_LEVELS = 9
+MAX_LEVELS = 9
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles
     check_finite(points, _enclose(points, box))
     west, east, south, north = box if count else np.zeros(4)
     extent_m = max(east - west, north - south)
-    levels = min(math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0)), MOST_LEVELS)
+    levels = min(math.ceil(math.log(max(count / points_a_tile, 1.0), 4.0)), MAX_LEVELS)
     if side_m > 0.0:
         levels = min(levels, math.ceil(math.log2(max(extent_m / side_m, 1.0))))
     per_m = 2**levels / extent_m if extent_m > 0.0 else 0.0

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LARGEST_M = 9000.0  # an elevation beyond is a unit or a nodata value gone wrong
-TALLEST_TREE_M = 120.0
-STEEPEST = 1000.0  # rise over run
+MAX_ELEVATION_M = 9000.0  # an elevation beyond is a unit or a nodata value gone wrong
+MAX_TREE_M = 120.0
+MAX_SLOPE = 1000.0  # rise over run
 ROWS_AT_ONCE = 256
 
 
@@ -113,10 +113,10 @@ class Landscape:
             raise FireModelError(f"landscape: cell_size_m = {self.cell_size_m} must be positive")
         check_crs(self.crs, "landscape")
         check_codes(self.fuel_model, "landscape")
-        self._check_layer("elevation", self.elevation_m, -LARGEST_M, LARGEST_M)
+        self._check_layer("elevation", self.elevation_m, -MAX_ELEVATION_M, MAX_ELEVATION_M)
         self._check_layer("canopy cover", self.canopy_cover, 0.0, 1.0)
-        self._check_layer("canopy height", self.canopy_height_m, 0.0, TALLEST_TREE_M)
-        self._check_layer("canopy base", self.canopy_base_m, 0.0, TALLEST_TREE_M)
+        self._check_layer("canopy height", self.canopy_height_m, 0.0, MAX_TREE_M)
+        self._check_layer("canopy base", self.canopy_base_m, 0.0, MAX_TREE_M)
         if self.gradient is not None:
             gradient = np.ascontiguousarray(self.gradient, dtype=np.float32)
             if gradient.shape != (2, *self.shape):
@@ -124,8 +124,8 @@ class Landscape:
                     f"landscape: gradient is {gradient.shape}, must be {(2, *self.shape)}: "
                     "towards north and towards east"
                 )
-            self._check_layer("gradient towards north", gradient[0], -STEEPEST, STEEPEST)
-            self._check_layer("gradient towards east", gradient[1], -STEEPEST, STEEPEST)
+            self._check_layer("gradient towards north", gradient[0], -MAX_SLOPE, MAX_SLOPE)
+            self._check_layer("gradient towards east", gradient[1], -MAX_SLOPE, MAX_SLOPE)
         elif self.elevation_m is not None:
             gradient = horn(self.elevation_m, self.cell_size_m)
         else:

@@ -1,1 +1,1 @@
-"""Rothermel 1972: fuels, moistures, weather, rate of spread."""
+"""Rothermel 1972: fuels, moistures, weather, rate of spread; one function for each equation."""

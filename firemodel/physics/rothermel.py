@@ -26,7 +26,7 @@ KW_M_PER_BTU_FT_S = 3.464140419
 SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
 # Places of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
 DEAD, LIVE = slice(0, 4), slice(4, 6)
-LARGEST_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
+MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
 
 Floats = NDArray[np.float64]
 
@@ -250,7 +250,7 @@ def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
     """
     wind_mph = effective_wind_m_s / M_S_PER_MPH
     ratio = 0.936 * np.exp(0.1147 * wind_mph) + 0.461 * np.exp(-0.0692 * wind_mph) - 0.397
-    return np.minimum(np.maximum(ratio, 1.0), LARGEST_LENGTH_TO_BREADTH)
+    return np.minimum(np.maximum(ratio, 1.0), MAX_LENGTH_TO_BREADTH)
 
 
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:

@@ -2,8 +2,8 @@
 
 A source is the centre of a burned cell, or a point where the front stood when the weather changed.
 A cell that burns offers its neighbours two paths: straight from its own source, or from itself. The
-time along a line is added up over the cells it crosses (``lines``). Cells are taken in order of
-time (Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where conditions are the same
+time along a line is added up over the cells it crosses (``travel_time``). Cells are taken in order
+of time (Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where conditions are the same
 all around, lines may be of any length, and arrival times are those of the exact ellipse.
 
 When the weather changes, each line under way is cut where the fire is on it, and that point becomes

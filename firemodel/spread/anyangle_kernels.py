@@ -7,7 +7,7 @@ from firemodel.spread.heap import drop_first, push
 from firemodel.spread.labels import place_of, squeezes
 from firemodel.spread.travel_time import STEP_COL, STEP_ROW, cell_at, crossing_s, from_piece, travel
 
-LONGEST_LINE_CELLS = 32  # over changing ground
+MAX_LINE_CELLS = 32  # over changing ground
 KNIGHT_ROW = np.array([-2, -1, 1, 2, 2, 1, -1, -2])
 KNIGHT_COL = np.array([1, 2, 2, 1, -1, -2, -2, -1])
 ROUNDING = 1e-12  # a way must be better by more than this part of the time
@@ -33,7 +33,7 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
         source = sources[cell]
         from_row, from_col, from_s = place_of(source, points, labels, cols)
         alike = ground.reach[cell_at(from_row, from_col, cols)] - 0.5
-        reachable = max(alike, LONGEST_LINE_CELLS)
+        reachable = max(alike, MAX_LINE_CELLS)
         for side in range(8):
             to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
             if not (0 <= to_row < rows and 0 <= to_col < cols):

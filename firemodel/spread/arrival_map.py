@@ -11,8 +11,8 @@ from firemodel.landscape.landscape import Landscape
 
 Floats = NDArray[np.float64]
 Frame = tuple[float, float, float, float]  # west, east, south, north in km from the SW corner
-MOST_ISOCHRONES = 12
-SHORTEST_H = 1 / 60  # of the scale of colours, though all may burn at once
+MAX_ISOCHRONES = 12
+MIN_SCALE_H = 1 / 60  # of the scale of colours, though all may burn at once
 
 
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
@@ -54,7 +54,7 @@ def start_map(
     if hours.count():
         first, last = float(hours.min()), float(hours.max())
         burned = axes.imshow(hours, cmap="autumn_r", extent=extent, alpha=0.75)
-        burned.set_clim(first, max(last, first + SHORTEST_H))
+        burned.set_clim(first, max(last, first + MIN_SCALE_H))
         figure.colorbar(burned, ax=axes, label="time of arrival of the fire (h)", shrink=0.7)
         if isochrones:
             _draw_isochrones(axes, hours, extent)
@@ -98,7 +98,7 @@ def _window(land: Landscape, frame: Frame) -> tuple[tuple[slice, slice], Frame]:
 
 
 def _draw_isochrones(axes: Any, hours: Any, extent: Frame) -> None:
-    step = _round_step(float(np.ptp(hours.compressed())), MOST_ISOCHRONES)
+    step = _round_step(float(np.ptp(hours.compressed())), MAX_ISOCHRONES)
     # None at the first time of all, which is no line but the cells of a fire taken over.
     first = math.floor(hours.min() / step + 1e-9) + 1
     levels = np.arange(first, math.floor(hours.max() / step) + 1) * step

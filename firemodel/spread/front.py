@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 
-SMALLEST_S = 1e-6  # on the far side of a front that has only just come to a cell
+MIN_S = 1e-6  # on the far side of a front that has only just come to a cell
 Floats = NDArray[np.float64]
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
@@ -128,7 +128,7 @@ def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floa
     inside = np.pad(ahead_s <= 0.0, 1)
     ago_s = np.where(inside, -np.pad(ahead_s, 1), 0.0)
     rows, cols = ahead_s.shape
-    longest_s = np.full((rows, cols), SMALLEST_S)
+    longest_s = np.full((rows, cols), MIN_S)
     for row, col in _AROUND:
         beside = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
         np.maximum(longest_s, ago_s[beside], out=longest_s)

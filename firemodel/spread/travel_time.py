@@ -12,7 +12,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 
-LONGEST_PIECE_CELLS = 2.0
+MAX_PIECE_CELLS = 2.0
 TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
 # North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
@@ -184,7 +184,7 @@ def from_piece(row, col, other_row, other_col, target, ground, entry):  # type: 
     d2 = d_north * d_north + d_east * d_east
     crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # so that its slowness is known
     a = ground.slowness[target, 0]
-    if not 0.0 < d2 <= LONGEST_PIECE_CELLS * LONGEST_PIECE_CELLS or a == 0.0:
+    if not 0.0 < d2 <= MAX_PIECE_CELLS * MAX_PIECE_CELLS or a == 0.0:
         return np.inf, row, col
     b_north, b_east = ground.slowness[target, 1], ground.slowness[target, 2]
     g_north, g_east = ground.rise[target, 6], ground.rise[target, 7]

@@ -14,7 +14,7 @@ from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire import Fire
 
 M2_PER_ACRE = 4046.8564224
-SMALLEST_DEG, DECIMALS = 1e-7, 7  # a centimetre
+MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre
 
 
 def write_geotiff(
@@ -51,7 +51,7 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
         lat, lon = landscape.lat_lon_of(*xy_m.T)
         return np.stack([lon, lat], axis=1)
 
-    rounded = set_precision(transform(area, to_lon_lat), SMALLEST_DEG)
+    rounded = set_precision(transform(area, to_lon_lat), MIN_DEG)
     shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
     # Not as shapely's mapping has it: what is whole in 1e-7 degrees is no longer so in floats.
     return {

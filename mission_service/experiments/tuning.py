@@ -27,7 +27,7 @@ from mission_service.guidance.formation.virtual_forces_kernels import NAMES
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]
 
-LEAST, MOST = 0.0, 20.0  # genes lie between
+MIN_GENE, MAX_GENE = 0.0, 20.0  # genes lie between
 CLOSE = 1e-3  # and not on these
 ELITE, FITTEST = 0.1, 0.5  # shares of the population
 MUTATION, CHANGE = 0.1, 1.0  # probability a gene, and by how much at most
@@ -73,7 +73,7 @@ def tune(
     elite, fittest = max(round(ELITE * population), 1), max(round(FITTEST * population), 2)
     with _seeded(seed):
         alive = [
-            Individual([random.uniform(LEAST + CLOSE, MOST - CLOSE) for _ in NAMES])
+            Individual([random.uniform(MIN_GENE + CLOSE, MAX_GENE - CLOSE) for _ in NAMES])
             for _ in range(population)
         ]
         for generation in range(1, generations + 1):
@@ -122,7 +122,7 @@ def _mutate(genes: list[float]) -> None:
     for i in range(len(genes)):
         if random.random() < MUTATION:
             changed = genes[i] + random.uniform(-CHANGE, CHANGE)
-            genes[i] = min(max(changed, LEAST + CLOSE), MOST - CLOSE)
+            genes[i] = min(max(changed, MIN_GENE + CLOSE), MAX_GENE - CLOSE)
 
 
 @contextmanager

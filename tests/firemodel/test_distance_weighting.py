@@ -120,10 +120,10 @@ def test_times_known_before_give_the_same() -> None:
 
 
 def test_its_exponential_is_one() -> None:
-    y = np.linspace(0.0, distance_weighting.LARGEST * (1.0 - 1e-9), 5000)
+    y = np.linspace(0.0, distance_weighting.MAX_EXPONENT * (1.0 - 1e-9), 5000)
     found = np.array([distance_weighting._squared_exponential(value) for value in y])
     np.testing.assert_allclose(found, np.exp(-y), rtol=1e-10)
-    assert distance_weighting._squared_exponential(distance_weighting.LARGEST + 1e-9) == 0.0
+    assert distance_weighting._squared_exponential(distance_weighting.MAX_EXPONENT + 1e-9) == 0.0
 
 
 @pytest.mark.parametrize("length_m", [0.0, -1.0, math.inf, math.nan])

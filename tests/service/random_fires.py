@@ -16,9 +16,9 @@ from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 
 END_S = 4 * HOUR_S
 FUELS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
-LEAST_CELLS, MOST_CELLS = 60, 12_000  # burned at deployment and at the end
-LEAST_ERROR, AIM_ERROR, MOST_ERROR = 7.0, 10.5, 16.0  # of circling, in cells
-FIRST_GUESS_M_S, MOST_GUESSES = 3.0, 6
+MIN_CELLS, MAX_CELLS = 60, 12_000  # burned at deployment and at the end
+MIN_ERROR, AIM_ERROR, MAX_ERROR = 7.0, 10.5, 16.0  # of circling, in cells
+FIRST_GUESS_M_S, MAX_GUESSES = 3.0, 6
 
 
 def random_fire(seed: int) -> Burn:
@@ -34,7 +34,7 @@ def random_fire(seed: int) -> Burn:
         fire = burn(f"random {seed}", scheme, landscape, weather, ignition, END_S, 1.0)
         count = np.count_nonzero(fire.burned(fire.deploy_s)), np.count_nonzero(fire.burned(END_S))
         edge = fire.burned(END_S)[[0, 1, -2, -1]].any() or fire.burned(END_S)[:, [0, -1]].any()
-        if count[0] >= LEAST_CELLS and count[1] <= MOST_CELLS and not edge:
+        if count[0] >= MIN_CELLS and count[1] <= MAX_CELLS and not edge:
             found = _with_speed(fire)
             if found is not None:
                 return found
@@ -43,10 +43,10 @@ def random_fire(seed: int) -> Burn:
 def _with_speed(fire: Burn) -> Burn | None:
     """The fire with a vehicle for which circling is 7 to 16 cells wrong, as in the paper."""
     speed_m_s = FIRST_GUESS_M_S
-    for _ in range(MOST_GUESSES):
+    for _ in range(MAX_GUESSES):
         fire = replace(fire, speed_m_s=speed_m_s)
         error = circling_error(fire)
-        if LEAST_ERROR <= error <= MOST_ERROR:
+        if MIN_ERROR <= error <= MAX_ERROR:
             return fire
         speed_m_s *= min(max(error / AIM_ERROR, 1.0 / 3.0), 3.0)
     return None

@@ -26,7 +26,7 @@ def test_two_fires_are_corrected_and_drawn(tmp_path: Path, monkeypatch: pytest.M
     ]
     for paper, ours in zip(rows[::2], rows[1::2], strict=True):
         assert paper["corrections"] == ours["corrections"]
-        assert 60 <= ours["corrections"] <= study.MOST
+        assert 60 <= ours["corrections"] <= study.MAX_CORRECTIONS
         assert ours["mean_error_all_minutes_m"] < 0.6 * ours["mean_error_uncorrected_all_minutes_m"]
     left = {
         method: sum(row["mean_error_m"] for row in rows if row["method"] == method)

@@ -1,11 +1,16 @@
 """Scenario files: what is wrong is said in one line with file, key and value."""
 
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from firemodel.errors import FireModelError
+from firemodel.spread.schemes import SCHEMES, SchemeName
 from mission_service.config.scenario import SHIPPED, load_scenario
+from mission_service.config.sections import FireSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.simulated import check
 
@@ -110,3 +115,11 @@ def test_only_planes_with_our_own_client_fly_in_a_formation(
 def test_an_override_that_leads_nowhere_is_refused(override: str) -> None:
     with pytest.raises(ScenarioError, match="--set"):
         load_scenario("default", (override,))
+
+
+def test_each_spread_scheme_takes_its_settings_from_the_scenario() -> None:
+    assert get_args(SchemeName) == tuple(SCHEMES)
+    for scheme in SCHEMES.values():
+        taken = signature(getattr(import_module(scheme.module), scheme.fire)).parameters
+        assert set(scheme.settings) <= set(taken) & set(FireSection.model_fields)
+        assert scheme.random == ("rng" in taken)

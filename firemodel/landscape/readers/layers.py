@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
-from firemodel.landscape.landscape import LARGEST_M, STEEPEST, TALLEST_TREE_M
+from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
 from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
 from firemodel.physics.fuels import check_codes
 
@@ -151,10 +151,10 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
     if unit == "class":
         return 0.0, 4.0
     least, most = {
-        "elevation": (-LARGEST_M, LARGEST_M),
-        "slope": (0.0, STEEPEST),
+        "elevation": (-MAX_ELEVATION_M, MAX_ELEVATION_M),
+        "slope": (0.0, MAX_SLOPE),
         "canopy_cover": (0.0, 1.0),
-    }.get(layer, (0.0, TALLEST_TREE_M))
+    }.get(layer, (0.0, MAX_TREE_M))
     return least / FACTORS[unit], most / FACTORS[unit]
 
 

@@ -43,7 +43,7 @@ Method = Callable[[Any, Floats], Simulation]
 
 FIRES = tuple(range(100, 120))  # seeds; constants were chosen on 0 to 19 and from 1000 on
 PARTICIPANTS = 3  # of each fire
-FEWEST, MOST = 77, 175  # corrections of a participant in the paper
+MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
 PAPER_LENGTH_M = 20.0  # chosen before, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # around the unit, where simulated fronts still count
@@ -102,7 +102,7 @@ def case_of(burn: Burn) -> Case:
 def observations_of_participant(burn: Burn, participant: int) -> Floats:
     """The observations (n, 4) of one of them; always the same."""
     rng = np.random.default_rng((burn.seed, participant))
-    count = int(rng.integers(FEWEST, MOST + 1))
+    count = int(rng.integers(MIN_CORRECTIONS, MAX_CORRECTIONS + 1))
     return random_observations(
         rng, count, WATCHING, burn.arrival_s, burn.model, burn.landscape, unit_box()
     )

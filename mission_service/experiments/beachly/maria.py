@@ -37,9 +37,9 @@ FOLDER = Path("shared") / "data" / "maria_2019"
 CRS = "EPSG:32611"
 FUEL = 102  # the most frequent
 PERIMETERS = 7  # of the first afternoon and evening, while it grew
-SOURCE_M, POINT_M, CELL_M, BEYOND_M, MOST_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
+SOURCE_M, POINT_M, CELL_M, BEYOND_M, MAX_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
 PARTICIPANTS = 3
-FEWEST, MOST = 77, 175
+MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175
 PLACE_SD_M = 50.0  # the fire is 25 times as wide as the unit
 PAPER_LENGTH_M = 500.0
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
@@ -109,7 +109,7 @@ def case_of(perimeters: list[Perimeter]) -> Case:
         points,
         np.where(inside, 0.0, np.inf),
         POINT_M,
-        MOST_M,
+        MAX_M,
     )
 
 
@@ -144,7 +144,8 @@ def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> lis
     rows = []
     for participant in range(PARTICIPANTS):
         rng = np.random.default_rng((2019, participant))
-        observations = random_observations(rng, int(rng.integers(FEWEST, MOST + 1)), case)
+        count = int(rng.integers(MIN_CORRECTIONS, MAX_CORRECTIONS + 1))
+        observations = random_observations(rng, count, case)
         rows += [
             {
                 "truth": case.name,

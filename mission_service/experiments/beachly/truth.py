@@ -33,8 +33,8 @@ GUST_S = 240.0  # between entries of the wind
 # By how much the model is mis-set (sd; of ln for speed and rate): as much as it takes for about the
 # paper's 24.8 m without corrections.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
-LEAST_BURNED, MOST_EARLY, MOST_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
-MOST_UNEVEN = 4.0  # the fastest fuel's rate over the slowest's
+MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
+MAX_UNEVEN = 4.0  # the fastest fuel's rate over the slowest's
 EARLY_S = 15.0 * MINUTE_S
 
 
@@ -70,7 +70,7 @@ def random_burn(seed: int) -> Burn:
         fuels = rng.choice(FUELS, size=int(rng.integers(2, 5)), replace=False)
         weather = _weather(rng)
         rates = [spreads_of(int(code), weather)[0].head_m_s for code in fuels]
-        if max(rates) > MOST_UNEVEN * min(rates):
+        if max(rates) > MAX_UNEVEN * min(rates):
             continue
         landscape = _landscape(rng, fuels)
         lit = _lit(rng, weather.entries[0].wind_from_deg)
@@ -78,7 +78,7 @@ def random_burn(seed: int) -> Burn:
         fire.advance(END_S)
         inside = fire.arrival_time_s[inner, inner]
         early, late = (float((inside <= at_s).mean()) for at_s in (EARLY_S, END_S))
-        if early <= MOST_EARLY and LEAST_BURNED <= late <= MOST_BURNED:
+        if early <= MAX_EARLY and MIN_BURNED <= late <= MAX_BURNED:
             fire.advance(2.0 * END_S)
             model = EllipseFire(_misset(rng, fuels, weather, landscape), lit)
             return Burn(seed, landscape, fire.arrival_time_s.copy(), model)

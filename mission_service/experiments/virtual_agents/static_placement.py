@@ -18,7 +18,7 @@ from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
-LEAST_STEP_CELLS = 1.0 / 16.0
+MIN_STEP_CELLS = 1.0 / 16.0
 STARTS, KICKS = 8, 40
 
 
@@ -119,7 +119,7 @@ def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-
     for place in places:
         total += add_disc(weights, taken, place[0], place[1], radius, 1)
     step = 0.5
-    while step >= LEAST_STEP_CELLS:
+    while step >= MIN_STEP_CELLS:
         gained = False
         for place in places:
             for side in range(8):
