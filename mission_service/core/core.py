@@ -111,15 +111,13 @@ class Core:
         if self._approvals is not None and not isinstance(event, MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
-        commands += self.leader.after(event, self.vehicles)
+        commands += self.leader.after(event, commands, self.vehicles)
         for command in commands:
             self.steering.sent(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
             elif isinstance(command, Hold):
                 self.vehicles[command.vehicle].hold_under_way_s = at_s
-            elif isinstance(command, UploadMission):
-                self.leader.sends(command)
         return commands
 
     def _withheld(self, command: AnyCommand) -> bool:

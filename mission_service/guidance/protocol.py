@@ -5,6 +5,7 @@ planner; a seat is a planner too. Planners are pure: no clock, no network, no ra
 own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import AnyCommand, Decided, Drop, UploadMission
+from mission_service.commands import AnyCommand, Decided, Drop
 from mission_service.events import AnyEvent, CrewEvent, Observed, VehicleEvent
 from mission_service.position_fix import Here
 from mission_service.vehicles.state import Vehicle
@@ -125,10 +126,10 @@ class Awaited(NamedTuple):
     answers: bool
 
 
-class Guidance(Protocol):
+class Guidance(ABC):
     """What vehicles do in the air, while they can be counted on; ``planners`` steer them, by name.
 
-    To be inherited from: it does nothing where a way of flying has nothing to do.
+    Where a way of flying has nothing to do, it inherits a method that does nothing.
     """
 
     planners: Mapping[str, Steered]
@@ -145,6 +146,7 @@ class Guidance(Protocol):
         """What there is to tell at a position."""
         return []
 
+    @abstractmethod
     def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
         """What the vehicle is to do now; it flies, and has time left."""
 
@@ -152,9 +154,11 @@ class Guidance(Protocol):
         """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
         return None
 
+    @abstractmethod
     def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
         """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
 
+    @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
 
@@ -162,11 +166,10 @@ class Guidance(Protocol):
         """Whether the vehicle, in the air, flies the mission it has on board."""
         return True
 
-    def sends(self, mission: UploadMission) -> None:
-        """Take note of a mission that leaves for its vehicle; it may have waited for approval."""
-
-    def after(self, event: AnyEvent, vehicles: Mapping[str, Vehicle]) -> list[AnyCommand]:
-        """What there is to tell once an event's other commands are known."""
+    def after(
+        self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
+    ) -> list[AnyCommand]:
+        """What there is to tell after an event whose other commands leave now."""
         return []
 
     # For people and programs ------------------------------------------------------------------

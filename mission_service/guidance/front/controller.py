@@ -114,12 +114,13 @@ class FrontFlight(Guidance):
         news = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
         return [] if news is None else [say(vehicle, f"team: {news[1]}", warning=news[0])]
 
-    def sends(self, mission: UploadMission) -> None:
-        """Keep others apart from what it flies."""
-        self.spacing.sends(mission.vehicle, mission.items)
-
-    def after(self, event: AnyEvent, vehicles: Mapping[str, Vehicle]) -> list[AnyCommand]:
-        """Report a part of the front that an event leaves unwatched, or watched again."""
+    def after(
+        self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
+    ) -> list[AnyCommand]:
+        """Note missions that leave; report what is no longer watched of the front, or again."""
+        for command in leaving:
+            if isinstance(command, UploadMission):
+                self.spacing.sends(command.vehicle, command.items)
         names = vehicles if isinstance(event, Crew) else (event.vehicle,)
         presence = {name: vehicle.presence for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
