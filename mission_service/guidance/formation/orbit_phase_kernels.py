@@ -70,7 +70,7 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
 ):
     """Eq. 18 against the circular mean of all others that are on an orbit of the same radius.
 
-    ``peers`` (n, COLUMNS) as of ``PeerTable.rows``; old states are advanced along their circles. The
+    ``peers`` (n, COLUMNS) as of ``PeerTable.rows``; old states are advanced on their circles. The
     angle is positive for a vehicle ahead, in either sense of turn. 0 where there are no others, or
     the vehicle itself is not on its orbit.
     """
